@@ -29,7 +29,7 @@ import scipy.fft
 from machine import describe
 
 from contact import GridContact, HalfSpace, PeriodicLayers, Rigid, self_affine
-from contact.spectral.contact_area import corrected_area
+from contact.spectral.grid_result import corrected_area
 
 E, NU, PRESSURE, DEPTH = 1.0, 0.3, 5e-3, 1.0
 TOLERANCES = [10.0**-k for k in range(2, 13)]

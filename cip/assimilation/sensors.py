@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,19 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import block_array, csr_array
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
-from cip.assimilation.report_checks import checked_deviations, checked_times, checked_values
-from cip.assimilation.sensor_files import (
-    parts_of_dataset,
-    read_sensors,
-    sensors_dataset,
-    write_sensors,
-)
 from cip.errors import InputError
-from cip.grid import Grid
+from cip.formulas.seconds import seconds
+from cip.grid import AXES, Grid
 from cip.output.sample import sample
 from cip.output.sample_rows import sample_rows
+from cip.output.state_dataset import xarray_module
 from cip.output.trajectory import Trajectory
-from cip.reals import real_array, real_number
+from cip.output.whole_file import write_whole
+from cip.reals import masked_array, real_array, real_number
 from cip.stages.state import State
 
 Array = NDArray[np.float64]
@@ -399,3 +396,118 @@ class Sensors:
             raise InputError(
                 f"grid: it has {grid.dim} dimensions, the sensors' points {self.points.shape[0]}"
             )
+
+
+def checked_times(times: ArrayLike) -> Array:
+    """Increasing finite times."""
+    found = np.atleast_1d(real_array(times, "times").astype(float))
+    if found.ndim != 1 or not found.size or not np.isfinite(found).all():
+        raise InputError(f"times: expected finite times, shape (k,), got {times!r}")
+    if np.any(np.diff(found) <= 0.0):
+        raise InputError(f"times: expected increasing times, got {times!r}")
+    return found
+
+
+def checked_values(values: ArrayLike | None, shape: tuple[int, int]) -> Array:
+    """Reports, NaN where none arrived; all 0 without any."""
+    if values is None:
+        return np.zeros(shape)
+    given, hidden = masked_array(values, "values")
+    found = given.astype(float)
+    if hidden is not None:
+        found[hidden] = np.nan
+    if found.shape != shape:
+        raise InputError(
+            f"values: expected one for each of {shape[0]} times and {shape[1]} points, shape "
+            f"{shape}, got {found.shape}"
+        )
+    if np.isinf(found).any():
+        raise InputError("values: infinity among them; NaN means that no report arrived")
+    return found
+
+
+def checked_deviations(deviations: ArrayLike, shape: tuple[int, int]) -> Array:
+    """Positive deviations of this shape."""
+    given = real_array(deviations, "deviations").astype(float)
+    try:
+        found = np.broadcast_to(given, shape).copy()
+    except ValueError:
+        raise InputError(
+            f"deviations: expected shape {shape} or one that broadcasts to it, got {given.shape}"
+        ) from None
+    if not (np.isfinite(found).all() and np.all(found > 0.0)):
+        raise InputError(f"deviations: expected positive standard deviations, got {deviations!r}")
+    return found
+
+
+_FORMAT = "cip sensors 1"
+
+
+def write_sensors(
+    path: str | Path, points: Array, times: Array, values: Array, deviations: Array
+) -> None:
+    """Write a file of JSON, in which no float is rounded and null stands for a missing report."""
+    content = {
+        "format": _FORMAT,
+        "points": points.tolist(),
+        "times": times.tolist(),
+        "values": [[None if np.isnan(v) else v for v in row] for row in values.tolist()],
+        "deviations": deviations.tolist(),
+    }
+    write_whole(Path(path), json.dumps(content))
+
+
+def read_sensors(path: str | Path) -> tuple[Any, Any, Any, Any]:
+    """Points, times, values and deviations of a file.
+
+    Raises
+    ------
+    InputError
+        A file that `write_sensors` did not write.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        if content["format"] != _FORMAT:
+            raise KeyError("format")
+        values = [[np.nan if v is None else v for v in row] for row in content["values"]]
+        return content["points"], content["times"], values, content["deviations"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"path={str(path)!r}: no file of sensors ({error})") from error
+
+
+def sensors_dataset(points: Array, times: Array, values: Array, deviations: Array) -> Any:
+    """An xarray.Dataset of sensors.
+
+    Raises
+    ------
+    MissingDependency
+        xarray is not installed.
+    """
+    xarray = xarray_module()
+    dims = ["t", "sensor"]
+    places = {name: ("sensor", x) for name, x in zip(AXES, points, strict=False)}
+    data = {"value": (dims, values), "deviation": (dims, deviations)}
+    return xarray.Dataset(data, {"t": times, **places})
+
+
+def parts_of_dataset(dataset: Any, since: Any) -> tuple[Any, Any, Any, Any]:
+    """Points, times, values and deviations of a dataset; deviations may lack dimensions.
+
+    Dates become seconds since the date `since`.
+
+    Raises
+    ------
+    InputError
+        A variable or coordinate is missing, or has other dimensions; as `seconds`.
+    """
+    try:
+        points = [dataset[name].values for name in AXES if name in dataset.coords]
+        value, deviation = dataset["value"].transpose("t", "sensor"), dataset["deviation"]
+        spread = (deviation + 0.0 * value.fillna(0.0)).transpose("t", "sensor").values
+        times = dataset["t"].values
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(
+            "dataset: expected variables value and deviation over t and sensor, and coordinates "
+            f"x, y, z along sensor: {error}"
+        ) from error
+    return points, seconds(times, "dataset: 't'", since), value.values, spread

@@ -6,20 +6,20 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cip.errors import InputError
 from cip.formulas.clock import clock_of, timed, with_time
-from cip.formulas.expression import COORDINATES
-from cip.formulas.formula import Formula, spline
-from cip.formulas.given_components import formulas_by_values, given_components
-from cip.formulas.gridded_arrays import gridded_arrays
+from cip.formulas.expression import COORDINATES, raised, traced
+from cip.formulas.formula import Formula, Orders, agree, spline
 from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.parsing import parse
 from cip.formulas.pointwise_check import Box
+from cip.formulas.seconds import seconds
 from cip.formulas.snapshots import Snapshots
 from cip.formulas.traced_function import portable
-from cip.formulas.traced_velocity import traced_velocity
 from cip.grid import Grid
+from cip.reals import own_array, real_array, real_number
 
 
 class Velocity(Parametrised):
@@ -342,3 +342,205 @@ class Velocity(Parametrised):
                 f"velocity: {len(formulas)} components on a grid of {grid.dim} directions"
             )
         return formulas
+
+
+def traced_velocity(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
+    """The components that a callable computes; None if it is not plain arithmetic.
+
+    Parameters
+    ----------
+    c : object
+    box : Box
+        Where the formulas and the callable are compared.
+    time : bool
+        Whether the callable takes t last.
+    """
+    if not callable(c):
+        return None
+    dim = len(box)
+    names = [*COORDINATES[:dim], *(["t"] if time else [])]
+    found = []
+    for q in range(dim):
+
+        def part(*point: Any, q: int = q) -> Any:
+            result = c(*point)
+            if isinstance(result, tuple | list | np.ndarray) and np.ndim(result) == 1:
+                if len(result) != dim:
+                    raise TypeError("wrong number of components")
+                return result[q]
+            if dim > 1:
+                raise TypeError("one component only")
+            return result
+
+        expression = traced(part, names)
+        if expression is None:
+            return None
+        found.append(expression)
+    if not agree(found, c, box, time):
+        return None
+    return tuple(Formula(expression, dim) for expression in found)
+
+
+_ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
+
+
+def given_components(c: Any) -> list[Any]:
+    """The components of a velocity given by numbers, arrays, callables or a sequence of them.
+
+    Arrays are copied.
+    """
+    if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
+        return [real_number(c, "c")]
+    if isinstance(c, np.ndarray):
+        values = own_array(c, "c")
+        return [values] if values.ndim == 1 or values.ndim != len(values) + 1 else list(values)
+    if isinstance(c, Sequence):
+        if len(c) > 3 and all(np.ndim(part) == 0 and not callable(part) for part in c):
+            return [own_array(c, "c")]
+        if not 1 <= len(c) <= 3:
+            raise InputError(f"c: expected 1 to 3 components, got {len(c)}")
+        return [
+            part if callable(part) or isinstance(part, str) else _part(part, f"c{q + 1}")
+            for q, part in enumerate(c)
+        ]
+    raise InputError(f"c: expected a callable or arrays, got {type(c).__name__}")
+
+
+def _part(value: Any, name: str) -> Any:
+    """A component as a number or as an array of its own."""
+    values = own_array(value, name)
+    return values if values.ndim else real_number(value, name)
+
+
+def formulas_by_values(
+    c: Any, jacobian: Any, hessian: Any, steady: bool, grid: Grid
+) -> tuple[Formula, ...]:
+    """The components of a callable of which only values (and given derivatives) are used."""
+    dim = grid.dim
+
+    def part(q: int) -> Callable[..., Any]:
+        def values(*point: Any) -> Any:
+            result = c(*point)
+            parts = (result,) if dim == 1 and np.ndim(result) <= np.ndim(point[0]) else result
+            if len(parts) != dim:
+                raise InputError(f"c: returned {len(parts)} components, expected {dim}")
+            return parts[q]
+
+        return values
+
+    def entry(function: Callable[..., Any], *place: int) -> Callable[..., Any]:
+        def values(*point: Any) -> Any:
+            result = function(*point)
+            if dim == 1 and np.ndim(result) <= np.ndim(point[0]):
+                return result
+            for q in place:
+                result = result[q]
+            return result
+
+        return values
+
+    hint = "; a velocity that depends on t is Velocity(c, steady=False)" if steady else ""
+    formulas = []
+    for q in range(dim):
+        known: dict[Orders, Callable[..., Any]] = {}
+        for k in range(dim):
+            if jacobian is not None:
+                known[_ORDERS[k]] = entry(jacobian, q, k)
+            for l in range(k, dim):
+                if hessian is not None:
+                    known[raised(_ORDERS[k], l)] = entry(hessian, q, k, l)
+        name, time = f"c{q + 1}", not steady
+        formulas.append(Formula.by_values(part(q), dim, name, time, known, hint))
+        formulas[-1].check_pointwise(grid.bounds, name, time)
+    return tuple(formulas)
+
+
+Array = NDArray[np.float64]
+
+
+def gridded_arrays(
+    data: Any, names: Sequence[str], axes: Sequence[str], time: str, periodic: Any
+) -> tuple[Array, Array, Grid]:
+    """Times, arrays of shape (times, names) + nodes, and the grid of variables of a dataset.
+
+    Coordinates that fall, as latitudes often do, are turned round; dates become seconds since the
+    first. In a periodic direction the last value is not the first one again.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+    names : sequence of str
+        The variables.
+    axes : sequence of str
+        Coordinates in the order of x1, x2, x3.
+    time : str
+        The coordinate of time.
+    periodic : bool or sequence of bool
+
+    Raises
+    ------
+    InputError
+        A variable or coordinate that is missing, has other dimensions than these, or is not real.
+    """
+    if not (hasattr(data, "data_vars") and hasattr(data, "coords")):
+        raise InputError(f"winds: expected an xarray.Dataset, got {type(data).__name__}")
+    names, axes = _names(names, "components"), _names(axes, "axes")
+    if not 1 <= len(axes) <= 3 or len(names) != len(axes):
+        raise InputError(f"axes: expected one for each of 1 to 3 components, got {axes!r}")
+    for name in (*names, *axes, time):
+        if name not in data:
+            known = ", ".join(map(str, (*data.data_vars, *data.coords)))
+            raise InputError(f"winds: the dataset has no {name!r}; it has {known}")
+    parts = []
+    for name in names:
+        if set(data[name].dims) != {time, *axes}:
+            raise InputError(
+                f"winds: {name!r} has the dimensions {tuple(data[name].dims)}, expected {time} and "
+                f"{', '.join(axes)}; select one level by .sel or .isel before"
+            )
+        parts.append(_reals(data, name, time, *axes))
+    values: Array = np.stack(parts, axis=1)
+    closed = _closed(periodic, len(axes))
+    lines: list[Any] = []
+    for axis, name in enumerate(axes):
+        if data[name].dims != (name,):
+            raise InputError(
+                f"winds: the coordinate {name!r} has the dimensions {tuple(data[name].dims)}, "
+                f"expected {name} alone; interpolate to a grid of lines before"
+            )
+        line = _reals(data, name, name)
+        if line.size > 1 and line[1] < line[0]:
+            line, values = line[::-1], np.flip(values, axis + 2)
+        if closed[axis] and line.size > 1:
+            line = np.append(line, 2.0 * line[-1] - line[-2])
+        lines.append(line)
+    y, z = (*lines[1:], None, None)[:2]
+    return (
+        seconds(data[time].values, f"winds: {time!r}"),
+        values,
+        Grid.from_coordinates(lines[0], y, z, closed),
+    )
+
+
+def _names(given: Any, label: str) -> tuple[str, ...]:
+    """Names of variables or coordinates; a text is not taken for a sequence of letters."""
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise InputError(f"{label}: expected a sequence of names, got {given!r}")
+    if not all(isinstance(one, str) for one in given):
+        raise InputError(f"{label}: expected names, got {given!r}")
+    return tuple(given)
+
+
+def _closed(periodic: Any, count: int) -> list[bool]:
+    """The argument `periodic` for each direction."""
+    given = periodic if isinstance(periodic, Sequence | np.ndarray) else [periodic] * count
+    if len(given) != count or not all(isinstance(one, bool | np.bool_) for one in given):
+        raise InputError(
+            f"periodic: expected True or False, or one for each of {count} axes, got {periodic!r}"
+        )
+    return [bool(one) for one in given]
+
+
+def _reals(data: Any, name: str, *dims: str) -> Array:
+    """A variable or coordinate as real numbers."""
+    return real_array(data[name].transpose(*dims).values, f"winds: {name!r}").astype(float)

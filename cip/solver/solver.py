@@ -22,6 +22,7 @@ from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.output.trajectory import Trajectory
+from cip.profiles.catalogue import LINE
 from cip.reals import real_number
 from cip.solver.choices import (
     Form,
@@ -33,13 +34,13 @@ from cip.solver.choices import (
     form_of,
 )
 from cip.solver.derivatives import derivative
-from cip.solver.parameters import parameters_of, with_values
-from cip.solver.step_stages import advanced, made_stages
 from cip.solver.time_loop import checked_callback, run, step_length
-from cip.sources.reaction import reaction
-from cip.stages.stage import Stage, StageFeet
-from cip.stages.state import State, _real, default_profile
-from cip.stages.walls import portable_boundary, walls
+from cip.sources.half_step import halves
+from cip.sources.reaction import Reaction, reaction
+from cip.sources.wall_data import reacted
+from cip.stages.stage import Stage, StageFeet, stages
+from cip.stages.state import State, _real, default_profile, state_of
+from cip.stages.walls import check_split, portable_boundary, walls
 
 # Times at which data on walls are compared with the bounds of the limiter in a run or a step.
 _INFLOW_TIMES = 65
@@ -454,3 +455,95 @@ class Solver(Parametrised):
         StageFeet
         """
         return self._kernels.feet(stage, t, dt)
+
+
+def parameters_of(velocity: Any, source: Any, decay: Any, boundary: Any) -> dict[str, float]:
+    """The values of all parameters, in order.
+
+    Parameters
+    ----------
+    velocity, source, decay, boundary
+        Arguments of the solver.
+
+    Raises
+    ------
+    InputError
+        Two values for one name: code takes one name for one parameter.
+    """
+    found: dict[str, float] = {}
+    first: dict[str, str] = {}
+    functions = {"velocity": velocity, "source": source, "decay": decay, "boundary": boundary}
+    for label, function in functions.items():
+        parts = function.values() if isinstance(function, Mapping) else [function]
+        for part in parts:
+            own = part.parameters if isinstance(part, Parametrised) else {}
+            for name, value in own.items():
+                if found.setdefault(name, value) != value:
+                    raise InputError(
+                        f"{label}: its parameter {name!r} is {value:.6g}, that of {first[name]} "
+                        f"{found[name]:.6g}; one name is one parameter: rename one of them"
+                    )
+                first.setdefault(name, label)
+    return found
+
+
+def with_values(function: Any, values: Mapping[str, float]) -> Any:
+    """An argument of a solver with other values of those parameters that it has."""
+    if isinstance(function, Mapping):
+        return {wall: with_values(part, values) for wall, part in function.items()}
+    if not isinstance(function, Parametrised):
+        return function
+    own = {name: values[name] for name in function.parameters if name in values}
+    return function.with_parameters(**own) if own else function
+
+
+def made_stages(
+    grid: Grid,
+    velocity: tuple[Formula, ...],
+    profile: str,
+    advect: bool,
+    boundary: Any,
+    reaction: Reaction | None,
+) -> list[Stage]:
+    """The stages of one step.
+
+    Parameters
+    ----------
+    grid : Grid
+    velocity : tuple of Formula
+    profile : str
+    advect : bool
+    boundary : object
+        The argument of the solver.
+    reaction : Reaction or None
+        What acts before and after the stages.
+    """
+    data = walls(boundary, grid)
+    split = grid.dim > 1 and profile in LINE
+    if split:
+        check_split(data, advect)
+    return stages(grid, velocity, profile, advect, reacted(data, reaction, split))
+
+
+def advanced(
+    kernels: Engine, made: list[Stage], reaction: Reaction | None, state: State, dt: float
+) -> State:
+    """The state after a step: the stages between the halves of sources and decay.
+
+    Parameters
+    ----------
+    kernels : Engine
+    made : list of Stage
+    reaction : Reaction or None
+    state : State
+    dt : float
+    """
+    data, t = state.data, state.t
+    before, after = halves(reaction, t, dt) if reaction is not None else (None, None)
+    if before is not None:
+        data = before.applied(data)
+    for stage in made:
+        data = kernels.apply(stage, data, t, dt)
+    if after is not None:
+        data = after.applied(data)
+    return state_of(state.grid, state.profile, data, t + dt)

@@ -3,7 +3,7 @@ r"""What acts before or after the transport of a step, with its derivatives.
 With the decay D and what the source adds, S, the half before is :math:`z \mapsto D (z + S)`, that
 after :math:`z \mapsto D z + S`. Both are linear in z. In parameters of the source S has the
 derivative :math:`S_p`; in those of the decay :math:`D z` has :math:`-K_p D z`
-(`cip.sources.decay`).
+(`cip.sources.reaction`).
 """
 
 from __future__ import annotations

@@ -8,18 +8,21 @@ error in time is of order dt^2, and what a source adds is integrated to degree t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from cip.errors import InputError
-from cip.formulas.expression import Expression
+from cip.formulas.expression import COORDINATES, Expression, ordered
+from cip.formulas.formula import Formula
 from cip.formulas.parameters import parameter
 from cip.formulas.source import Source
-from cip.grid import Grid
-from cip.profiles.catalogue import moments
-from cip.sources.decay import Decay
-from cip.sources.nodal_moments import NodalMoments
+from cip.formulas.straight_line_code import numpy_function
+from cip.grid import Grid, node_name
+from cip.profiles.catalogue import Moment, moments
+from cip.sources.products import Orders, Products
+from cip.stages.state import averaged
 
 
 class Reaction:
@@ -138,3 +141,186 @@ def reaction(grid: Grid, profile: str, source: Any, decay: Any, xp: Any) -> Reac
     if source is None and decay is None:
         return None
     return Reaction(grid, profile, source, decay, xp)
+
+
+# Exact decay of moments over a time: u' = -k u at each place, so u is multiplied by E.
+#
+# With :math:`K = \int k \, dt`, :math:`E = e^{-K}` has the derivatives
+# :math:`E_x = -K_x E` and :math:`E_{xy} = (K_x K_y - K_{xy}) E`, and with respect to a parameter
+# :math:`E_p = -K_p E`: that of the decayed field is its product with :math:`-K_p`.
+
+
+class Decay:
+    """Decay of all moments of a profile, its transpose, and its derivatives in parameters.
+
+    Parameters
+    ----------
+    grid : Grid
+    profile : str
+    formula : Formula
+        The rate k, in 1 / time.
+    steady : bool
+    xp : module
+        NumPy or CuPy.
+    """
+
+    def __init__(self, grid: Grid, profile: str, formula: Formula, steady: bool, xp: Any) -> None:
+        self._grid, self._xp = grid, xp
+        self._rate = formula.expression
+        self._integrals = NodalMoments(grid, formula, steady, xp)
+        self._products = Products(grid, profile, xp)
+        self._uniform = self._rate.op == "constant"
+        self._kept: dict[Any, Any] = {}
+
+    def applied(self, data: Any, t: float, length: float) -> Any:
+        """The moments after a time, shape as `data`."""
+        factors = self._factors(t, length)
+        return data * factors if self._uniform else self._products.times(data, factors)
+
+    def transposed(self, weight: Any, t: float, length: float) -> Any:
+        """The transpose of `applied`."""
+        factors = self._factors(t, length)
+        return weight * factors if self._uniform else self._products.transposed(weight, factors)
+
+    def slope(self, data: Any, t: float, length: float, name: str) -> Any:
+        """The derivative of the moments after a time in a parameter.
+
+        Parameters
+        ----------
+        data : array
+            The moments after that time.
+        t, length : float
+        name : str
+            Of the parameter.
+        """
+        return -self._products.times(data, self._slopes(t, length, name))
+
+    def _factors(self, t: float, length: float) -> Any:
+        """E as its products need it; a number where the rate is one."""
+        if self._uniform:
+            return float(np.exp(-self._rate.value * length))
+        return self._once((length, None), lambda: self._exponentials(t, length))
+
+    def _slopes(self, t: float, length: float, name: str) -> Any:
+        """K_p as its products need it."""
+        node = self._rate.derivative(parameter(name).value)
+        return self._once(
+            (length, name),
+            lambda: {
+                key: self._integral(node, moment, t, length)
+                for key, moment in self._products.wanted.items()
+            },
+        )
+
+    def _once(self, key: tuple[float, str | None], make: Any) -> Any:
+        """What `make` finds; kept for the last length of a step where k does not depend on t."""
+        if not self._integrals.steady:
+            return make()
+        known = self._kept
+        if key not in known:
+            # A new dict: other threads may be reading the old one.
+            same = {one: value for one, value in known.items() if one[0] == key[0]}
+            known = self._kept = {**same, key: make()}
+        return known[key]
+
+    def _integral(self, node: Expression, moment: Moment, t: float, length: float) -> Any:
+        return self._integrals.integral(node, moment, t, length, midpoints=True)
+
+    def _exponentials(self, t: float, length: float) -> dict[Orders, Any]:
+        found: dict[Orders, Any] = {}
+        for key, moment in self._products.wanted.items():  # values come first
+            axes = [axis for axis in range(3) for _ in range(moment.orders[axis])]
+            if not axes:
+                found[key] = self._exponential(moment, t, length)
+                continue
+            slopes = []
+            for axis in axes:
+                i, j, k = (int(axis == q) for q in range(3))
+                slopes.append(self._integral(self._rate, Moment("", (i, j, k, 0)), t, length))
+            if len(axes) == 1:
+                factor = -slopes[0]
+            else:
+                factor = slopes[0] * slopes[1] - self._integral(self._rate, moment, t, length)
+            found[key] = factor * next(iter(found.values()))
+        return found
+
+    def _exponential(self, moment: Moment, t: float, length: float) -> Any:
+        """E at the nodes; raises unless k >= 0 there."""
+        exponent = self._integral(self._rate, moment, t, length)
+        if not bool((exponent >= 0.0).all()):  # also where it is NaN
+            bad = exponent if isinstance(exponent, np.ndarray) else exponent.get()
+            node = int(np.flatnonzero(~(bad.ravel() >= 0.0))[0])
+            raise InputError(
+                f"decay: expected a rate >= 0, got {bad.ravel()[node] / length:.6g} at "
+                f"{node_name(self._grid, node)}, t = {t:.6g}; what grows belongs into source"
+            )
+        return self._xp.exp(-exponent)
+
+
+# The abscissae of Gauss's rule of two points, as fractions of an interval: exact to degree 3.
+GAUSS_TIMES = (0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0)
+
+
+class NodalMoments:
+    """Moments of expressions in a formula, integrated over a time.
+
+    Parameters
+    ----------
+    grid : Grid
+    formula : Formula
+        Whose functions and numbers the expressions hold.
+    steady : bool
+        Whether t does not occur.
+    xp : module
+        NumPy or CuPy. Formulas are computed there, callables and splines in NumPy.
+    """
+
+    def __init__(self, grid: Grid, formula: Formula, steady: bool, xp: Any) -> None:
+        self._grid, self._formula, self._xp = grid, formula, xp
+        self.steady = steady or (formula.exact and formula.steady)
+        self._steps = (*grid.spacing, *([1.0] * (4 - grid.dim)))
+        self._made: dict[Any, Callable[..., Any]] = {}
+
+    def integral(
+        self, node: Expression, moment: Moment, t: float, length: float, midpoints: bool = False
+    ) -> Any:
+        """The integral of a moment from t to t + length, shape ``grid.nodes``.
+
+        With `midpoints` it has the value at the midpoint of a cell in place of its mean.
+        """
+        key = node, moment.orders
+        if key not in self._made:  # code is made once, not in every step
+            self._made[key] = self._evaluator(_derivative(node, moment))
+        values = self._made[key]
+        more = {"xp": self._xp, **({"points": 1} if midpoints else {})}
+        if self.steady:
+            return length * averaged(values, self._grid, moment, t, **more)
+        first, second = (
+            averaged(values, self._grid, moment, t + part * length, **more) for part in GAUSS_TIMES
+        )
+        return 0.5 * length * (first + second)
+
+    def _evaluator(self, node: Expression) -> Callable[..., Any]:
+        functions = self._formula.functions([node], self._steps)
+        compute, xp = numpy_function([node], COORDINATES, functions), self._xp
+        if xp is np or not any(inner.op == "opaque" for inner in ordered([node])):
+
+            def evaluate(*point: Any) -> Any:
+                with np.errstate(all="ignore"):  # what is not finite is reported by the caller
+                    return compute(*point)[0]
+
+            return evaluate
+
+        def values(*point: Any) -> Any:
+            host = [x if isinstance(x, float | np.ndarray) else x.get() for x in point]
+            with np.errstate(all="ignore"):
+                return xp.asarray(np.asarray(compute(*host)[0], dtype=float))
+
+        return values
+
+
+def _derivative(node: Expression, moment: Moment) -> Expression:
+    for name, order in zip(COORDINATES, moment.orders, strict=True):
+        for _ in range(order):
+            node = node.derivative(name)
+    return node

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 import skfem
 from numpy.typing import NDArray
 from skfem import Basis, MappingIsoparametric, Mesh
+from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 
 from contact.arrays.ranges import in_ranges
+from contact.body import facet_kernels
 from contact.body.deferred_basis import DeferredBasis
 from contact.body.jacobians import is_straight, jacobians, measures
-from contact.body.mesh_facets import facet_kernel, number_facets
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
 from skfem_adini.arguments.kept_functions import functions_of_another_mesh
+from skfem_adini.jit import compiled
 
 FLAT = 1e-12  # thickness over size: less is rounding of the vertices' places
 
@@ -153,3 +157,31 @@ def check_functions(basis: Basis) -> None:
             f"parallel to the axes (first: {int(np.argmax(slanted))}), and skfem.ElementQuadBFS "
             "is not continuous between others; turn the coordinates or use ElementQuadAdini"
         )
+
+
+def number_facets(mesh: Mesh) -> None:
+    """Give a mesh its ``facets``, ``t2f`` and ``f2t``, unless it has computed them.
+
+    scikit-fem sorts records of corners to number facets, and sorts the numbers twice to find their
+    cells. A facet is known by two corners in the plane and by three in space, which are sorted by
+    counting.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    """
+    if hasattr(mesh, "_t2f") or mesh.refdom not in (RefTri, RefQuad, RefTet, RefHex):
+        return
+    t, corners = np.ascontiguousarray(mesh.t), np.array(mesh.refdom.facets)
+    facets, numbers, beside, sound = facet_kernel("number")(
+        t, corners, mesh.dim(), mesh.nvertices, mesh.refdom is RefHex
+    )
+    if sound:  # no facets that have three corners in common, and not the fourth
+        found: Any = mesh
+        found._facets, found._t2f, found._f2t = facets, numbers, beside
+
+
+@cache
+def facet_kernel(name: str) -> Callable[..., Any]:
+    """A function of `facet_kernels`, compiled."""
+    return compiled(getattr(facet_kernels, name))

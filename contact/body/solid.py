@@ -12,7 +12,6 @@ from scipy import sparse
 
 from contact.body.axisymmetry import AXISYMMETRIC, circumference
 from contact.body.constitutive import StressLaw, total_stress
-from contact.body.support_motion import motion_of_support
 from contact.body.surface import Surface
 from contact.errors import InputError, numbers
 from contact.portable import Portable
@@ -378,3 +377,45 @@ class Solid(Portable, ABC):
     def give(self, forces: Array) -> float:
         """Scale of the displacement that the forces would cause; 0 where it is unknown."""
         return 0.0
+
+
+def motion_of_support(held: Any, boundary: Any, components: Any, value: Any) -> Array:
+    """Displacement of all dofs that a support on a boundary would prescribe by a value.
+
+    Parameters
+    ----------
+    held : Solid
+    boundary, components, value
+        As for `ElasticBody.fix`.
+
+    Raises
+    ------
+    InputError
+        The body is not fixed there, or the value contradicts another support.
+    """
+    at_rest = copy(held)
+    at_rest._supports = []
+    at_rest.fix(boundary, components, value)  # checks the value
+    moved = at_rest._supports
+    for place, c, *_ in moved:
+        if not any(c == d and np.array_equal(place, f) for f, d, *_ in held._supports):
+            raise InputError(
+                f"move: the body is not fixed on boundary {boundary!r} in component "
+                f"{'xyz'[c]}; fix it first, with body.fix({boundary!r}, ...)"
+            )
+    at_rest._couplings = tuple(each.at_rest() for each in held._couplings)
+    at_rest._supports = [
+        next(
+            ((f, c, m[2], *how) for m in moved if m[1] == c and np.array_equal(m[0], f)),
+            (f, c, _still, *how),
+        )
+        for f, c, _, *how in held._supports
+    ]
+    for derived in ("constraint", "prescribed"):
+        at_rest.__dict__.pop(derived, None)
+    found: Array = at_rest.constraint[1]
+    return found
+
+
+def _still(x: Array) -> Array:
+    return np.zeros(x.shape[1:])

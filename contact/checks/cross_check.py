@@ -120,7 +120,7 @@ def cross_check(
         \min_{z, s} \tfrac12 z^T S z - f^T z + g^T s \quad
         \text{s.t.} \quad G z \le d, \; -s \le T z \le s ,
 
-    in variables and rows of unit size (`contact.checks.unit_program`), so that the units of length
+    in variables and rows of unit size (`contact.checks.frozen_problem`), so that units of length
     and force have no effect. A Coulomb problem is checked at its solution: with the bound frozen at
     g = F mu it is the given-friction problem that the solution must also solve. In 3-D the friction
     terms are cones, :math:`s_i \ge |T_i z|`, and the peer is Clarabel. Bonded points are equations;

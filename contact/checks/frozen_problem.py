@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
+import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg import cholesky, eigh, qr, solve_triangular
 
-from contact.checks.cone_program import solve_cones
-from contact.checks.split_program import solve_split
 from contact.checks.surface_slacks import SurfaceSlacks
-from contact.checks.tie_elimination import TieElimination
-from contact.checks.unit_program import UnitProgram
+from contact.errors import MissingDependency
+from contact.laws.qp_peers import solve_with
 
 if TYPE_CHECKING:
     from contact.condensation.condensed_contact import CondensedContact
@@ -269,3 +270,270 @@ def _nonzero_rows(rows: Any) -> Index:
     size = np.asarray((rows * rows).sum(axis=1)).ravel()
     # Squared, relative to the largest: rows that supports prescribe vanish up to rounding, 1e-12.
     return np.flatnonzero(size > 1e-24 * size.max(initial=0.0))
+
+
+def solve_split(
+    solver: str, unit: UnitProgram, gap: Array, offset: Array, g: Array, closed: Array
+) -> tuple[Array | None, Array, Array, Array, float]:
+    """Solve a QP with a slack for the modulus of each slip.
+
+    Returns w, the forces of the rows G, R and E, and seconds.
+    """
+    n, k = unit.f.size, g.size
+    if sparse.issparse(unit.P):
+        one: Any = sparse.eye_array(k, format="csr")
+        none: Any = sparse.csr_array((n, k))
+        S: Any = unit.P
+        P: Any = sparse.vstack((sparse.hstack((S, none)), sparse.csr_array((k, n + k))))
+        A: Any = sparse.hstack((unit.E, sparse.csr_array((closed.size, k))))
+        H: Any = sparse.block_array(
+            [[unit.G, sparse.csr_array((gap.size, k))], [unit.R, -one], [-unit.R, -one]]
+        )
+    else:
+        one, none = np.eye(k), np.zeros((n, k))
+        P = np.block([[unit.P, none], [none.T, 0.0 * one]])
+        A = np.zeros((0, n + k))  # equations are eliminated
+        H = np.block([[unit.G, np.zeros((gap.size, k))], [unit.R, -one], [-unit.R, -one]])
+    h = np.concatenate((gap, -offset, offset))
+    equal = (A, closed) if closed.size else (None, None)
+    solution, seconds = solve_with(solver, P, np.r_[-unit.f, g], H, h, *equal)
+    if solution.x is None or solution.z is None:
+        mu, t, r = (np.full(size, np.nan) for size in (gap.size, k, closed.size))
+        return None, mu, t, r, seconds
+    pushed = solution.z[gap.size : gap.size + k] - solution.z[gap.size + k :]
+    pulled = np.asarray(solution.y) if closed.size else np.zeros(0)
+    return solution.x[:n], solution.z[: gap.size], pushed, pulled, seconds
+
+
+# Part of the largest pivot below which an equation follows from the others.
+_DEPENDENT = 1e-10
+
+
+@dataclass(frozen=True)
+class TieElimination:
+    """The solutions ``z = start + free y`` of ``E z = e``, and the forces of these equations.
+
+    Other packages lose digits on equations that nearly depend on each other or on inequalities,
+    as at a corner where three bodies meet. By the QR decomposition with column pivoting of the
+    equations' transpose, in unknowns scaled by `unit` (Golub, Van Loan, Matrix Computations, 2013,
+    5.4.2 and 6.2).
+
+    Attributes
+    ----------
+    start : ndarray, shape (n,)
+    free : ndarray, shape (n, n - rank)
+    """
+
+    start: Array
+    free: Array
+    _unit: Array
+    _own: Array
+    _triangle: Array
+    _order: Index
+
+    @classmethod
+    def of(cls, E: Array, closed: Array, unit: Array) -> Self:
+        """Eliminate ``E z = closed``; unit: the size of each unknown, shape (n,)."""
+        factors: Any = qr((E * unit).T, pivoting=True)
+        Q, R, order = factors
+        pivots = np.abs(np.diag(R))
+        rank = int(np.sum(pivots > _DEPENDENT * pivots.max(initial=0.0)))
+        own, triangle, order = Q[:, :rank], R[:rank, :rank], order[:rank]
+        start = own @ solve_triangular(triangle, closed[order], trans="T")
+        return cls(unit * start, unit[:, None] * Q[:, rank:], unit, own, triangle, order)
+
+    def forces(self, load: Array, count: int) -> Array:
+        """Forces r of all equations with ``E^T r = load`` in their span; dependent ones have none.
+
+        Parameters
+        ----------
+        load : ndarray, shape (n,)
+            What the other forces leave unbalanced.
+        count : int
+            Number of equations.
+        """
+        found = np.zeros(count)
+        found[self._order] = solve_triangular(self._triangle, self._own.T @ (self._unit * load))
+        return found
+
+
+_TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)  # tried in turn: rounding may prevent the first ones
+
+
+def solve_cones(
+    unit: UnitProgram, gap: Array, offset: Array, bound: Array, closed: Array
+) -> tuple[Array, Array, Array, Array, float]:
+    r"""Minimise ``z^T S z / 2 - f^T z + sum_i g_i |R_i z + o_i|`` with ``G z <= d``, ``E z = e``.
+
+    Each friction term becomes a slack :math:`s_i \ge |R_i z + o_i|`, a second-order cone with one
+    dimension more than the slip.
+
+    Parameters
+    ----------
+    unit : UnitProgram
+        S = P, f, and the rows G, R and E.
+    gap : ndarray, shape (m,)
+    offset : ndarray, shape (k, dim_t)
+        Rows of R that belong to one point are consecutive.
+    bound : ndarray, shape (k,)
+    closed : ndarray, shape (l,)
+        The values e.
+
+    Returns
+    -------
+    z : ndarray, shape (n,)
+    mu : ndarray, shape (m,)
+    t : ndarray, shape (k, dim_t)
+    r : ndarray, shape (l,)
+        Multipliers, with ``S z + G^T mu + R^T t + E^T r = f``.
+    seconds : float
+
+    Raises
+    ------
+    MissingDependency
+        Clarabel is not installed.
+
+    Notes
+    -----
+    The last iterate is returned, converged or not: the caller checks its residuals.
+    """
+    try:
+        clarabel = importlib.import_module("clarabel")
+    except ImportError as error:
+        raise MissingDependency("cones need Clarabel: pip install clarabel") from error
+    S, f = unit.P, unit.f
+    n, m, e, (k, dim_t) = f.size, gap.size, closed.size, offset.shape
+    scale = float(abs(S).max()) or 1.0
+    size = float(np.abs(f).max(initial=0.0)) / scale or float(np.abs(gap).max(initial=0.0)) or 1.0
+    # Rows (s_i, R_i z + o_i) of each point one after the other, as b - A x in the cone.
+    slack = sparse.coo_array(
+        (-np.ones(k), ((1 + dim_t) * np.arange(k), np.arange(k))), shape=((1 + dim_t) * k, k)
+    )
+    spread = (1 + dim_t) * np.arange(k)[:, None] + 1 + np.arange(dim_t)
+    place = sparse.coo_array(
+        (-np.ones(k * dim_t), (spread.ravel(), np.arange(k * dim_t))),
+        shape=((1 + dim_t) * k, k * dim_t),
+    )
+    A = sparse.block_array([[unit.E, None], [unit.G, None], [place @ unit.R, slack]], format="csc")
+    b = np.concatenate((closed, gap, np.insert(offset, 0, 0.0, axis=1).ravel())) / size
+    P = sparse.block_diag((S / scale, sparse.csc_array((k, k))), format="csc")
+    q = np.concatenate((-f, bound)) / (scale * size)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    # Its default stops these at 1e-13, which leaves a dense program a hundred times above it.
+    settings.iterative_refinement_reltol = settings.iterative_refinement_abstol = 1e-16
+    settings.iterative_refinement_max_iter = 50
+    cones = [clarabel.ZeroConeT(e)] if e else []
+    cones += [clarabel.NonnegativeConeT(m)] if m else []
+    cones += [clarabel.SecondOrderConeT(1 + dim_t)] * k
+    begin = time.perf_counter()
+    upper, rows = sparse.triu(sparse.csc_matrix(P), format="csc"), sparse.csc_matrix(A)
+    for tol in _TOLERANCES:
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tol
+        # If rounding stops it within 100 times the tolerance, that iterate is accepted.
+        settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = 100 * tol
+        settings.reduced_tol_feas = 100 * tol
+        solution = clarabel.DefaultSolver(upper, q, rows, b, cones, settings).solve()
+        if str(solution.status) in ("Solved", "AlmostSolved"):
+            break
+    seconds = time.perf_counter() - begin
+    y = scale * size * np.array(solution.z)
+    t = -y[e + m :].reshape(k, 1 + dim_t)[:, 1:]
+    return size * np.array(solution.x[:n]), y[e : e + m], t, y[:e], seconds
+
+
+_LOOSE = 1e-10  # a motion with less stiffness, in units of the diagonal, is rigid up to rounding
+
+
+@dataclass(frozen=True)
+class UnitProgram:
+    r"""The program ``min z^T S z / 2 - f^T z`` with rows G z, R z and E z, in w of ``z = M w``.
+
+    Other packages use absolute tolerances, and one step length for all unknowns. For a dense S with
+    ``S = L L^T`` the change of variables is ``M = L^{-T}``: the quadratic form becomes the
+    identity, and the program is as well conditioned as possible. Free rigid motions become
+    variables without stiffness. For a sparse S, M is diagonal and gives S a diagonal of ones. Every
+    row is divided by its length, all rows of one contact point by the same.
+
+    Attributes
+    ----------
+    P : array or sparse array, shape (n, n)
+    f : ndarray, shape (n,)
+    G, R, E : like P, shapes (m, n), (k * dim_t, n) and (l, n)
+    normal, tangential, tied : ndarray, shapes (m,), (k,) and (l,)
+        Lengths of the rows: value of a row in the caller's units = its value here * length.
+    back : array or sparse array, shape (n, n)
+        M.
+    """
+
+    P: Any
+    f: Array
+    G: Any
+    R: Any
+    E: Any
+    normal: Array
+    tangential: Array
+    tied: Array
+    back: Any
+
+    @classmethod
+    def of(cls, S: Any, f: Array, G: Any, R: Any, dim_t: int, E: Any) -> Self:
+        """Change variables; S a dense or a sparse array, like G and R.
+
+        Parameters
+        ----------
+        S, f, G, R, E
+            As above, in any units; S positive semidefinite with a positive diagonal.
+        dim_t : int
+            Rows of R that belong to one contact point.
+        """
+        unit = 1.0 / np.sqrt(S.diagonal())
+        back: Any
+        P: Any
+        if sparse.issparse(S):
+            back = sparse.diags_array(unit)
+            P = sparse.csr_array(back @ S @ back)
+        else:
+            back, P = _unit_form(unit[:, None] * S * unit)
+            back = unit[:, None] * back
+        G, R, E = G @ back, R @ back, E @ back
+        normal = np.sqrt(_squares(G))
+        tangential = np.sqrt(_squares(R).reshape(-1, dim_t).sum(axis=1))
+        normal, tangential, tied = (
+            np.where(size > 0, size, 1.0) for size in (normal, tangential, np.sqrt(_squares(E)))
+        )
+        return cls(
+            P,
+            back.T @ f,
+            _divided(G, normal),
+            _divided(R, np.repeat(tangential, dim_t)),
+            _divided(E, tied),
+            normal,
+            tangential,
+            tied,
+            back,
+        )
+
+
+def _unit_form(A: Array) -> tuple[Array, Array]:
+    """M and ``M^T A M``, which is the identity with zeros in the rows of rigid motions."""
+    try:
+        L = cholesky(A, lower=True)
+        if np.all(np.diag(L) ** 2 > _LOOSE):
+            return solve_triangular(L, np.eye(A.shape[0]), lower=True).T, np.eye(A.shape[0])
+    except np.linalg.LinAlgError:
+        pass
+    stiffness, V = eigh(A)
+    elastic = stiffness > _LOOSE
+    return V / np.sqrt(np.where(elastic, stiffness, 1.0)), np.diag(elastic.astype(float))
+
+
+def _squares(rows: Any) -> Array:
+    return np.asarray((rows * rows).sum(axis=1)).ravel()
+
+
+def _divided(rows: Any, size: Array) -> Any:
+    if sparse.issparse(rows):
+        by: Any = sparse.diags_array(1.0 / size)
+        return sparse.csr_array(by @ rows)
+    return rows / size[:, None]

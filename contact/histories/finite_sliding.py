@@ -5,7 +5,7 @@ The contact rows depend on the displacement: in a step they are projected anew, 
 these problems in a step is one of small sliding, on the same sparse factorisation of each body,
 because all dofs of both boundaries were kept. In the plane, and unless a body floats, the others
 are steps of Newton's method with the derivative of the projection, see
-`contact.histories.sliding_newton`. The slip that friction opposes is the part of the step's
+`contact.histories.finite_sliding`. The slip that friction opposes is the part of the step's
 displacement along the present tangents. A result has the rows of its own displacement, and so has
 its certificate.
 
@@ -22,14 +22,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError
+from scipy import sparse
+from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
 from contact.body.basis_solid import BasisSolid
+from contact.condensation.boundary_problem import Forces
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError, NotConverged, numbers
-from contact.histories.rotations import refuse_large_rotations
-from contact.histories.sliding_newton import newton_step
+from contact.laws.friction import Tresca
 from contact.laws.iteration import Iteration
+from contact.laws.methods import INNER
+from contact.laws.semismooth_newton import semismooth_newton
 from contact.laws.status import Status
 from contact.obstacles.rigid import ObstacleMotion
 from contact.obstacles.rigid_motion import same_gaps
@@ -39,6 +42,9 @@ from contact.result.contact_system import ContactSystem
 from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.contact_rows import ContactRows
 from contact.rows.interfaces import Interfaces
+from contact.rows.mortar.mortar_rows import Interface
+from contact.rows.mortar.solid_interface import SolidInterface
+from contact.rows.outline import Outline
 
 if TYPE_CHECKING:
     from contact.laws.options import Options
@@ -268,3 +274,175 @@ def _line(k: int, result: ContactResult, change: float) -> Iteration:
     open_, stick, slip = np.bincount(result.status, minlength=3)[: Status.SLIP + 1]
     active = result.mu.size - int(open_)
     return Iteration(k + 1, "projection", active, int(stick), int(slip), change)
+
+
+# One step of Newton's method for bodies that slide, with the derivative of the projection.
+#
+# With the derivatives E of the contact conditions and K of the contact forces with respect to the
+# displacement at which they were projected, the change :math:`\delta` of the displacement solves
+#
+# .. math::
+#     (S + K) \delta + B^T l = f - S u, \qquad v = v(u) + (B + E) \delta ,
+#
+# and the laws of contact between v and the forces l. Only dofs of the two boundaries occur in E and
+# K, so that the inner ones are eliminated by the factorisation of S alone, as ever.
+
+
+if TYPE_CHECKING:
+    from contact.condensation.condensed_contact import CondensedContact
+    from contact.result.contact_result import ContactResult
+    from contact.result.contact_system import ContactSystem
+    from contact.rows.interfaces import RowsInMotion
+
+
+def newton_step(
+    system: ContactSystem,
+    condensed: CondensedContact,
+    change: RowsInMotion,
+    last: ContactResult,
+    tol: float,
+) -> tuple[Array, Array, Array]:
+    """Displacement and contact forces (u, mu, t) of the next iterate.
+
+    Parameters
+    ----------
+    system : ContactSystem
+        With the rows projected at the displacement of `last`.
+    condensed : CondensedContact
+        Of these rows; without free motions.
+    change : RowsInMotion
+        The derivatives.
+    last : ContactResult
+        The last iterate.
+    tol : float
+
+    Raises
+    ------
+    NotConverged, LinAlgError
+        The laws of contact are not solved, or the matrix is singular.
+    """
+    u, points = last.u, condensed.points
+    left = system.load - system.body.internal(u)
+    live_n = points.normal >= 0
+    live_t = (points.tangent >= 0).ravel()
+    E = sparse.vstack([change.normal[live_n], change.tangential[live_t]], format="csr")
+    B, rows = condensed.B.toarray(), condensed.restrict(sparse.csr_array(E))
+    K = condensed.restrict(sparse.csr_array(condensed.restricted_columns(change.force)))
+    factor = lu_factor(condensed.stiffness + K, check_finite=False)
+    response = lu_solve(factor, np.column_stack((condensed.carried(left), B.T)), check_finite=False)
+    moved = (B + rows) @ response
+    u_n, u_t = system.relative(u, last.motion)
+    v = points.stacked(u_n, system.slip_increment(u_t)) + moved[:, 0]
+    scale = condensed.point_scale
+    of_rows = points.stacked(scale, np.repeat(scale[:, None], u_t.shape[1], axis=1))
+    problem = replace(
+        condensed.boundary_problem(system.load, system.rows.gap, system.slip_from, system.motion),
+        W=moved[:, 1:] / of_rows / of_rows[:, None],
+        v0=v / of_rows,
+        compliance=system.compliance(scale),
+    )
+    friction = system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
+    start = Forces(last.mu * scale, last.t * scale[:, None], np.zeros(0))
+    forces = semismooth_newton(problem, start, friction, tol=INNER * tol)
+    l = problem.forces(forces.mu, forces.t) / of_rows
+    du = condensed.moved(left, response[:, 0] - response[:, 1:] @ l)
+    u, mu = u + du, forces.mu / scale
+    return u, mu, system.with_held_points(u, mu, forces.t / scale[:, None], last.motion)
+
+
+# Rotations of bodies of small strain, and what they are allowed to be.
+#
+# Small strains are linear in the displacement: a body that turns by the angle :math:`\theta`
+# without
+# strain is given one of :math:`\cos\theta - 1`, and a motion without small strain stretches it by
+# :math:`1 / \cos\theta - 1`. Finite sliding allows the bodies any path along each other, and no
+# more rotation than makes this strain negligible beside those of the problem.
+#
+# The rotation is the one that takes the places X closest to the places x = X + u. It does not see
+# slopes that strains cause, those of an indented surface, say, which cancel over the boundary.
+#
+# References
+# ----------
+# P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, section 3.1; W. Kabsch, Acta
+# Cryst. A 32 (1976), 922-923, for the closest rotation.
+
+
+def refuse_large_rotations(interfaces: Interfaces, u: Array, largest: float) -> None:
+    """Raise if a body or one of its contact boundaries turns by more than a small angle.
+
+    Parameters
+    ----------
+    interfaces : Interfaces
+    u : ndarray, shape (ndofs,)
+        Displacement of all dofs of all bodies.
+    largest : float
+        Angle in radians.
+
+    Raises
+    ------
+    InputError
+        It names the body and the angle.
+    """
+    bodies = interfaces.bodies
+    for side in interfaces.sides:
+        if not isinstance(side, Interface | SolidInterface):
+            continue
+        for outline in (side.first, side.second):
+            k = bodies.number_of_trace(outline.body)
+            for what, angle in _angles(outline, u[bodies.slices[k]]):
+                if angle > largest:
+                    raise InputError(
+                        f"sliding: {what}{bodies.called(k)} turns by {np.degrees(angle):.3g} "
+                        "degrees, which small strains mistake for a strain of "
+                        f"{1.0 - np.cos(angle):.2g}; they allow rotations of up to "
+                        f"{np.degrees(largest):.3g} degrees, see largest_rotation"
+                    )
+
+
+def _angles(outline: Outline, u: Array) -> list[tuple[str, float]]:
+    """Rotations in radians of a contact boundary and of its whole body."""
+    body, corners = outline.body, outline.corners
+    X, moved = body.mesh.p, _of_vertices(body, u)
+    edges = X[:, corners] - X[:, corners].mean(axis=2, keepdims=True)
+    area = np.linalg.norm(edges, axis=0).mean(axis=1) ** (body.dim - 1)
+    weight = np.bincount(
+        corners.ravel(), np.repeat(area, corners.shape[1]), minlength=X.shape[1]
+    ).astype(np.float64)
+    used = np.unique(body.mesh.t)
+    return [
+        ("the contact boundary of ", rotation(X, moved, weight)),
+        ("", rotation(X[:, used], moved[:, used], np.ones(used.size))),
+    ]
+
+
+def _of_vertices(body: Any, u: Array) -> Array:
+    """Displacement of the vertices of a mesh, shape (dim, nvertices)."""
+    value = body.scalar_dofs.nodal_dofs[0]
+    return np.array([u[body.dim * value + c] for c in range(body.dim)])
+
+
+def rotation(X: Array, u: Array, weight: Array) -> float:
+    """Angle in radians of the rotation that takes places X closest to X + u.
+
+    Parameters
+    ----------
+    X, u : ndarray, shape (dim, n)
+    weight : ndarray, shape (n,)
+        Of the squares of the distances.
+
+    Examples
+    --------
+    >>> X = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
+    >>> u = 0.1 * np.array([-X[1], X[0]])  # a rotation of small displacements
+    >>> round(float(np.tan(rotation(X, u, np.ones(3)))), 12)
+    0.1
+    """
+    x = X + u
+    here, there = (v - (v @ weight / weight.sum())[:, None] for v in (X, x))
+    U, _, V = np.linalg.svd((there * weight) @ here.T)
+    U[:, -1] *= np.sign(np.linalg.det(U @ V))
+    R = U @ V
+    if len(R) == 2:
+        return float(abs(np.arctan2(R[1, 0] - R[0, 1], np.trace(R))))
+    turn = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return float(np.arctan2(turn, np.trace(R) - 1.0))

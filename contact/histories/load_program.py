@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from contact.body.thermal_strain import HeatedBody
 from contact.errors import InputError, numbers
 from contact.histories.history_folder import fingerprint
-from contact.histories.time_factor import Factor, checked_factor, value_at
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
 
@@ -320,3 +319,27 @@ def _difference(now: Any, before: Any) -> Any:
         if now is None or before is None
         else numbers("motion", now) - numbers("motion", before)
     )
+
+
+Factor = Callable[[float], float]
+
+
+def checked_factor(factor: Factor | None) -> Factor:
+    """The factor, by default time itself; `InputError` unless it can be called."""
+    if factor is None:
+        return _time_itself
+    if not callable(factor):
+        raise InputError(f"factor={factor!r}: expected a function of time")
+    return factor
+
+
+def value_at(factor: Factor, t: float) -> float:
+    """The factor at a time; `InputError` unless it is a finite number."""
+    value = numbers("factor", factor(t))
+    if value.shape != () or not np.isfinite(value):
+        raise InputError(f"factor: returned {value!r} at t = {t}; expected a finite number")
+    return float(value)
+
+
+def _time_itself(t: float) -> float:
+    return t

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +16,16 @@ from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError, InputError, NotConverged
 from contact.laws.active_set import signorini
 from contact.laws.coarse_start import CoarseProblem
-from contact.laws.device_newton import device_newton
-from contact.laws.fixed_point import fixed_point
 from contact.laws.friction import Coulomb, Friction, Tresca
-from contact.laws.given_friction import GivenFriction
 from contact.laws.iteration import Iteration, Report, outer_step
 from contact.laws.load_balance import check_held
 from contact.laws.options import Options
 from contact.laws.primal_newton import primal_newton
-from contact.laws.product_newton import product_newton
 from contact.laws.proximal_point import proximal_point
-from contact.laws.semismooth_newton import semismooth_newton
+from contact.laws.semismooth_newton import newton_step, semismooth_newton
 from contact.laws.tresca_loop import tresca_loop
-from gpu import GpuError
+from contact.laws.zones import Zones
+from gpu import GpuError, Infeasible
 
 Array = NDArray[np.float64]
 
@@ -274,3 +271,280 @@ def _coulomb(
             start = given.of_last_step(friction.bound(start.mu), start)
             report(outer_step(problem, step, "tresca step", start, friction.bound(start.mu)))
     raise NotConverged(f"{failure}; try method='tresca_loop' or a smaller friction coefficient")
+
+
+# Tolerance of the boundary problem relative to that of the certificate, as in
+# `contact.laws.methods`.
+_INNER = 1e-2
+
+
+def product_newton(
+    problem: BoundaryProblem,
+    friction: Friction | None,
+    options: Options,
+    start: Forces | None,
+    report: Report,
+) -> Forces:
+    """Solve for contact; see `contact.laws.methods.solve_boundary`.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+        Its W is a `FactorCompliance`.
+    friction : Friction or None
+    options : Options
+        Its method must be "newton".
+    start : Forces or None
+    report : callable
+        Receives each `Iteration`.
+
+    Raises
+    ------
+    NotConverged
+        Newton's method stalls, and so do proximal points.
+    """
+    tol = _INNER * options.tol
+    with suppress(NotConverged, LinAlgError):
+        return device_newton(
+            problem, friction, start, tol=tol, max_iterations=options.max_iterations, report=report
+        )
+    begin = start or Forces(*problem.zeros(), np.zeros(problem.s.size))
+    law = friction or Tresca(np.zeros(problem.gap.size))
+    return proximal_point(problem, law, begin, tol=tol, report=report)
+
+
+# Newton's method for contact with friction, with the matrix W on a GPU.
+#
+# The steps are those of `contact.laws.semismooth_newton`: their rows are gathered, scaled and
+# factored where W lies, with one tangent or two. Here is the cold start, which must not move W to
+# the host as the box QP of `contact.laws.active_set` does. If the iteration stalls, nothing else is
+# tried here: the methods of `contact.laws.methods` take over.
+
+
+START = 15  # frictionless active-set steps, at most, that precede Newton's method on a cold start
+
+
+def device_newton(
+    problem: BoundaryProblem,
+    friction: Friction | None,
+    start: Forces | None,
+    *,
+    tol: float,
+    max_iterations: int,
+    report: Report = lambda iteration: None,
+) -> Forces:
+    """Solve for contact in two or three dimensions, where ``problem.W`` lies.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+        Of hard surfaces.
+    friction : Friction or None
+    start : Forces or None
+        None starts with frictionless steps in which springs hold the free motions.
+    tol : float
+        On `contact.laws.residual.residual`.
+    max_iterations : int
+    report : callable
+        Receives each `Iteration`.
+
+    Raises
+    ------
+    NotConverged, LinAlgError
+        The iteration stalls, or a linear system is singular.
+    """
+    none = Tresca(np.zeros(problem.gap.size))
+    now = start or Forces(*problem.zeros(), np.zeros(problem.s.size))
+    if start is None and friction is not None:
+        now = _without_friction(problem, now, none, report)
+    phase = "active set" if friction is None else "newton"
+    return semismooth_newton(
+        problem,
+        now,
+        friction or none,
+        tol=tol,
+        max_iterations=max_iterations,
+        phase=phase,
+        report=report,
+    )
+
+
+def _without_friction(
+    problem: BoundaryProblem, now: Forces, none: Tresca, report: Report
+) -> Forces:
+    """Active-set steps until the set of active points repeats."""
+    before: NDArray[np.bool_] | None = None
+    for step in range(1, START + 1):
+        zones = Zones.of(problem, now, none)
+        if before is not None and np.array_equal(before, zones.active):
+            break
+        before = zones.active
+        now = newton_step(problem, now, zones, none, "radial", SPRINGS, anchored=False)
+        report(Iteration(step, "frictionless", int(zones.active.sum()), 0, 0, np.nan))
+    return now
+
+
+def fixed_point(
+    problem: BoundaryProblem,
+    start: Forces,
+    *,
+    eps: Array,
+    friction: Friction,
+    tol: float,
+    max_iterations: int,
+    report: Report,
+) -> Forces:
+    r"""Lagged secant stiffness for the regularised friction law: (4.12), Algorithm 3.
+
+    Each step solves Signorini's problem with friction replaced by the springs ``t = w u_t``, where
+    ``w = g / max(eps, |u_t|)`` is taken from the last iterate. For the forces this is the same box
+    QP with 1 / w added to the tangential diagonal: the body is not factored again.
+
+    With a fixed bound the regularised energy
+    :math:`J_\epsilon = \tfrac12 a(u,u) - f(u) + \sum g \psi_\epsilon(|u_t|)` decreases in every
+    step and is reported. The iteration converges linearly. It stops when the displacement of the
+    contact points changes by at most `tol` relative to its size and the regularised law
+    ``t = g u_t / max(eps, |u_t|)`` holds up to `tol` relative to the largest force.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+    start : Forces
+    eps : ndarray, shape (m,)
+        Slip below which friction is linear, in the problem's scale.
+    friction : Friction
+        Coulomb's law or a given bound.
+    tol : float
+    max_iterations : int
+    report : callable
+        Receives one `Iteration` per step.
+
+    Raises
+    ------
+    NotConverged
+        The limit of iterations is reached.
+    """
+    now = start
+    before: Array | None = None
+    for step in range(1, max_iterations + 1):
+        g = friction.bound(now.mu)
+        _, u_t = problem.displacements(now.mu, now.t, now.a)
+        slip = np.maximum(eps, np.linalg.norm(u_t, axis=1))
+        with np.errstate(divide="ignore"):
+            softness = np.where(g > 0, slip / g, np.inf)
+        now = signorini(problem, bound=g, softness=softness, start=now, tol=1e-12)
+        u_n, u_t = problem.displacements(now.mu, now.t, now.a)
+        moved = np.concatenate((u_n, u_t.ravel()))
+        slip = np.maximum(eps, np.linalg.norm(u_t, axis=1))
+        g = friction.bound(now.mu)
+        missed = np.where(problem.tangent >= 0, now.t - (g / slip)[:, None] * u_t, 0.0)
+        violation = float(np.abs(missed).max()) / problem.residual_size(now.mu, now.t)
+        change = np.inf if before is None else _largest(moved - before) / _largest(moved)
+        before = moved
+        energy = np.nan
+        if isinstance(friction, Tresca):
+            psi = _psi(np.linalg.norm(u_t, axis=1), eps)
+            # l^T W l / 2 - s^T a is the energy of body and contact forces alone.
+            energy = problem.energy(now.mu, now.t, now.a) + float(g @ psi)
+        line = outer_step(problem, step, "fixed point", now, g, violation)
+        report(replace(line, energy=energy, change=change))
+        if max(change, violation) <= tol:
+            return now
+    raise NotConverged(
+        f"fixed point: relative change {change:.1e}, residual {violation:.1e} after {step} steps, "
+        f"tolerance {tol:.1e}; it converges linearly: raise max_iterations or eps, or use "
+        "method='newton'"
+    )
+
+
+def _psi(slip: Array, eps: Array) -> Array:
+    """C1 regularisation of the modulus, equation (4.11) of the dissertation."""
+    return np.where(slip >= eps, slip, 0.5 * slip**2 / eps + 0.5 * eps)
+
+
+def _largest(x: Array) -> float:
+    return max(float(np.abs(x).max(initial=0.0)), np.finfo(float).tiny)
+
+
+DOUBLINGS = (1, 2, 4, 8, 16)  # of a bound that cannot balance the loads
+
+
+@dataclass(frozen=True)
+class GivenFriction:
+    """Solver of a boundary problem for any given friction bound.
+
+    Attributes
+    ----------
+    problem : BoundaryProblem
+    damped : bool
+        Use the damped Newton method, (4.16) of the dissertation, also where the problem is a box
+        QP.
+    tol : float
+    peer : str, optional
+        Solver of qpsolvers for the box QP.
+    """
+
+    problem: BoundaryProblem
+    damped: bool
+    tol: float
+    peer: str | None = None
+
+    def __call__(
+        self, bound: Array, start: Forces, report: Report = lambda iteration: None
+    ) -> Forces:
+        """Forces under the bound g, shape (m,), from a start.
+
+        Raises
+        ------
+        NotConverged
+            Newton's method and the proximal point method stalled, or the solver `peer` failed.
+        gpu.Infeasible
+            No friction forces within the bound balance the loads.
+        """
+        if not self.box:
+            return self._by_newton(Tresca(bound), start, report)
+        return signorini(
+            self.problem, bound=bound, start=start, tol=self.tol, peer=self.peer, report=report
+        )
+
+    def of_last_step(self, bound: Array, start: Forces) -> Forces:
+        """Forces under the bound of the last step, in an iteration for Coulomb's law.
+
+        If these cannot balance the loads, forces within Coulomb's law still may: the pressure of
+        the last step is too low then, and that under a higher bound balances the loads.
+
+        Raises
+        ------
+        NotConverged
+            As in `__call__`, or forces within no multiple of this bound balance the loads.
+        """
+        for times in DOUBLINGS:
+            with suppress(Infeasible):
+                if self.problem.s.size and not self.box:  # where Newton's method would only stall
+                    check_held(self.problem, Tresca(times * bound))
+                return self(times * bound, start)
+        raise NotConverged("the friction of the last step cannot hold the loads")
+
+    @property
+    def box(self) -> bool:
+        """Whether the problem is a box QP, solved as such."""
+        box = self.problem.tangent.shape[1] == 1 and self.problem.compliance is None
+        return box and not self.damped
+
+    def _by_newton(self, friction: Tresca, start: Forces, report: Report) -> Forces:
+        """Newton's method; if it stalls, damped from other starts, then proximal points."""
+        problem, tol = self.problem, self.tol
+        rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
+        form = "damped" if self.damped else "switched"
+        for near, kind in ((start, form), (rest, "damped")):
+            with suppress(NotConverged, LinAlgError):
+                phase = f"{kind} newton"
+                return semismooth_newton(
+                    problem, near, friction, form=kind, tol=tol, phase=phase, report=report
+                )
+        if problem.tangent.shape[1] == 1:
+            with suppress(NotConverged, LinAlgError, GpuError):  # from hard surfaces, a box QP
+                hard = replace(problem, compliance=None)
+                near = signorini(hard, bound=friction.given, start=start, tol=tol, report=report)
+                return semismooth_newton(problem, near, friction, tol=tol, report=report)
+        return proximal_point(problem, friction, start, tol=tol, report=report)

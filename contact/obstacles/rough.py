@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from os import PathLike
+from os import PathLike, fspath
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, array_of, evaluated, numbers
 from contact.obstacles.arguments import GRAZING, column, flag, positive_number, vector
-from contact.obstacles.height_files import read_heights
-from contact.obstacles.height_spline import DEGREES, HeightSpline
 from contact.obstacles.rigid_motion import RigidMotion, turn_of
 from contact.obstacles.signed_distance import SignedDistance
 
@@ -381,3 +382,228 @@ def power_spectrum(values: Array, lengths: Sequence[float]) -> tuple[Array, Arra
     part = scipy.fft.fftn(values - values.mean()) / values.size
     C = float(np.prod(lengths)) * np.abs(part) ** 2
     return np.array(np.meshgrid(*waves, indexing="ij")), C
+
+
+DEGREES = {"linear": 1, "cubic": 3}
+
+
+@dataclass(frozen=True, eq=False)
+class HeightSpline:
+    """A spline through the heights, periodic or on one patch.
+
+    Attributes
+    ----------
+    lengths : ndarray, shape (dim - 1,)
+        Period, or size of the patch.
+    periodic : bool
+    steepest : float
+        A bound of the slope.
+    """
+
+    lengths: Array
+    periodic: bool
+    steepest: float
+    _spline: Any
+    _heights: Array
+
+    @classmethod
+    def through(cls, heights: Array, lengths: Array, degree: int, periodic: bool) -> HeightSpline:
+        """The spline of degree 1 or 3 that takes the given heights on an equidistant grid."""
+        knots, slopes = [], []
+        closed = np.pad(heights, [(0, 1)] * heights.ndim, mode="wrap") if periodic else heights
+        c = closed
+        for axis, length in enumerate(lengths):
+            x = np.linspace(0.0, length, closed.shape[axis])
+            kind: Literal["periodic"] | None = "periodic" if periodic and degree > 1 else None
+            piece = scipy.interpolate.make_interp_spline(x, c, degree, bc_type=kind, axis=axis)
+            knots.append(piece.t)
+            c = np.moveaxis(np.asarray(piece.c), 0, axis)
+        for axis, t in enumerate(knots):
+            # Coefficients of the derivative bound it, as its B-splines sum to one.
+            rise = np.diff(c, axis=axis)
+            run = (t[degree + 1 : -1] - t[1 : -degree - 1]) / degree
+            shape = [1] * rise.ndim
+            shape[axis] = run.size
+            slopes.append(float(np.abs(rise / run.reshape(shape)).max()))
+        spline = scipy.interpolate.NdBSpline(tuple(knots), c, degree, extrapolate=False)
+        return cls(lengths, periodic, float(np.hypot.reduce(slopes)), spline, heights)
+
+    def within(self, places: Array) -> NDArray[np.bool_]:
+        """Whether places (dim - 1, ...) lie on the surface: all of them do if it is periodic."""
+        if self.periodic:
+            return np.ones(places.shape[1:], dtype=bool)
+        size = self.lengths.reshape((-1,) + (1,) * (places.ndim - 1))
+        slack = 1e-9 * size
+        return np.asarray(np.all((places >= -slack) & (places <= size + slack), axis=0))
+
+    def height(self, places: Array) -> Array:
+        """Heights at places (dim - 1, ...), beyond the edge of a patch those of its edge."""
+        return self._value(places, np.zeros(len(places), dtype=int))
+
+    def over(self, axes: Sequence[Array]) -> Array:
+        """Heights of a periodic surface on a tensor grid; on its own points those that were given.
+
+        Parameters
+        ----------
+        axes : sequence of ndarray
+            Coordinates along each direction.
+        """
+        numbers = []
+        for x, length, n in zip(axes, self.lengths, self._heights.shape, strict=True):
+            number = np.rint(x * (n / length))
+            if np.abs(x * (n / length) - number).max(initial=0.0) > 1e-12 * n:
+                return self._on_grid(list(axes), np.zeros(len(axes), dtype=int))
+            numbers.append(number.astype(np.int64) % n)
+        return self._heights[np.ix_(*numbers)]
+
+    def slope(self, places: Array) -> Array:
+        """Derivatives along each direction at places (dim - 1, ...), of the same shape."""
+        return np.array([self._value(places, row) for row in np.eye(len(places), dtype=int)])
+
+    def _value(self, places: Array, order: NDArray[np.int64]) -> Array:
+        size = self.lengths.reshape((-1,) + (1,) * (places.ndim - 1))
+        axes = _axes(places)
+        if axes is not None:
+            return self._on_grid(axes, order)
+        inside = places % size if self.periodic else places
+        return np.asarray(self._spline(np.moveaxis(np.clip(inside, 0.0, size), 0, -1), nu=order))
+
+    def _on_grid(self, axes: list[Array], order: NDArray[np.int64]) -> Array:
+        """Values on a tensor grid, direction by direction: many times faster than by places."""
+        values = self._spline.c
+        for axis, (x, length, nu) in enumerate(zip(axes, self.lengths, order, strict=True)):
+            inside = np.clip(x % length if self.periodic else x, 0.0, length)
+            t, degree = self._spline.t[axis], self._spline.k[axis]
+            values = scipy.interpolate.BSpline(t, values, degree, axis=axis)(inside, nu=nu)
+        return np.asarray(values)
+
+
+def _axes(places: Array) -> list[Array] | None:
+    """Coordinates along each axis of places (dim - 1, ...) that are a tensor grid, else None."""
+    if places.ndim != len(places) + 1 or not places.size:
+        return None
+    axes = []
+    for i, x in enumerate(places):
+        lines = np.moveaxis(x, i, 0).reshape(x.shape[i], -1)
+        if not np.all(lines == lines[:, :1]):
+            return None
+        axes.append(lines[:, 0])
+    return axes
+
+
+TABLES = (".txt", ".csv", ".dat", ".asc")
+_WHOLE = re.compile(r"[+-]?\d+(?:[eE][+-]?\d+)?")
+_WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_UNEVEN = 0.2  # differences of spacings over their mean that rounded coordinates may have
+FORMATS = (".npy", *TABLES, ".xyz", ".png")
+
+
+def read_heights(path: str | PathLike[str]) -> Array:
+    """The numbers of a file: first index along the first axis of the surface.
+
+    Raises
+    ------
+    InputError
+        No such file, another format, no numbers in it.
+    """
+    try:
+        place = Path(fspath(path))
+    except TypeError as error:
+        raise InputError(f"path={path!r}: expected the name of a file ({error})") from None
+    kind = place.suffix.lower()
+    if kind not in FORMATS:
+        raise InputError(f"path={path!r}: heights are read from {', '.join(FORMATS)} files")
+    if not place.is_file():
+        raise InputError(f"path={path!r}: there is no such file")
+    try:
+        if kind == ".npy":
+            return _array(place)
+        if kind == ".xyz":
+            return _points(place)
+        return _table(place) if kind in TABLES else _image(place)
+    except Exception as error:  # readers raise whatever they meet
+        said = str(error) or type(error).__name__
+        raise InputError(f"path={path!r}: not readable as {kind} ({said})") from error
+
+
+def _array(place: Path) -> Array:
+    # Mapped: a header that claims more numbers than the file holds is refused before any is read.
+    found = np.load(place, mmap_mode="r", allow_pickle=False)
+    kind = found.dtype if isinstance(found, np.ndarray) else type(found).__name__
+    if getattr(kind, "kind", "") not in tuple("biuf"):
+        raise ValueError(f"expected real numbers, not {kind}")
+    return np.array(found, dtype=float)
+
+
+def _table(place: Path) -> Array:
+    """One row of numbers a line, between blanks, commas or semicolons; # begins a comment.
+
+    A comma is the decimal mark where other marks part the numbers.
+    """
+    text = [line.partition("#")[0].strip() for line in place.read_text().splitlines()]
+    lines = [line for line in text if line]
+    if not lines:
+        raise ValueError("it holds no numbers")
+    comma = "." if _decimal_commas(lines) else " "
+    rows = np.loadtxt([line.replace(",", comma).replace(";", " ") for line in lines], ndmin=2)
+    return np.asarray(rows[:, 0] if rows.shape[1] == 1 else rows)
+
+
+def _decimal_commas(lines: list[str]) -> bool:
+    """Whether commas stand in numbers and not between them.
+
+    Raises
+    ------
+    ValueError
+        They may mean either.
+    """
+    parts = [part for line in lines for part in line.replace(";", " ").split()]
+    inside = [bool(_WITH_COMMA.fullmatch(part)) for part in parts]
+    if not any(inside):
+        return False
+    points, semicolons = (any(mark in line for line in lines) for mark in ".;")
+    if points and not semicolons:
+        return False
+    plain = all(own or _WHOLE.fullmatch(part) for own, part in zip(inside, parts, strict=True))
+    if plain and len(parts) > len(lines):
+        return True
+    raise ValueError(
+        "its commas may be decimal marks or part the numbers; write decimal points, or a blank "
+        "after each comma that parts numbers"
+    )
+
+
+def _points(place: Path) -> Array:
+    """Lines x y height of all points of a rectangular grid, in any order."""
+    found = _table(place)
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise ValueError("expected three numbers a line: x, y and the height")
+    size = np.ptp(found[:, :2], axis=0)
+    index = []
+    for t, length in zip(found[:, :2].T, size, strict=True):
+        order = np.argsort(t)
+        step = np.diff(t[order], prepend=t[order[0]]) > 1e-4 * length
+        place_of = np.empty(t.size, dtype=int)
+        place_of[order] = np.cumsum(step)
+        apart = np.diff(t[order][np.flatnonzero(step)], prepend=t[order[0]])
+        if apart.size and np.ptp(apart) > _UNEVEN * apart.mean():
+            raise ValueError("the points of the grid are not equally far apart; interpolate them")
+        index.append(place_of)
+    shape = tuple(int(i.max()) + 1 for i in index)
+    heights = np.full(shape, np.nan)
+    heights[tuple(index)] = found[:, 2]
+    if (
+        found.shape[0] != heights.size
+        or np.unique(np.ravel_multi_index(index, shape)).size < heights.size
+    ):
+        raise ValueError(f"{found.shape[0]} points do not fill a grid of {shape[0]} x {shape[1]}")
+    return heights
+
+
+def _image(place: Path) -> Array:
+    """Grey values between 0 and 1, the mean of the colours; rows of pixels run downwards."""
+    from matplotlib.image import imread
+
+    pixels = np.asarray(imread(place), dtype=float)
+    grey = pixels[..., :3].mean(axis=2) if pixels.ndim == 3 else pixels
+    return np.ascontiguousarray(grey[::-1].T)

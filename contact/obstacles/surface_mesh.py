@@ -9,19 +9,21 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, numbers
+from contact.obstacles.box_tree import BoxTree
 from contact.obstacles.facet_checks import (
     check_facets,
+    edges_of,
     is_free,
     merged,
     outwards,
     read_facets,
     read_points,
 )
-from contact.obstacles.facet_rays import gap_to_facets
-from contact.obstacles.flat_facets import FlatFacets
+from contact.obstacles.facet_rays import coordinates, facet_normals, gap_to_facets
 from contact.obstacles.rigid_motion import RigidMotion, fitted
 from contact.obstacles.surface_files import polydata, read_surface
 
@@ -338,3 +340,167 @@ class SurfaceMesh:
                 f"obstacle of dimension {self._shift.size} against a body of {x.shape[0]}"
             )
         return np.ascontiguousarray(x.reshape(x.shape[0], -1).T) - self._shift
+
+
+@dataclass(frozen=True)
+class FlatFacets:
+    """Facets with what is looked for beside them.
+
+    Attributes
+    ----------
+    corners : ndarray, shape (nfacets, dim, dim)
+    pseudonormals : ndarray, shape (nfacets, nparts, dim)
+        Unit normals of the facet, its edges in 3-D, and its corners, as `Nearest.part` counts them.
+    border : ndarray of bool, shape (nfacets, nparts)
+        Parts on the border of a sheet.
+    size : float
+        Diagonal of the box around them.
+    """
+
+    corners: Array
+    tree: BoxTree
+    vertices: scipy.spatial.KDTree
+    pseudonormals: Array
+    border: NDArray[np.bool_]
+    size: float
+
+    @classmethod
+    def of(cls, points: Array, facets: Index) -> FlatFacets:
+        """Search structures for checked points (dim, npoints) and facets (dim, nfacets)."""
+        corners = np.ascontiguousarray(points.T[facets.T])
+        dim, count = facets.shape
+        flat = facet_normals(corners)
+        flat = flat / np.linalg.norm(flat, axis=1)[:, None] + 0.0  # no -0
+        free = is_free(facets)
+        at_corner = _unit_sums(facets.reshape(1, -1), np.tile(flat, (dim, 1)), _angles(corners))
+        at_border = np.isin(facets, edges_of(facets)[:, free]).T
+        normals, border = [flat[:, None], at_corner], [np.zeros((count, 1), bool), at_border]
+        if dim == 3:
+            edges = np.sort(edges_of(facets), axis=0)
+            at_edge = _unit_sums(edges, np.tile(flat, (3, 1)), np.ones(3 * count))
+            normals, border = (
+                [normals[0], at_edge, normals[1]],
+                [border[0], free.reshape(3, -1).T, border[1]],
+            )
+        tree, vertices = BoxTree(corners), scipy.spatial.KDTree(points.T)
+        size = float(np.linalg.norm(np.ptp(points, axis=1)))
+        return cls(corners, tree, vertices, np.concatenate(normals, 1), np.hstack(border), size)
+
+    def nearest(self, x: Array) -> Nearest:
+        """Nearest places to x (npoints, dim)."""
+        return nearest_on_facets(self.corners, self.tree, self.vertices, x)
+
+
+def _unit_sums(keys: Index, normals: Array, weights: Array) -> Array:
+    """Unit sums of weighted normals over equal keys (k, n); (nfacets, n / nfacets, dim)."""
+    key = keys[0] * (int(keys.max()) + 1) + keys[-1]
+    _, number = np.unique(key, return_inverse=True)
+    total = np.stack([np.bincount(number, weights * part) for part in normals.T], axis=1)[number]
+    length = np.linalg.norm(total, axis=1)
+    sharp = length < 1e-12 * weights  # facets folded onto each other: any of them
+    unit = np.where(sharp[:, None], normals, total / np.where(sharp, 1.0, length)[:, None])
+    dim = normals.shape[1]  # as many edges and as many corners
+    return np.asarray(unit.reshape(dim, -1, dim).transpose(1, 0, 2))
+
+
+def _angles(corners: Array) -> Array:
+    """Angles of the facets at their corners, corner by corner; ones in 2-D."""
+    if corners.shape[2] == 2:
+        return np.ones(2 * len(corners))
+    angles = []
+    for i in range(3):
+        one, two = corners[:, i - 2] - corners[:, i], corners[:, i - 1] - corners[:, i]
+        across = np.linalg.norm(np.cross(one, two), axis=1)
+        angles.append(np.arctan2(across, np.sum(one * two, axis=1)))
+    return np.concatenate(angles)
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest places of a surface.
+
+    Attributes
+    ----------
+    foot : ndarray, shape (npoints, dim)
+    facet : ndarray, shape (npoints,)
+    part : ndarray, shape (npoints,)
+        Where on the facet: 0 within it, then its edges (in 3-D, the first from the first corner to
+        the second), then its corners.
+    """
+
+    foot: Array
+    facet: Index
+    part: Index
+
+
+def nearest_on_facets(
+    corners: Array, tree: BoxTree, vertices: scipy.spatial.KDTree, x: Array
+) -> Nearest:
+    """Nearest places of facets (nfacets, dim, dim) to x (npoints, dim); of two, the first facet.
+
+    The nearest of the vertices and a facet in boxes near x bound the distance: among small facets
+    and beside large ones.
+    """
+    normals = facet_normals(corners)
+    facet = tree.one_near(x)
+    foot, part = _on_each(corners[facet], normals[facet], x)
+    square = _square(x - foot)
+    bound = np.minimum(square, vertices.query(x)[0] ** 2)
+    for place, candidate in tree.near_points(x, bound):
+        if not place.size:
+            continue
+        there, where = _on_each(corners[candidate], normals[candidate], x[place])
+        away = _square(x[place] - there)
+        first = _least(place, away, candidate)
+        one, new, away = place[first], candidate[first], away[first]
+        nearer = (away < square[one]) | ((away == square[one]) & (new < facet[one]))
+        one, first = one[nearer], first[nearer]
+        square[one], facet[one] = away[nearer], new[nearer]
+        foot[one], part[one] = there[first], where[first]
+        np.minimum(bound, square, out=bound)
+    return Nearest(foot, facet, part)
+
+
+def _least(place: Index, away: Array, facet: Index) -> Index:
+    """For each place the pair of the least distance; of equal ones, that of the first facet."""
+    order = np.lexsort((facet, away, place))
+    return np.asarray(order[np.flatnonzero(np.diff(place[order], prepend=-1))])
+
+
+def _on_each(c: Array, normal: Array, x: Array) -> tuple[Array, Index]:
+    """Nearest place of one facet for each x, and the part of the facet that it lies on.
+
+    References
+    ----------
+    C. Ericson, Real-Time Collision Detection, Morgan Kaufmann 2005, section 5.1.
+    """
+    dim = c.shape[2]
+    if dim == 2:
+        foot, s = _on_segment(c[:, 0], c[:, 1], x)
+        return foot, np.where(s <= 0, 1, np.where(s >= 1, 2, 0))
+    area = _square(normal)
+    height = np.einsum("fi,fi->f", x - c[:, 0], normal) / area
+    foot = x - height[:, None] * normal
+    part = np.zeros(len(x), dtype=np.int64)
+    beside = np.flatnonzero(np.any(coordinates(c, normal, x) <= 0, axis=1))
+    least = np.full(beside.size, np.inf)
+    for i in range(3):
+        there, s = _on_segment(c[beside, i], c[beside, i - 2], x[beside])
+        away = _square(x[beside] - there)
+        nearer = away < least
+        at = beside[nearer]
+        least[nearer], foot[at], s = away[nearer], there[nearer], s[nearer]
+        part[at] = np.where(s <= 0, 4 + i, np.where(s >= 1, 4 + (i + 1) % 3, 1 + i))
+    return foot, part
+
+
+def _on_segment(start: Array, end: Array, x: Array) -> tuple[Array, Array]:
+    edge = end - start
+    s = np.einsum("fi,fi->f", x - start, edge) / _square(edge)
+    s = np.clip(s, 0.0, 1.0)
+    foot = start + s[:, None] * edge
+    return np.where((s >= 1)[:, None], end, foot), s
+
+
+def _square(vectors: Array) -> Array:
+    return np.asarray(np.einsum("fi,fi->f", vectors, vectors))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import hashlib
 import math
+import signal
+import threading
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from contact.errors import InputError
-from contact.output.interrupts import uninterrupted
 from skfem_adini.output.complete_file import complete_file
 
 # Meshes and solutions shrink by less than 50; an archive that grows further is no result.
@@ -164,3 +165,24 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
             raise ValueError(f"{info.filename} is {dtype} of shape {shape}")
         data = bytearray(stream.read())
     return np.ndarray(shape, dtype, buffer=data, order="F" if fortran else "C")
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Delay an interruption (KeyboardInterrupt) until the block is left.
+
+    zipfile can neither close nor discard an archive whose entry was interrupted, and its error
+    would hide the interruption. Only the main thread is ever interrupted.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    came: list[Any] = []
+    signal.signal(signal.SIGINT, lambda *event: came.append(event))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came:
+            before(*came[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from contact.body.surface import Surface
 from contact.condensation.condensed_by_type import condensed_contact
 from contact.condensation.condensed_contact import CondensedContact
 from contact.condensation.device_choice import Device, chosen_device
-from contact.errors import InputError
+from contact.errors import InputError, warn
 from contact.laws.iteration import Iteration
 from contact.laws.options import Options
 from contact.laws.pressure_overclosure import PressureOverclosure, checked
@@ -24,7 +24,6 @@ from contact.obstacles.rigid import ObstacleMotion
 from contact.obstacles.rigid_motion import same_gaps
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
-from contact.problem.coarse_facets import warn_of_coarse_facets
 from contact.problem.large_motion import check_motion
 from contact.problem.sagitta import warn_of_sagitta
 from contact.problem.solve_system import solve_system
@@ -462,3 +461,37 @@ class ContactProblem(Portable):
 
 def _same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
     return all(a is b for a, b in zip(one, other, strict=True))
+
+
+if TYPE_CHECKING:
+    from contact.result.contact_result import ContactResult
+
+_RATIO = 4.0  # of the lengths of facets that face each other in a contact zone
+_VARIES = 0.05  # part of the largest pressure: one that varies by less is resolved by any facets
+
+
+def warn_of_coarse_facets(result: ContactResult, ratio: Array) -> None:
+    """Warn if facets in contact face others of less than a quarter of their length.
+
+    The coarser of the two meshes limits the accuracy of the pressure.
+
+    Parameters
+    ----------
+    result : ContactResult
+    ratio : ndarray, shape (m,)
+        See `contact.rows.mortar.resolution.facet_ratio`.
+
+    Warns
+    -----
+    ContactWarning
+    """
+    p = result.pressure
+    loaded = p > 1e-12 * p.max(initial=0.0)
+    if not loaded.any() or np.ptp(p) <= _VARIES * p.max():
+        return
+    worst = float(ratio[loaded].max())
+    if worst > _RATIO * (1 + 1e-9):
+        warn(
+            f"facets in contact are up to {worst:.0f} times as long as those of the other body: "
+            "the coarser mesh limits the accuracy of the pressure; refine it there"
+        )

@@ -13,7 +13,7 @@ v but
     u / alpha = v + V r,   r = s / alpha,
 
 was multiplied by A, the step gives r and the coefficients of A (v + V r). If u lies almost in the
-span of V, r is not small: `gpu.eigenvalues.krylov.arnoldi_steps` converts the coefficients into
+span of V, r is not small: `gpu.eigenvalues.krylov.arnoldi` converts the coefficients into
 those of A v.
 
 K. Swirydowicz, J. Langou, S. Ananthan, U. Yang and S. Thomas, Low synchronization Gram-Schmidt and

@@ -5,16 +5,15 @@ from __future__ import annotations
 import logging
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg, sparse
 
 from gpu.arguments import choice, flag, is_finite_number, shown, unmasked, whole
-from gpu.arrays.namespace import namespace
-from gpu.eigenvalues.certificate import certify
-from gpu.eigenvalues.eigenpairs import Eigenpairs, Pairs
+from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.iteration_operator import EigenProblem, even_units, shifts, told_apart
+from gpu.eigenvalues.krylov.arnoldi import Arnoldi
 from gpu.eigenvalues.krylov.krylov_schur import ROUNDING_RESIDUAL, krylov_schur
 from gpu.eigenvalues.krylov.restart import RESTART_KINDS, Limits, Wanted, room_for
 from gpu.eigenvalues.operator import Matrix, as_matrix, ordinary
@@ -416,3 +415,163 @@ def start_vector(v0: Any, n: int, xp: Any) -> Any:
     if not bool(xp.all(xp.isfinite(vector))) or not bool(xp.any(vector != 0)):
         raise InputError("v0: expected finite numbers, not all zero")
     return vector
+
+
+class Pairs(NamedTuple):
+    """Eigenvalues, best first, with their vectors.
+
+    Attributes
+    ----------
+    values : ndarray, shape (k,)
+        On the host.
+    there : array, shape (k,), or None
+        The same in the array module of the matrix.
+    vectors : array, shape (n, k)
+    squares : array, shape (2, k), or None
+        Squares of the norms of ``A x - lambda M x`` and of ``A x``, see `certify`.
+    """
+
+    values: np.ndarray
+    there: Any
+    vectors: Any
+    squares: Any
+
+
+@dataclass
+class Eigenpairs:
+    """Eigenpairs of a partial Schur form and its basis; the last result is cached.
+
+    Attributes
+    ----------
+    matrix, mass : Matrix
+        M may be None.
+    problem : EigenProblem
+        Whose eigenvalues T has.
+    rank : callable
+        Of eigenvalues; the larger, the more wanted.
+    k : int
+        Number of pairs.
+    """
+
+    matrix: Matrix
+    mass: Matrix | None
+    problem: EigenProblem
+    rank: Rank
+    k: int
+    _T: Any = None
+    _made: Pairs | None = None
+
+    def of(self, T: np.ndarray, basis: Arnoldi) -> Pairs:
+        """The pairs of T, the k best first; for the same T again, the cached ones."""
+        if T is self._T and self._made is not None:
+            return self._made
+        theta, Y = np.linalg.eig(T)
+        theta = theta.astype(complex)
+        values = self.problem.values(theta)
+        order = best_first(theta, self.rank, self.k, self.problem.dtype.kind == "f", values)
+        values, Y = values[order], Y[:, order]
+        if len(order) == self.k and self._fused():
+            from gpu.eigenvalues.krylov.ritz_pairs import pairs_with_residuals
+
+            mass = self.mass and self.mass.explicit
+            V = basis.V[: len(Y)]
+            made = Pairs(values, *pairs_with_residuals(V, Y, values, self.matrix.explicit, mass))
+        else:
+            made = Pairs(values, self.matrix.xp.asarray(values), basis.combine(Y), None)
+        self._T, self._made = T, made
+        return made
+
+    def _fused(self) -> bool:
+        """Whether vectors and residuals can be computed together, by real products on a device."""
+        matrix, mass = self.matrix, self.mass
+        return (
+            matrix.xp is not np
+            and matrix.explicit is not None
+            and (mass is None or mass.explicit is not None)
+            and self.problem.dtype.kind == "f"
+            and matrix.unit == 1.0
+        )
+
+
+# Largest |A x - lambda M x| over |A| + |lambda| |M| of a certified pair: 4e4 machine epsilons,
+# above the rounding of products of any order, and far below the residual of a wrong pair.
+CERTIFIED_PAIR = 1e-11
+
+
+def certify(
+    matrix: Matrix,
+    mass: Matrix | None,
+    values: Any,
+    vectors: Any,
+    tol: float,
+    scale: float,
+    squares: Any = None,
+) -> None:
+    """Raise unless every returned pair satisfies its equation.
+
+    Parameters
+    ----------
+    matrix, mass, tol
+        As `eigs` has them.
+    values : ndarray, shape (k,)
+        On the host.
+    vectors : array, shape (n, k)
+    scale : float
+        A lower bound of |A|, zero where none is known.
+    squares : array, shape (2, k), optional
+        Squares of the norms of ``A x - lambda M x`` and of ``A x``, if they are known already.
+
+    Raises
+    ------
+    NotConverged
+        With the pairs that satisfy their equation as attributes.
+    """
+    unit = matrix.unit
+    scale = (scale or matrix.norm) * unit
+    # All numbers are copied to the host at once, as each copy waits for the device.
+    if squares is None:
+        xp = matrix.xp
+        left = _product(matrix, vectors * unit)
+        right = vectors if mass is None else _product(mass, vectors)
+        error = xp.linalg.norm(left - right * (xp.asarray(values) * unit), axis=0)
+        error, size = to_host(xp.stack([error, xp.linalg.norm(left, axis=0)]))
+    else:
+        error, size = np.sqrt(to_host(squares))
+    modulus = np.abs(values) * unit
+    allowed = (
+        CERTIFIED_PAIR
+        * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else mass.norm))
+        + 10 * tol * modulus
+    )
+    good = np.isfinite(allowed) & (error <= allowed)
+    if not good.all():
+        with np.errstate(invalid="ignore"):  # some may be NaN
+            worst = CERTIFIED_PAIR * float((error[~good] / allowed[~good]).max())
+        kept = np.flatnonzero(good)
+        raise NotConverged(
+            f"{int((~good).sum())} of {len(values)} pairs fail their certificate: |A x - lambda x| "
+            f"reaches {worst:.1e} |A|",
+            eigenvalues=matrix.xp.asarray(values)[kept],
+            eigenvectors=vectors[:, kept],
+        )
+
+
+def _product(matrix: Matrix, X: Any) -> Any:
+    """``A X``; a real A is multiplied by the real and the nonzero imaginary parts of X instead."""
+    xp = matrix.xp
+    if not matrix.real or X.dtype.kind != "c":
+        return _multiplied(matrix, X)
+    imaginary = to_host(xp.any(X.imag != 0, axis=0))
+    parts = _multiplied(matrix, xp.concatenate((X.real, X.imag[:, imaginary]), axis=1))
+    product = parts[:, : X.shape[1]].astype(complex)
+    product[:, imaginary] += 1j * parts[:, X.shape[1] :]
+    return product
+
+
+def _multiplied(matrix: Matrix, X: Any) -> Any:
+    if matrix.explicit is not None:
+        return matrix.explicit @ X
+    product = matrix.xp.empty_like(X, dtype=matrix.dtype)
+    for j, x in enumerate(X.T):  # of copies: an operator may return its argument or reuse an array
+        product[:, j] = matrix.apply(x.copy())
+    return product

@@ -7,22 +7,21 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from skfem_adini.errors import AdiniError, InputError
 from skfem_adini.solvers.cudss_handles import CudssHandles, on_device, permutation
-from skfem_adini.solvers.cudss_library import CudssError, chosen_devices, device_arrays
-from skfem_adini.solvers.cudss_memory import (
-    check_memory,
-    free_memories,
-    free_memory,
-    memory,
+from skfem_adini.solvers.cudss_library import (
+    CudssError,
+    DeviceMemory,
+    chosen_devices,
+    device_arrays,
 )
-from skfem_adini.solvers.cudss_tree import DissectionTree
-from skfem_adini.solvers.device_product import DeviceProduct
 from skfem_adini.solvers.device_triangle import DeviceTriangle, on_host_alone
 
 Array = NDArray[np.float64]
@@ -333,3 +332,190 @@ class Cudss(CudssMatrix):
             R[xp.asarray(row), xp.asarray(at)] = values
             product = moved @ R.T
             return 0.5 * (product + product.T)
+
+
+Index = NDArray[np.integer[Any]]
+
+
+class DissectionTree(NamedTuple):
+    """An order of elimination in the blocks of a complete binary tree, its leaves first.
+
+    Attributes
+    ----------
+    order : ndarray, shape (n,)
+        ``order[k]`` is the unknown of step k; blocks follow one another level by level, the leaves
+        first and the separator of the whole, the root, last.
+    sizes : ndarray, shape (2**levels - 1,)
+        Unknowns in each block, in the same order; none is empty.
+    """
+
+    order: Index
+    sizes: Index
+
+    @property
+    def levels(self) -> int:
+        """Levels of the tree."""
+        return int(self.sizes.size + 1).bit_length() - 1
+
+    def separates(self, xp: Any, starts: Any, columns: Any) -> bool:
+        """Whether each entry joins unknowns of one block, or of a block and one above it.
+
+        cuDSS trusts a tree, and writes where it must not if this does not hold.
+
+        Parameters
+        ----------
+        xp
+            NumPy or CuPy.
+        starts, columns
+            Upper triangle by rows, arrays of xp, shapes (n + 1,) and (nnz,).
+        """
+        # Blocks from the last to the first are numbered 1, 2, ...: block h is below block h // 2.
+        number = np.empty(self.order.size, dtype=np.int32)
+        number[self.order] = np.repeat(np.arange(self.sizes.size, 0, -1), self.sizes)
+        level = np.frexp(np.arange(self.sizes.size + 1))[1].astype(np.int32)
+        of, depth = xp.asarray(number), xp.asarray(level)
+        entries = xp.arange(columns.size, dtype=starts.dtype)
+        row, column = of[xp.searchsorted(starts[1:], entries, side="right")], of[columns]
+        upper, lower = xp.minimum(row, column), xp.maximum(row, column)
+        return bool((lower >> (depth[lower] - depth[upper]) == upper).all())
+
+
+# Of one row, in the order of its entries: equal calls give equal bits.
+_ROW = """
+double sum = 0.0;
+for (int k = first; k < last; ++k) sum += upper[k] * x[columns[k]];
+for (int k = begin; k < end; ++k) sum += lower[k] * x[rows[k]];
+y = sum;
+"""
+
+
+class DeviceProduct:
+    """The symmetric matrix of an upper triangle, as an operator on rows of an array.
+
+    The entries below the diagonal are kept by rows too, so that each entry of a product is summed
+    by one thread.
+
+    Parameters
+    ----------
+    xp
+        NumPy or CuPy.
+    starts, columns, values
+        The upper triangle by rows, arrays of xp, shapes (n + 1,) and (nnz,).
+    """
+
+    def __init__(self, xp: Any, starts: Any, columns: Any, values: Any) -> None:
+        n = len(starts) - 1
+        places = xp.arange(columns.size, dtype=np.int32)
+        rows = xp.searchsorted(starts[1:], places, side="right").astype(np.int32)
+        below = xp.flatnonzero(columns > rows)
+        below = below[xp.argsort(columns[below], kind="stable" if xp is np else None)]
+        counts = xp.bincount(columns[below], minlength=n) if below.size else xp.zeros(n, np.int64)
+        ends = xp.concatenate([xp.zeros(1, dtype=np.int64), xp.cumsum(counts)]).astype(np.int32)
+        self._xp, self._upper = xp, (starts, columns, values)
+        self._lower = ends, rows[below], values[below]
+
+    def __matmul__(self, x: Any) -> Any:
+        """Return ``A x`` for each row of an array, shape (count, n)."""
+        if self._xp is np:
+            n = x.shape[1]
+            U, L = (
+                sparse.csr_array((values, at, starts), shape=(n, n))
+                for starts, at, values in (self._upper, self._lower)
+            )
+            return (U @ x.T + L @ x.T).T
+        (starts, columns, upper), (ends, rows, lower) = self._upper, self._lower
+        bounds = starts[:-1], starts[1:], ends[:-1], ends[1:]
+        product = self._xp.empty_like(x)
+        for one, found in zip(x, product, strict=True):
+            _kernel()(*bounds, columns, upper, rows, lower, one, found)
+        return product
+
+
+@cache
+def _kernel() -> Any:
+    import cupy
+
+    return cupy.ElementwiseKernel(
+        "int32 first, int32 last, int32 begin, int32 end, raw int32 columns, raw float64 upper, "
+        "raw int32 rows, raw float64 lower, raw float64 x",
+        "float64 y",
+        _ROW,
+        "skfem_adini_symmetric_row",
+    )
+
+
+# cuDSS's number of the estimates, how many they are, and which of them are the largest use of the
+# device, that of the host, and the least use of the device in hybrid mode.
+_ESTIMATES, _COUNT = 13, 16
+_PEAK, _HOST, _HYBRID = 1, 3, 4
+
+
+def check_memory(
+    cudss: Any, hybrid: bool, more: int, devices: tuple[int, ...] | None = None
+) -> None:
+    """Raise if the factorisation needs more memory than is free; call it after the analysis.
+
+    Parameters
+    ----------
+    cudss
+        The handles, after the analysis.
+    hybrid
+        Whether the factors may lie on the host.
+    more
+        Bytes on the device that are needed beside the factors.
+    devices
+        Numbers of the devices that share the factors; what is free on all of them counts.
+
+    Raises
+    ------
+    DeviceMemory
+    """
+    estimates = _estimates(cudss)
+    least = int(estimates[_HYBRID]) + more
+    needed = least if hybrid else int(estimates[_PEAK]) + more
+    if devices is None and needed <= _unused(cudss.xp):
+        return
+    each = free_memories(cudss.xp, devices)
+    if each is None:
+        return
+    free = sum(each)
+    if needed > free:
+        raise DeviceMemory(needed, free, None if hybrid or least > free else least, more)
+
+
+def memory(cudss: Any) -> dict[str, int]:
+    """The most bytes of the device and of the host, after the analysis."""
+    estimates = _estimates(cudss)
+    return {"device": int(estimates[_PEAK]), "host": int(estimates[_HOST])}
+
+
+def _estimates(cudss: Any) -> Any:
+    return cudss.get(_ESTIMATES, (ctypes.c_int64 * _COUNT)())
+
+
+def _unused(xp: Any) -> int:
+    """Bytes of the device that nobody keeps; -1 where there is no device.
+
+    To release what CuPy keeps takes milliseconds, and so does to allocate it again.
+    """
+    return int(xp.cuda.runtime.memGetInfo()[0]) if hasattr(xp, "cuda") else -1
+
+
+def free_memories(xp: Any, devices: tuple[int, ...] | None) -> list[int] | None:
+    """Bytes that are free on each of the devices; None where there is no device."""
+    found = []
+    for device in devices or (None,):
+        with on_device(xp, None if device is None else (device,)):
+            free = free_memory(xp)
+        if free is None:
+            return None
+        found.append(free)
+    return found
+
+
+def free_memory(xp: Any) -> int | None:
+    """Bytes of the device that are free, those that CuPy keeps for later among them."""
+    if not hasattr(xp, "cuda"):
+        return None
+    xp.get_default_memory_pool().free_all_blocks()
+    return int(xp.cuda.runtime.memGetInfo()[0])

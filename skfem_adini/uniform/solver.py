@@ -14,7 +14,6 @@ from skfem_adini.arguments.dof_numbers import dof_numbers
 from skfem_adini.arguments.real_numbers import real_array
 from skfem_adini.errors import InputError
 from skfem_adini.uniform.symbols import continuous_eigenvalue, extended_eigenvalue
-from skfem_adini.uniform.tensor_nodes import tensor_nodes
 from skfem_adini.uniform.transforms import BlockDiagonalGrid
 
 Array = NDArray[np.float64]
@@ -398,3 +397,11 @@ def _numbers(name: str, value: Any, count: int, zero: bool = False) -> tuple[flo
         kind = "not negative" if zero else "positive"
         raise InputError(f"{name}: expected {kind} and finite, got {value!r}")
     return tuple(float(number) for number in numbers)
+
+
+def tensor_nodes(grid: Sequence[int]) -> NDArray[np.intp]:
+    """Return the vertex numbers of `init_tensor` as an array over the grid, of shape `grid`."""
+    if len(grid) == 2:
+        return np.arange(np.prod(grid)).reshape(grid)
+    x, y, z = grid
+    return np.arange(np.prod(grid)).reshape(z, x, y).transpose(1, 2, 0).copy()

@@ -147,9 +147,9 @@ def test_a_full_disk(monkeypatch):
 
 
 def test_kernels_asked_for_in_threads():
-    from skfem_adini.curved.quadrature import compiled_kernels
+    from skfem_adini.curved.quadrature import cut_quadrature
 
-    compiled_kernels.compiled_cut_boxes.cache_clear()
+    cut_quadrature.compiled_cut_boxes.cache_clear()
     with ThreadPoolExecutor(8) as pool:
-        found = {pool.submit(compiled_kernels.compiled_cut_boxes).result() for _ in range(8)}
+        found = {pool.submit(cut_quadrature.compiled_cut_boxes).result() for _ in range(8)}
     assert len(found) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any, Self
@@ -10,9 +11,95 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays, arrays_on
-from contact.body.layers.block_loads import BlockLoads
-from contact.body.layers.cell_stencil import CellStencil
-from contact.body.layers.layers import PER_NODE
+from contact.body.layers.layers import PER_NODE, CellRows
+from contact.body.solid import Solid
+from contact.errors import InputError
+
+
+class BlockLoads(Solid):
+    """What a `LayeredBlock` keeps of its load.
+
+    Tractions act on the dofs of an edge, few among all. While nothing else is loaded the vector of
+    all dofs is read-only, so that snapshots and devices need no copy of it, and its other entries
+    are known to be zero. Who takes `f` gets a vector that may be edited, as of any body.
+
+    Attributes
+    ----------
+    arrays : HostArrays
+        Where the body computes.
+    """
+
+    arrays = HostArrays()
+    _acting: NDArray[np.int64] | None = None  # dofs that may be loaded, ascending; None: any
+
+    def _unload(self, size: int) -> None:
+        """No load on so many dofs."""
+        self._f, self._acting = np.zeros(size), np.zeros(0, dtype=np.int64)
+        self._f.flags.writeable = False
+
+    @property
+    def f(self) -> Array:
+        """Load on every dof, shape (ndofs,)."""
+        if self._acting is not None:
+            self._f, self._acting = self._f.copy(), None
+        return self._f
+
+    @f.setter
+    def f(self, value: Array) -> None:
+        self._f, self._acting = self._checked_load(value), None
+
+    def _add(self, loads: Sequence[tuple[NDArray[np.int64], Array]]) -> None:
+        """Load some dofs besides, in each of the loads every dof once.
+
+        Raises
+        ------
+        InputError
+            The sum is not finite.
+        """
+        acting = self._acting
+        if acting is None:
+            f = self._f.copy()
+        else:
+            f = np.zeros(self.ndofs)  # pages that nobody writes to cost nothing
+            f[acting] = self._f[acting]
+            acting = np.unique(np.concatenate([acting, *[dofs for dofs, _ in loads]]))
+        with np.errstate(over="ignore"):
+            for dofs, forces in loads:
+                f[dofs] += forces
+        if not all(np.all(np.isfinite(f[dofs])) for dofs, _ in loads):
+            raise InputError("f: the loads add up to values that are not finite")
+        f.flags.writeable = acting is None
+        self._f, self._acting = f, acting
+
+    @property
+    def loads(self) -> Array:
+        """The load on every dof, to be read only, shape (ndofs,)."""
+        return self._f
+
+    def check_unchanged(self) -> None:
+        """Raise an `InputError` if the loads were edited in place to values that are not finite."""
+        if self._acting is None:
+            super().check_unchanged()
+
+    def snapshot(self) -> Self:
+        """A copy for a result, which later loads and supports do not change."""
+        if self._acting is None:
+            return super().snapshot()
+        other: Self = self.__copy__()
+        return other
+
+    def placed(self, v: Any) -> Any:
+        """A vector of all dofs in the memory of the device that applies the stiffness.
+
+        Of the block's own load only what acts is copied to a device; the zeros it makes itself.
+        """
+        xp = self.arrays.xp
+        if v is not self._f or self._acting is None or xp is np:
+            return xp.asarray(v)
+        load, at = xp.zeros(v.size), xp.asarray(self._acting)
+        load[at] = xp.asarray(v[self._acting])
+        return load
+
 
 Array = NDArray[np.float64]
 
@@ -116,3 +203,85 @@ class BlockVectors(BlockLoads):
         # A device adds numbers that lie side by side in a hundredth of the time.
         parts = (self.arrays.xp.ascontiguousarray(forces[q::PER_NODE]) for q in (0, 1))
         return np.array([float(part.sum()) for part in parts])
+
+
+_CHUNK = 1 << 12  # cells whose dofs are gathered at a time: about what the cache holds
+
+
+class CellStencil:
+    """``S @ u`` and |S| |u| for layers of equal cells; only element matrices are stored.
+
+    Parameters
+    ----------
+    columns : int
+    layers : list of CellRows
+        From the bottom up.
+    arrays : HostArrays
+        Where to compute; products are returned where the vectors lie.
+    """
+
+    def __init__(self, columns: int, layers: list[CellRows], arrays: HostArrays) -> None:
+        self.columns, self.layers, self.arrays = columns, layers, arrays
+
+    def __matmul__(self, u: Any) -> Any:
+        """Forces of all dofs."""
+        on_device = self.arrays.xp.asarray(u).reshape(-1, self.columns + 1, PER_NODE)
+        force = self._apply(on_device, absolute=False).ravel()
+        return self.arrays.get(force) if isinstance(u, np.ndarray) else force
+
+    def residual(
+        self, u: Any, external: Any, size: Any, held: NDArray[np.int64], cell: float
+    ) -> tuple[float, float]:
+        """Largest component of ``S u + external`` and of ``|S| |u| + size`` at the free dofs.
+
+        Parameters
+        ----------
+        u, external, size : arrays, shape (ndofs,), on the host or the device
+        held : ndarray of int
+            Dofs that do not count.
+        cell : float
+            Length that derivatives are multiplied by, and their forces divided by.
+        """
+        xp = self.arrays.xp
+        shape = (-1, self.columns + 1, PER_NODE)
+        per_length = xp.asarray([1.0, 1.0] + [1.0 / cell] * 4)
+        dofs, place = xp.asarray(u).reshape(shape), xp.asarray(held)
+        largest = []
+        for values, more, absolute in ((dofs, external, False), (xp.abs(dofs), size, True)):
+            force = self._apply(values, absolute) + xp.asarray(more).reshape(shape)
+            force *= per_length
+            force.ravel()[place] = 0.0
+            largest.append(float(xp.abs(force).max()))
+        return largest[0], largest[1]
+
+    def strips(self, step: int) -> Iterator[tuple[Array, tuple[Any, ...]]]:
+        """Element matrix of so many rows of cells at a time, and where their four corners are.
+
+        The places index the first two axes of an array of the nodes; corners are ordered as in
+        `CellRows`.
+        """
+        n, first = self.columns, 0
+        left, right = slice(0, n), slice(1, n + 1)
+        for layer in self.layers:
+            for low in range(first, first + layer.height, step):
+                high = min(low + step, first + layer.height)
+                below, above = slice(low, high), slice(low + 1, high + 1)
+                corners = (below, left), (below, right), (above, right), (above, left)
+                yield layer.stiffness, corners
+            first += layer.height
+
+    def _apply(self, u: Any, absolute: bool) -> Any:
+        xp = self.arrays.xp
+        force = xp.zeros_like(u)
+        step = max(1, _CHUNK // self.columns) if xp is np else u.shape[0]
+        for stiffness, corners in self.strips(step):
+            K = xp.asarray(np.abs(stiffness) if absolute else stiffness)
+            cells = xp.concatenate([u[c] for c in corners], axis=2)
+            if not absolute:
+                # No force comes from a translation: without it, rounding is that of strains.
+                values = cells.reshape(*cells.shape[:2], 4, PER_NODE)[..., :2]
+                values -= values[:, :, :1].copy()
+            local = (cells.reshape(-1, 4 * PER_NODE) @ K).reshape(cells.shape)
+            for k, c in enumerate(corners):
+                force[c] += local[:, :, PER_NODE * k : PER_NODE * (k + 1)]
+        return force

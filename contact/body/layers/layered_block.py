@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from skfem import Basis, ElementVector, MeshQuad
 from skfem.element import Element
 
 from contact.body.boundary_names import select_components
 from contact.body.constitutive import IsotropicLaw
+from contact.body.deferred_basis import DeferredBasis
 from contact.body.elastic_body import ElasticBody, Field
 from contact.body.layers.block_vectors import BlockVectors
-from contact.body.layers.bottom_row import LowestRow
-from contact.body.layers.edges import SIDES, built_edge, prescribed_on_edges, strip
-from contact.body.layers.evaluation import located, shape_functions
 from contact.body.layers.layers import (
     PER_NODE,
     CellRows,
+    Layer,
     checked_path,
     each_side,
     grid,
@@ -38,6 +38,66 @@ from contact.body.supports import live_rows
 from contact.errors import InputError
 from contact.settled import settled
 from skfem_adini import ElementQuadAdini
+
+SIDES = ("left", "right", "top")
+
+
+def built_edge(block: Any, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
+    """One line of cells along an edge of a `LayeredBlock`, and its dofs in the block."""
+    y = block.y
+    if name in ("top", "bottom"):
+        at = slice(-2, None) if name == "top" else slice(0, 2)
+        cell = block.cell_bodies[-1 if name == "top" else 0]
+        row = strip(block, grid(block.x, y[at]), cell, intorder=1)
+        start = block.ndofs - row.ndofs if name == "top" else 0
+        return row, start + np.arange(row.ndofs)
+    i = np.array([0, 1] if name == "left" else [block.columns - 1, block.columns])
+    nodes = (block.columns + 1) * np.arange(y.size)[:, None] + i
+    dofs = PER_NODE * nodes.ravel()[:, None] + np.arange(PER_NODE)
+    # Its material is not looked at: edges serve supports and tractions.
+    return strip(block, grid(block.x[i], y), block.cell_bodies[0], intorder=1), dofs.ravel()
+
+
+def strip(block: Any, mesh: MeshQuad, cell: ElasticBody, intorder: int | None) -> ElasticBody:
+    """A body of some cells of a block, without supports."""
+    element = ElementVector(ElementQuadAdini(1))
+    # Edges serve supports and tractions, which need no shape functions inside the cells.
+    basis = Basis(mesh, element) if intorder is None else DeferredBasis(mesh, element, intorder)
+    return ElasticBody(basis, E=cell.E, nu=cell.nu, plane=block.plane)
+
+
+def prescribed_on_edges(block: Any) -> tuple[NDArray[np.int64], Array]:
+    """Dofs of a block with a prescribed displacement, ascending, and its values.
+
+    Raises
+    ------
+    InputError
+        Two prescriptions contradict each other.
+    """
+    dofs, values = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    for name in SIDES:
+        own = [(c, value) for b, c, value in block._supports if b == name]
+        if own:
+            edge, place = block._edge(name)
+            for c, value in own:
+                edge.fix(edge.facets(name), c, value)
+            P, u0 = edge.constraint
+            held = np.diff(P.indptr) == 0
+            dofs.append(place[held])
+            values.append(u0[held])
+    besides = vanishing(block, block.node_rows)
+    besides = np.setdiff1d(besides, np.concatenate(dofs))
+    dofs.append(besides)
+    values.append(np.zeros(besides.size))
+    where, value = np.concatenate(dofs), np.concatenate(values)
+    found, first, inverse = np.unique(where, return_index=True, return_inverse=True)
+    # A derivative is compared as the displacement it makes along a cell.
+    cell = np.tile([1.0, 1.0, *[block.cell_size] * 4], 1)[found % PER_NODE]
+    size = float(np.abs(value * cell[inverse]).max(initial=0.0))
+    if np.any(np.abs(value - value[first][inverse]) * cell[inverse] > 1e-10 * size):
+        raise InputError("value: two prescribed displacements differ where they meet")
+    return found, value[first]
+
 
 Array = NDArray[np.float64]
 
@@ -385,3 +445,67 @@ class LayeredBlock(BlockVectors):
         )
 
     mesh = element = basis
+
+
+class LowestRow(ElasticBody):
+    """The bottom row of cells of a `LayeredBlock`; only its edge "bottom" may be in contact."""
+
+    def whole_facets(self, boundary: Any) -> NDArray[np.int64]:
+        """Facets of "bottom", given by name: facet numbers would belong to another mesh."""
+        names = [boundary] if isinstance(boundary, str) else boundary
+        if not isinstance(names, list | tuple) or any(not isinstance(n, str) for n in names):
+            raise InputError(
+                f"boundary={boundary!r}: a LayeredBlock meets obstacles on its 'bottom', by that "
+                "name; block.elastic() takes facet numbers"
+            )
+        return super().whole_facets(boundary)
+
+
+class Layered(Protocol):
+    """What is asked of a `LayeredBlock`; `cell_bodies` are bodies of one cell, one a layer."""
+
+    width: float
+    height: float
+    columns: int
+    layers: list[Layer]
+    cell_bodies: list[Any]
+
+
+def located(block: Layered, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
+    """Layer of each point, and its place in units of that layer's cells, three of shape (npoints,).
+
+    Raises
+    ------
+    InputError
+        A point lies outside the block.
+    """
+    x, y = points
+    width, height = block.width, block.height
+    slack = 1e-12 * max(width, height)  # rounding of the coordinates
+    outside = (x < -slack) | (x > width + slack) | (y < -slack) | (y > height + slack)
+    if np.any(outside):
+        raise InputError(f"points: {points[:, np.argmax(outside)]} lies outside the block")
+    bottoms, size = np.array([(l.bottom, l.height / l.cells) for l in block.layers]).T
+    at = np.clip(np.searchsorted(bottoms, y, side="right") - 1, 0, None)
+    return at, x * block.columns / width, (y - bottoms[at]) / size[at]
+
+
+def shape_functions(
+    block: Layered, u: Array, points: Array
+) -> Iterator[tuple[NDArray[np.int64], Any, Array]]:
+    """For each layer and local basis function: points in it, the function, its dof's values."""
+    at, columns, rows = located(block, points)
+    for k, (layer, cell) in enumerate(zip(block.layers, block.cell_bodies, strict=True)):
+        here = np.flatnonzero(at == k)
+        if here.size == 0:
+            continue
+        i = np.clip(columns[here].astype(np.int64), 0, block.columns - 1)
+        j = np.clip(rows[here].astype(np.int64), 0, layer.cells - 1)
+        X = np.stack((columns[here] - i, rows[here] - j))
+        corner = (block.columns + 1) * (layer.first + j) + i
+        above = block.columns + 1
+        nodes = (corner, corner + 1, corner + above + 1, corner + above)
+        basis = cell.basis
+        for local in range(basis.Nbfun):
+            field = basis.elem.gbasis(basis.mapping, X, local)[0]
+            yield here, field, u[PER_NODE * nodes[local // PER_NODE] + local % PER_NODE]

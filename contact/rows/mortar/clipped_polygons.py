@@ -12,16 +12,16 @@ second order are not covered up to their curved edges.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import roots_jacobi
 
 from contact.errors import InputError
-from contact.rows.mortar.convex_polygons import anticlockwise, common, measured, triangles
-from contact.rows.mortar.face_maps import FaceMaps
-from contact.rows.mortar.facet_planes import FacetPlanes
+from contact.rows.mortar.face_maps import FaceMaps, shapes
 from contact.rows.mortar.interface_quadrature import InterfaceQuadrature
-from contact.rows.mortar.nearest_polygons import nearest_polygons
 from contact.rows.outline import reference_corners
 
 Array = NDArray[np.float64]
@@ -187,3 +187,310 @@ def middle_normals(maps: FaceMaps, at_corners: Array) -> Array:
     place = reference_corners(3, maps.corners).mean(axis=1)
     n = maps.normal(facets, np.repeat(place[:, None], facets.size, axis=1))
     return np.asarray(n * np.sign(np.sum(n * at_corners.sum(axis=2), axis=0)))
+
+
+# Part of a facet that two polygons may have in common by rounding.
+OVERLAP = 1e-10
+
+
+def nearest_polygons(
+    polygon: Array,
+    size: Index,
+    facet: Index,
+    area: Array,
+    distance: Callable[[Index, Array], Array],
+) -> tuple[Array, Index, Index]:
+    """Cut what is hidden by nearer polygons out of the polygons of each facet.
+
+    Which of two is nearer is decided in the middle of what they have in common.
+
+    Parameters
+    ----------
+    polygon, size
+        See `contact.rows.mortar.clipped_polygons`, with the interior on the left.
+    facet : ndarray of int, shape (n,)
+        The facet in whose plane each polygon lies.
+    area : ndarray, shape (nfacets,)
+    distance : callable (k, place) -> d
+        Distance of polygons k from the facet at places of shape (2, len(k)).
+
+    Returns
+    -------
+    polygon, size
+        The pieces that are left.
+    source : ndarray of int
+        The polygon that each is a piece of.
+    """
+    source = np.arange(size.size)
+    while True:
+        own = facet[source]
+        covered = np.bincount(own, measured(polygon, size)[0], area.size)
+        a, b = _neighbours(own, covered > area * (1.0 + OVERLAP))
+        both, corners = common(polygon[a], size[a], polygon[b], size[b])
+        shared, middle = measured(both, corners)
+        real = (shared > OVERLAP * area[own[a]]) & (source[a] != source[b])
+        a, b, middle = a[real], b[real], middle[real]
+        far = np.where(distance(source[a], middle.T) > distance(source[b], middle.T), a, b)
+        # Of each piece one nearer one is cut out at a time.
+        cut, first = np.unique(far, return_index=True)
+        if not cut.size:
+            return polygon, size, source
+        near = np.where(far == a, b, a)[first]
+        parts = [
+            (part, corners, source[cut])
+            for part, corners in outside(polygon[cut], size[cut], polygon[near], size[near])
+        ]
+        rest = np.setdiff1d(np.arange(size.size), cut)
+        parts.append((polygon[rest], size[rest], source[rest]))
+        width = max(part.shape[1] for part, _, _ in parts)
+        polygon = np.concatenate([padded(part, width) for part, _, _ in parts])
+        size, source = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+        kept = measured(polygon, size)[0] > OVERLAP * area[facet[source]]
+        polygon, size, source = polygon[kept], size[kept], source[kept]
+
+
+def _neighbours(own: Index, crowded: NDArray[np.bool_]) -> tuple[Index, Index]:
+    """All pairs of polygons of one crowded facet."""
+    member = np.flatnonzero(crowded[own])
+    member = member[np.argsort(own[member], kind="stable")]
+    _, start, count = np.unique(own[member], return_index=True, return_counts=True)
+    behind = np.repeat(start + count, count) - np.arange(member.size) - 1
+    one = np.repeat(np.arange(member.size), behind)
+    ahead = np.arange(one.size) - np.repeat(np.cumsum(behind) - behind, behind) + 1
+    return member[one], member[one + ahead]
+
+
+# Convex polygons in the plane, many at once: cut by lines, cut out of each other, measured.
+#
+# Polygons are padded arrays of corners, shape (n, k, 2), with the number of corners of each, (n,).
+
+
+def anticlockwise(corners: Array) -> Array:
+    """Polygons, shape (n, k, 2), with the interior on the left."""
+    x, y = corners[..., 0], corners[..., 1]
+    area = np.sum(x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y, axis=1)
+    return np.where((area < 0)[:, None, None], corners[:, ::-1], corners)
+
+
+def clipped(polygon: Array, size: Index, a: Array, b: Array) -> tuple[Array, Index]:
+    """The part of each polygon on the left of the line from a to b, shapes (n, 2).
+
+    References
+    ----------
+    I. E. Sutherland and G. W. Hodgman, Reentrant polygon clipping, Comm. ACM 17 (1974).
+
+    Examples
+    --------
+    >>> square = np.array([[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]])
+    >>> left = clipped(square, np.array([4]), np.array([[0.25, 0.0]]), np.array([[0.25, 1.0]]))
+    >>> measured(*left)[0].tolist()
+    [0.25]
+    """
+    count, width = polygon.shape[:2]
+    index = np.arange(width)
+    real = index < size[:, None]
+    after = np.where(index + 1 < size[:, None], index + 1, 0)
+    following = np.take_along_axis(polygon, after[..., None], axis=1)
+    way = b - a
+
+    def height(p: Array) -> Array:
+        off = p - a[:, None]
+        return np.asarray(way[:, None, 0] * off[..., 1] - way[:, None, 1] * off[..., 0])
+
+    here, there = height(polygon), height(following)
+    crossing = real & ((here >= 0) != (there >= 0))
+    share = here / np.where(crossing, here - there, 1.0)
+    cut = polygon + share[..., None] * (following - polygon)
+    # Each corner is followed by the place where its edge meets the line.
+    points = np.stack((polygon, cut), axis=2).reshape(count, 2 * width, 2)
+    keep = np.stack((real & (here >= 0), crossing), axis=2).reshape(count, 2 * width)
+    order = np.argsort(~keep, axis=1, kind="stable")
+    size = keep.sum(axis=1)
+    width = max(3, int(size.max(initial=0)))
+    return np.take_along_axis(points, order[..., None], axis=1)[:, :width], size
+
+
+def edges(polygon: Array, size: Index, k: int) -> tuple[Array, Array]:
+    """Ends of edge k of each polygon, shapes (n, 2); the last edge of those with fewer."""
+    rows = np.arange(size.size)
+    start = np.minimum(k, np.maximum(size, 1) - 1)
+    end = np.where(start + 1 < size, start + 1, 0)
+    return polygon[rows, start], polygon[rows, end]
+
+
+def common(polygon: Array, size: Index, window: Array, sides: Index) -> tuple[Array, Index]:
+    """The part of each polygon inside a window, which is one too."""
+    for k in range(window.shape[1]):
+        polygon, size = clipped(polygon, size, *edges(window, sides, k))
+    return polygon, size
+
+
+def outside(polygon: Array, size: Index, window: Array, sides: Index) -> list[tuple[Array, Index]]:
+    """The part of each polygon outside a window, as convex pieces, one for every edge.
+
+    A piece is beyond its edge and within the edges before.
+    """
+    pieces = []
+    for k in range(window.shape[1]):
+        a, b = edges(window, sides, k)
+        beyond, corners = clipped(polygon, size, b, a)
+        pieces.append((beyond, np.where(k < sides, corners, 0)))
+        polygon, size = clipped(polygon, size, a, b)
+    return pieces
+
+
+def measured(polygon: Array, size: Index) -> tuple[Array, Array]:
+    """Area and middle of the corners of each polygon, shapes (n,) and (n, 2)."""
+    real = np.arange(polygon.shape[1]) < size[:, None]
+    middle = np.sum(np.where(real[..., None], polygon, 0.0), axis=1) / np.maximum(size, 1)[:, None]
+    return triangles(polygon, size, middle)[2].sum(axis=1), middle
+
+
+def triangles(polygon: Array, size: Index, middle: Array) -> tuple[Array, Array, Array]:
+    """Edges of the polygons from the middle, and areas of the triangles; zero where padded."""
+    index = np.arange(polygon.shape[1])
+    after = np.where(index + 1 < size[:, None], index + 1, 0)
+    one = polygon - middle[:, None]
+    two = np.take_along_axis(polygon, after[..., None], axis=1) - middle[:, None]
+    area = 0.5 * (one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0])
+    return one, two, np.where(index < size[:, None], area, 0.0)
+
+
+def padded(polygon: Array, width: int) -> Array:
+    """Polygons with room for a given number of corners."""
+    return np.pad(polygon, ((0, 0), (0, width - polygon.shape[1]), (0, 0)))
+
+
+# Mean planes of facets in space, in which facets are cut by those of the other side.
+#
+# The corners of a facet, projected onto its mean plane along the normal in its middle, span a
+# straight polygon; a place X of the reference facet has its image p(X) there by the (bi)linear map
+# of the corners. A facet of second order, or a warped one, is taken to the polygon by way of X, so
+# that all of it is covered, and two facets agree about the edge between them.
+#
+# A place y of the other side is taken to p(X) where the averaged normal n(X) from the facet meets
+# it,
+#
+# .. math:: x(X) + g \, n(X) = y,
+#
+# by fixed-point steps. Beyond the facet n and the height of x above the plane are those of the
+# nearest place of the facet. So every place has an image, also where normals diverge, and
+# neighbouring facets of the other side have neighbouring images, which neither overlap nor leave
+# gaps.
+
+
+# The error falls by gap over radius of curvature a step. Where that is large nothing is in contact.
+STEPS, SETTLED = 40, 1e-14
+# Least cosine between an averaged normal and that of the plane which is used as it is.
+STEEP = 0.1
+
+
+@dataclass(frozen=True)
+class FacetPlanes:
+    """The mean planes of the facets of a boundary.
+
+    Attributes
+    ----------
+    maps : FaceMaps
+    origin : ndarray, shape (3, nfacets)
+        Means of the corners.
+    axes : ndarray, shape (3, 3, nfacets)
+        Orthonormal; the last is the outward normal.
+    polygon : ndarray, shape (2, nfacets, ncorners)
+        The corners in the plane, in ring order.
+    """
+
+    maps: FaceMaps
+    origin: Array
+    axes: Array
+    polygon: Array
+
+    @classmethod
+    def of(cls, maps: FaceMaps, outward: Array) -> FacetPlanes:
+        """The planes of facets with given unit normals in their middle, shape (3, nfacets)."""
+        corners = maps.nodes[:, :, : maps.corners]
+        origin = corners.mean(axis=2)
+        side = corners[:, :, 1] - corners[:, :, 0]
+        one = side - np.sum(side * outward, axis=0) * outward
+        one /= np.linalg.norm(one, axis=0)
+        axes = np.stack((one, np.cross(outward, one, axis=0), outward), axis=1)
+        polygon = np.einsum("daf,dfk->afk", axes[:, :2], corners - origin[..., None])
+        return cls(maps, origin, axes, polygon)
+
+    def area(self) -> Array:
+        """Areas of the polygons, shape (nfacets,)."""
+        x, y = self.polygon
+        turn = x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y
+        return np.abs(0.5 * turn.sum(axis=1))
+
+    def spread(self) -> Array:
+        """Largest tangent of the angles between averaged normals and that of the plane."""
+        up = np.maximum(np.einsum("df,dfk->fk", self.axes[:, 2], self.maps.normals), STEEP)
+        return np.asarray((np.sqrt(np.maximum(1.0 - up**2, 0.0)) / up).max(axis=1))
+
+    def place(self, facet: Index, X: Array) -> Array:
+        """Images p(X) in the plane, shape (2, n)."""
+        return np.einsum("ank,kn->an", self.polygon[:, facet], shapes(X, self.maps.corners)[0])
+
+    def stretch(self, facet: Index, X: Array) -> Array:
+        """Area of the facet over that of the polygon, shape (n,)."""
+        slope = shapes(X, self.maps.corners)[1]
+        flat = np.einsum("ank,kin->ain", self.polygon[:, facet], slope)
+        t = self.maps.tangents(facet, X)
+        area = np.linalg.norm(np.cross(t[:, 0], t[:, 1], axis=0), axis=0)
+        return np.asarray(area / np.abs(flat[0, 0] * flat[1, 1] - flat[0, 1] * flat[1, 0]))
+
+    def inverse(self, facet: Index, p: Array) -> Array:
+        """Coordinates X of places p of the plane, shape (2, n); some X where p has none."""
+        ring = self.polygon[:, facet]
+        q, b = p - ring[..., 0], ring[..., 1] - ring[..., 0]
+        c = ring[..., -1] - ring[..., 0]
+        if self.maps.corners == 3:
+            turn = _cross(b, c)
+            return np.array([_cross(q, c) / turn, _cross(b, q) / turn])
+        # q = s b + t c + s t d gives a quadratic equation for t. The determinant of the map is its
+        # derivative at the root, which therefore has the sign of the ring.
+        d = ring[..., 2] - ring[..., 1] - c
+        sign = np.sign(_cross(b, c) + 0.5 * (_cross(b, d) + _cross(d, c)))
+        two, one, none = -_cross(c, d) * sign, (_cross(q, d) + _cross(b, c)) * sign, _cross(q, b)
+        none = none * sign
+        root = np.sqrt(np.maximum(one**2 - 4.0 * two * none, 0.0))
+        small = one < 0
+        above = np.where(small, root - one, -2.0 * none)
+        below = np.where(small, 2.0 * two, one + root)
+        t = above / np.where(below == 0, 1.0, below)
+        along = b + t * d
+        length = np.sum(along**2, axis=0)
+        s = np.sum((q - t * c) * along, axis=0) / np.where(length == 0, 1.0, length)
+        return np.array([s, t])
+
+    def image(self, facet: Index, y: Array) -> Array:
+        """Images of places y of the other side, along averaged normals, shape (2, n)."""
+        origin, axes = self.origin[:, facet], self.axes[:, :, facet]
+        off = np.einsum("dan,dn->an", axes, y - origin)
+        size = np.sqrt(self.area()[facet])
+        least = SETTLED + 8.0 * np.spacing(np.abs(y).max(initial=0.0)) / size
+        p = off[:2]
+        for _ in range(STEPS):
+            X = self._within(self.inverse(facet, p))
+            n = np.einsum("dan,dn->an", axes, self.maps.direction(facet, X))
+            lift = np.einsum("dan,dn->an", axes, self.maps.at(facet, X) - origin)
+            lift[:2] -= self.place(facet, X)
+            gap = (off[2] - lift[2]) / np.maximum(n[2], STEEP)
+            new = off[:2] - lift[:2] - gap * n[:2]
+            change = np.abs(new - p).max(axis=0) / size
+            p = new
+            if np.all(change <= least):
+                break
+        return p
+
+    def _within(self, X: Array) -> Array:
+        """The nearest place of the reference facet, or one next to it."""
+        if self.maps.corners == 4:
+            return np.clip(X, 0.0, 1.0)
+        L = np.maximum(np.array([1.0 - X[0] - X[1], X[0], X[1]]), 0.0)
+        return np.asarray((L / L.sum(axis=0))[1:])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[0] * b[1] - a[1] * b[0])

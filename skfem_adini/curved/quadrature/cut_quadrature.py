@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.arguments.finite_numbers import finite_numbers
-from skfem_adini.curved.quadrature.compiled_kernels import compiled_cut_boxes
 from skfem_adini.curved.quadrature.level_set import LevelSet, TruthTable, as_level_set
 from skfem_adini.curved.quadrature.polygon import Polygon, cut_polygon
 from skfem_adini.curved.quadrature.polynomial_boxes import AccurateBoxes, accurate_boxes
 from skfem_adini.errors import InputError
+from skfem_adini.jit import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -337,3 +339,27 @@ def _checked_cells(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
     if not (high > low).all():
         raise InputError("lower, upper: the cells need positive sides")
     return low, high
+
+
+# Several threads may request the kernels at once; the lock lets one of them replace the functions.
+_lock = threading.Lock()
+
+
+@lru_cache
+def compiled_cut_boxes() -> Callable[..., Any]:
+    """Return `graph_boxes.cut_boxes`, compiled by numba, with all that it calls.
+
+    The compiled functions replace the plain ones in their modules, callees first, so that calls
+    find them.
+    """
+    from skfem_adini.curved.quadrature import bernstein_kernels, graph_boxes, graph_rules
+
+    with _lock:
+        for module in (bernstein_kernels, graph_rules, graph_boxes):
+            for name in module.KERNELS:
+                kernel = getattr(module, name)
+                if isinstance(kernel, FunctionType):
+                    wrapped = name == "cut_boxes"
+                    kernel = compiled(kernel, no_cpython_wrapper=not wrapped, no_cfunc_wrapper=True)
+                    setattr(module, name, kernel)
+    return graph_boxes.cut_boxes

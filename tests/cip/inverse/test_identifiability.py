@@ -6,7 +6,7 @@ from truths import FIELD, field, snapshots
 
 from cip import Grid, IdentifiabilityWarning, Solver, SplineVelocity, Velocity, identify_velocity
 from cip.inverse.observations import Data
-from cip.inverse.prediction import Prediction
+from cip.inverse.problem import Prediction
 
 GRID = Grid((0, 1), 100, periodic=True)
 

@@ -5,8 +5,8 @@ import pytest
 
 from cip import Grid, State
 from cip.formulas.formula import Formula
-from cip.sources.nodal_moments import NodalMoments
 from cip.sources.products import Products
+from cip.sources.reaction import NodalMoments
 
 LINE = np.linspace(0, 1, 9)
 GRIDS = {

@@ -31,7 +31,7 @@ from contact import (
 )
 from contact.body.cell_strains import internal_forces, strain_rows
 from contact.body.rigid_modes import describe_motion, rigid_modes
-from contact.result.recovery import nodal_stress
+from contact.result.body_result import nodal_stress
 from skfem_adini import ElementQuadAdini
 
 RING = {"plane": "axisymmetric"}

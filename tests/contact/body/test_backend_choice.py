@@ -6,14 +6,14 @@ import pytest
 import skfem
 
 from contact import DistributedBody, InputError
-from contact.body import backend_choice
-from contact.body.backend_choice import choose_backend, factor_memory
+from contact.body import distributed_body
+from contact.body.distributed_body import choose_backend, factor_memory
 
 
 @pytest.fixture(autouse=True)
 def with_petsc(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend_choice, "has_petsc", lambda: True)
-    monkeypatch.setattr(backend_choice, "physical_memory", lambda: 16e9)
+    monkeypatch.setattr(distributed_body, "has_petsc", lambda: True)
+    monkeypatch.setattr(distributed_body, "physical_memory", lambda: 16e9)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_the_choice_and_its_reason(
 
 
 def test_one_process_without_petsc_is_condensed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend_choice, "has_petsc", lambda: False)
+    monkeypatch.setattr(distributed_body, "has_petsc", lambda: False)
     assert choose_backend(10**7, 10**5, 3, 1)[0] == "mumps"
 
 

@@ -17,7 +17,7 @@ from skfem import (
     MeshWedge1,
 )
 
-from contact.body.mesh_facets import number_facets
+from contact.body.cell_check import number_facets
 
 
 def shuffled(mesh):

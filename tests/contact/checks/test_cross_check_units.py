@@ -114,7 +114,7 @@ def test_verdicts(make, monkeypatch):
     from dataclasses import replace
 
     problem, result = make.solved()
-    module = importlib.import_module("contact.checks.split_program")
+    module = importlib.import_module("contact.checks.frozen_problem")
     assert cross_check(problem, replace(result, u=1.01 * result.u)).verdict == "disagrees"
 
     def gives_up(*program):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contact.checks.tie_elimination import TieElimination
+from contact.checks.frozen_problem import TieElimination
 
 
 @settings(deadline=None, max_examples=60)

@@ -24,9 +24,9 @@ from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.schur import SuperLUSchur
 from contact.errors import ContactError, MissingDependency
 from skfem_adini import ElementHexAdini, ElementQuadAdini
-from skfem_adini.solvers import cudss_memory
+from skfem_adini.solvers import cudss
+from skfem_adini.solvers.cudss import DissectionTree
 from skfem_adini.solvers.cudss_schur import CudssSchur
-from skfem_adini.solvers.cudss_tree import DissectionTree
 from tests.contact.condensation.device_cases import CASES, Elsewhere, bowl, box_body, held
 
 
@@ -130,7 +130,7 @@ def test_factors_that_do_not_fit_lie_on_the_host(engine, make, monkeypatch, capl
     host = held(make, ElementQuad1).solve()
     engine.estimates[1], engine.estimates[4] = 2**30, 2**20
     free = [2**28]
-    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: free[0])
+    monkeypatch.setattr(cudss, "free_memory", lambda xp: free[0])
     caplog.set_level("INFO", logger=device_schur.__name__)
     problem = held(make, ElementQuad1)
     condensed = problem.condense("cuda")

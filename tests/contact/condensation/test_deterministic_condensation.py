@@ -14,7 +14,7 @@ from contact.condensation.factor_compliance import FactorCompliance
 from contact.condensation.solved_body import SolvedBody
 from contact.errors import ContactError
 from skfem_adini import ElementQuadAdini
-from skfem_adini.solvers import cudss_memory
+from skfem_adini.solvers import cudss
 from tests.contact.condensation.device_cases import CASES, held
 
 
@@ -95,7 +95,7 @@ def test_what_cudss_cannot_repeat_is_refused(engine, make, monkeypatch):
     if engine is None:
         return
     engine.estimates[1], engine.estimates[4] = 2**30, 2**20
-    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: 2**28)
+    monkeypatch.setattr(cudss, "free_memory", lambda xp: 2**28)
     with pytest.raises(ContactError, match="the factorisation needs 1 GiB"):
         problem.condense("cuda", deterministic=True)
     problem.condense("cuda", deterministic=False)

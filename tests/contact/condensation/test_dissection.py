@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from skfem import ElementTetP1, ElementTriP1, MeshTet, MeshTri
 
-from contact.condensation.dissection import counted_order, nested_dissection
+from contact.condensation.elimination_order import counted_order, nested_dissection
 
 
 def grid(*counts):

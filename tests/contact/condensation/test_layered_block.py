@@ -17,7 +17,7 @@ from contact import (
     Unbounded,
 )
 from contact.arrays.dense_arrays import arrays_on
-from contact.laws.device_newton import device_newton
+from contact.laws.methods import device_newton
 from contact.result.certify import certify
 from tests.contact.condensation.refined_solution import refined
 

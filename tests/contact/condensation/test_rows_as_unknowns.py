@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 
 from contact import ContactProblem, ElasticBody, InputError
-from contact.condensation.rows_as_unknowns import rows_as_unknowns
+from contact.condensation.primal import rows_as_unknowns
 
 
 @settings(deadline=None, max_examples=50)

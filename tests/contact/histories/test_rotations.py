@@ -7,7 +7,7 @@ import pytest
 from skfem import ElementQuad1, ElementQuad2, MeshHex, MeshQuad, MeshTet, MeshTri
 
 from contact import ContactProblem, ElasticBody, InputError, LoadStepper
-from contact.histories.rotations import rotation
+from contact.histories.finite_sliding import rotation
 
 BEND = 1.5  # radius of the roller
 

@@ -5,7 +5,7 @@ import pytest
 from skfem import ElementQuad1, ElementTriP2, MeshQuad
 
 from contact import ContactProblem, ElasticBody, InputError
-from contact.laws import fixed_point
+from contact.laws import methods
 from skfem_adini import ElementQuadAdini
 
 # Relative difference of u to the default method: certificates at 1e-10, 1e-7 for QP solvers.
@@ -101,13 +101,13 @@ def iterates(monkeypatch):
     """Solve by the fixed point; return the history and the displacement after every step."""
 
     def run(problem, **options):
-        forces, step = [], fixed_point.signorini
+        forces, step = [], methods.signorini
 
         def recorded(*args, **keys):
             forces.append(step(*args, **keys))
             return forces[-1]
 
-        monkeypatch.setattr(fixed_point, "signorini", recorded)
+        monkeypatch.setattr(methods, "signorini", recorded)
         history = problem.solve("fixed_point", **options).history
         condensed, load = problem.condense(), problem.system.load
         boundary = condensed.boundary_problem(load, problem.rows.gap)

@@ -11,8 +11,7 @@ from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTetP2
 
 from contact import ContactProblem, ElasticBody, Plane
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
-from contact.laws.device_newton import device_newton
-from contact.laws.methods import solve_boundary
+from contact.laws.methods import device_newton, solve_boundary
 from contact.laws.options import Options
 from contact.laws.proximal_point import proximal_point
 from gpu import Infeasible

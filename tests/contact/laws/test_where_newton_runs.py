@@ -7,8 +7,7 @@ import pytest
 
 from contact import ContactProblem, LayeredBlock
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
-from contact.laws.device_newton import device_newton
-from contact.laws.methods import INNER, solve_boundary
+from contact.laws.methods import INNER, device_newton, solve_boundary
 from contact.laws.options import Options
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contact import InputError, Rough
-from contact.obstacles.height_files import read_heights
+from contact.obstacles.rough import read_heights
 
 
 def lines(heights, spacing=(0.25, 0.5), seed=0):

@@ -17,9 +17,8 @@ from contact import (
     Status,
     self_affine,
 )
-from contact.spectral.contact_area import corrected_area, perimeter
 from contact.spectral.friction_newton import GridFriction
-from contact.spectral.grid_result import certified
+from contact.spectral.grid_result import certified, corrected_area, perimeter
 
 H = self_affine(32, 0.8, 0.01, (1, 8), 4)
 PRESSED = Rigid(H.max() - H, force=(0.002, 0.0, 0.01))

@@ -9,8 +9,7 @@ from scipy import sparse
 from gpu import solve_qp
 from gpu.qp.data.qp_problem import check_problem
 from gpu.qp.interior_point.extended_precision import PrimalDual, extended
-from gpu.qp.last_digits import absolute, closed, last_digits
-from gpu.qp.least_multipliers import least_multipliers
+from gpu.qp.last_digits import absolute, closed, last_digits, least_multipliers
 
 
 def checked(P, q, G=None, h=None, A=None, b=None, lb=None, ub=None):

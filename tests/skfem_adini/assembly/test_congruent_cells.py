@@ -18,7 +18,7 @@ from skfem import (
 )
 
 from skfem_adini import CongruentCells, ElementHexAdini, ElementQuadAdini, InputError
-from skfem_adini.assembly.device_scatter import scatter_on
+from skfem_adini.assembly.congruent_cells import scatter_on
 
 TICKS = np.array([0.0, 0.3, 0.5, 0.9, 1.0])
 GRID, BRICKS = MeshQuad.init_tensor(TICKS, TICKS), MeshHex.init_tensor(*[TICKS[:4]] * 3)

@@ -18,9 +18,9 @@ from fake_cudss import FakeCudss
 from scipy import sparse
 
 from skfem_adini import InputError, MissingDependency, factorize
-from skfem_adini.solvers import cudss, cudss_handles, cudss_library, cudss_memory
+from skfem_adini.solvers import cudss, cudss_handles, cudss_library
+from skfem_adini.solvers.cudss import DeviceProduct
 from skfem_adini.solvers.cudss_schur import CudssSchur
-from skfem_adini.solvers.device_product import DeviceProduct
 from skfem_adini.solvers.device_triangle import DeviceTriangle, Restricted
 from skfem_adini.solvers.upper_triangle import upper_triangle
 
@@ -238,14 +238,14 @@ def test_a_handle_that_comes_with_an_error_is_freed(fake):
 
 def test_the_memory_of_all_devices_counts(fake, monkeypatch):
     fake.estimates[1] = 6 * 2**30
-    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: 4 * 2**30)
+    monkeypatch.setattr(cudss, "free_memory", lambda xp: 4 * 2**30)
     with pytest.raises(cudss_library.DeviceMemory, match="4 GiB are free"):
         factorize(matrix(5, True), solver="cudss")
     free = iter([7, 6, 4, 4, 5, 4])  # GiB of each of two before, at the estimate, and after
-    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: next(free) * 2**30)
+    monkeypatch.setattr(cudss, "free_memory", lambda xp: next(free) * 2**30)
     shared = cudss.Cudss(matrix(5, True), True, False, devices=(0, 1))
     assert shared.statistics()["used"] == (2 * 2**30, 2 * 2**30)
-    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: 4 * 2**30)
+    monkeypatch.setattr(cudss, "free_memory", lambda xp: 4 * 2**30)
     fake.estimates[1] = 9 * 2**30
     with pytest.raises(cudss_library.DeviceMemory, match="8 GiB are free"):
         factorize(matrix(5, True), solver="cudss", devices=(0, 1))
@@ -261,14 +261,14 @@ def test_the_memory_of_all_devices_counts(fake, monkeypatch):
 )
 def test_factors_that_do_not_fit_are_foreseen(fake, monkeypatch, free, hybrid, remedy):
     fake.estimates[1], fake.estimates[4] = 6 * 2**30, 2 * 2**30
-    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: free * 2**30)
+    monkeypatch.setattr(cudss, "free_memory", lambda xp: free * 2**30)
     with pytest.raises(cudss_library.DeviceMemory, match=remedy) as caught:
         factorize(matrix(5, True), solver="cudss", hybrid_memory=hybrid)
     assert caught.value.free == free * 2**30
     assert 4 not in fake.phases
     assert fake.alive == {}
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
-    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: 6 * 2**30)
+    monkeypatch.setattr(cudss, "free_memory", lambda xp: 6 * 2**30)
     factorize(matrix(5, True), solver="cudss", hybrid_memory=hybrid)
 
 
@@ -291,7 +291,7 @@ def test_memory_that_cupy_keeps_is_released_where_it_is_needed(needed, released,
     device = _Device()
     handles = SimpleNamespace(xp=device, get=lambda key, out: [0, needed - 1] + [0] * 14)
     with nullcontext() if fits else pytest.raises(cudss_library.DeviceMemory):
-        cudss_memory.check_memory(handles, hybrid=False, more=1)
+        cudss.check_memory(handles, hybrid=False, more=1)
     assert device.released == released
 
 

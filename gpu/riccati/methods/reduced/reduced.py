@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,12 @@ from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
 from gpu.riccati.methods.hamiltonian import low_rank_value
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
-from gpu.riccati.methods.reduced.gain_refinement import kleinman
 from gpu.riccati.methods.reduced.galerkin_riccati import Projected
-from gpu.riccati.methods.reduced.rational_krylov import RationalKrylov
 from gpu.riccati.methods.reduced.stability_proof import proves_stable
 from gpu.riccati.problem.candidate import Found, LowRankValue
 from gpu.riccati.problem.cross_term import without_cross_term
 from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
-from gpu.riccati.problem.state_matrix import Factors, StateMatrix, factor, stored, symmetric
+from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, factor, stored, symmetric
 from gpu.riccati.problem.weights import Weight, low_rank_factor
 
 COMPRESSIONS = ("galerkin", "printed")
@@ -360,3 +359,174 @@ def _shifts(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], 
                 shifts.append(factors)
                 break
     return shifts, inverse.moved
+
+
+NEARLY_SINGULAR = 1e8  # from this condition number on half of the digits or more are lost
+
+
+def kleinman(problem: LQRProblem, W: Any, K: Any) -> tuple[Any, Any]:
+    r"""Return the next gain of Newton's method, shape (m, n), and U as below, shape (n, r).
+
+    Newton's step solves a Lyapunov equation with :math:`A_K = A - B K`,
+
+    .. math:: A_K^T X E + E^T X A_K = -(Q + K^T K), \qquad K_+ = B^T X E.
+
+    X has full rank if Q has, but only :math:`X B` is needed. Let the range of W contain
+    :math:`E^{-1} B` and be nearly invariant, :math:`A_K W = E W H`. Then :math:`U = X E W` solves
+    the Sylvester equation
+
+    .. math:: A_K^T U + E^T U H = -(Q + K^T K) W,
+
+    whose triangular form takes one solve with :math:`A_K^T + h_j E^T` for each eigenvalue of H, and
+    :math:`K_+^T = E^T U (W^+ E^{-1} B)`.
+
+    Parameters
+    ----------
+    problem : LQRProblem
+    W : array, shape (n, r)
+        Orthonormal.
+    K : array, shape (m, n)
+        Stabilising gain for the inputs of unit cost.
+
+    Raises
+    ------
+    RiccatiError
+        K does not stabilise on W.
+
+    References
+    ----------
+    D. Kleinman, On an iterative technique for Riccati equation computations, IEEE Trans. Autom.
+    Control 13 (1968).
+    """
+    state, B, xp = problem.state, problem.input, problem.xp
+    Er = to_host(W.T @ state.mass(W))
+    H = np.linalg.solve(Er, to_host(W.T @ (state.apply(W) - B @ (K @ W))))
+    b = np.linalg.solve(Er, to_host(W.T @ B))
+    T, Z = linalg.schur(H, output="complex")
+    if not np.all(np.diag(T).real < 0.0):
+        raise RiccatiError("the gain to be refined does not stabilise: start from a better one")
+    F = (problem.weight.apply(W) + K.T @ (K @ W)) @ xp.asarray(Z)
+    V = xp.zeros((state.n, len(T)), dtype=complex)
+    Kt = K.T + 0j
+    # For real eigenvalues the shift is made real, which saves complex solves.
+    for j in range(len(T)):
+        h = T[j, j]
+        shift = -h if abs(h.imag) > 1e-13 * abs(h) else float(-h.real)
+        right = -F[:, j]
+        if j:
+            right = right - state.mass_transposed(V[:, :j] @ xp.asarray(T[:j, j]))
+        V[:, j] = _solve(state, shift, B, Kt, right)
+    U = (V @ xp.asarray(Z.conj().T)).real
+    return state.mass_transposed(U @ xp.asarray(b)).T, U
+
+
+def _solve(state: StateMatrix, shift: complex, B: Any, Kt: Any, right: Any) -> Any:
+    """``(A - shift E - B K)^-T right``."""
+    xp = state.xp
+    factors = state.factor(shift)
+    if factors is not None:
+        solved = factors.solve_transposed(xp.concatenate([right[:, None], Kt], axis=1))
+        u, G = solved[:, 0], solved[:, 1:]
+        # By Sherman, Morrison and Woodbury.
+        small = np.eye(B.shape[1]) - to_host(B.T @ G)
+        if np.isfinite(small).all() and np.linalg.cond(small) < NEARLY_SINGULAR:
+            return u + G @ xp.asarray(np.linalg.solve(small, to_host(B.T @ u)))
+    # The optimal feedback mirrors an unstable mode of A without cost at the imaginary axis; then
+    # the shift is an eigenvalue of A itself.
+    moved = copy(state)
+    moved.A = state.shifted(shift)
+    factors = None if state.kind == "operator" else moved.factor_updated(B, Kt.real)
+    if factors is None:
+        raise RiccatiError(f"A - B K - s E is singular at s = {shift}, the mirror of a pole")
+    return factors.solve_transposed(right)
+
+
+DROP = 1e-11  # a new unit vector whose part outside the space is smaller counts as rounding
+
+
+class RationalKrylov:
+    r"""The space of :math:`G,\ (A - s_1 E)^{-1} G,\ (A - s_2 E)^{-1} E (A - s_1 E)^{-1} G,\ \dots`
+
+    with the shifts used cyclically; the orthonormal basis grows by a block at a time (Ruhe 1984).
+    Each of the few matrices is factored only once.
+
+    Parameters
+    ----------
+    state : StateMatrix
+    seed : array, shape (n, p)
+        G.
+    shifts : sequence of Factors
+        Of A - s E, one for each shift s.
+    transposed : bool
+        Whether the space is that of :math:`A^T, E^T`.
+
+    Attributes
+    ----------
+    rank : int
+        Columns of the basis.
+    solves : int
+    exhausted : bool
+        Whether the last block added no direction, so that the space is invariant, or filled the
+        whole space.
+    """
+
+    def __init__(
+        self, state: StateMatrix, seed: Any, shifts: list[Factors], transposed: bool = False
+    ) -> None:
+        self._state, self._shifts, self._transposed = state, shifts, transposed
+        self._turn, self.solves, self.exhausted = 0, 0, False
+        self._kept = state.xp.empty((state.n, 4 * seed.shape[1]), order="F")
+        self.rank = 0
+        self._append(seed)
+
+    @property
+    def W(self) -> Any:
+        """The basis, shape (n, rank)."""
+        return self._kept[:, : self.rank]
+
+    def grow(self) -> None:
+        """Add a block: the last block multiplied by E and solved with the next shifted matrix."""
+        if self.exhausted:
+            return
+        factors = self._shifts[self._turn % len(self._shifts)]
+        self._turn += 1
+        self.solves += 1
+        if self._transposed:
+            block = factors.solve_transposed(self._state.mass_transposed(self._last))
+        else:
+            block = factors.solve(self._state.mass(self._last))
+        self._append(block)
+
+    def _projected(self, block: Any) -> Any:
+        """The part of a block orthogonal to the space.
+
+        The second product is transposed, as it is twice as fast with rows as with columns.
+        """
+        inside = self.W.T @ block
+        return block - (inside.T @ self.W.T).T
+
+    def _append(self, block: Any) -> None:
+        xp = self._state.xp
+        size = xp.linalg.norm(block, axis=0)
+        moving = xp.flatnonzero(size > 0.0)
+        block = self._projected(block[:, moving] / size[moving])
+        # Columns that are nearly parallel among themselves or to the space are left out.
+        if block.shape[1]:
+            gram = to_host(block.T @ block)
+            values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+            kept = values > DROP**2 + EPS * values.max()
+            block = block @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+        if block.shape[1]:
+            block = xp.linalg.qr(self._projected(block))[0]
+        room = self._state.n - self.rank
+        block = block[:, :room]
+        self._last = block
+        rank = self.rank + block.shape[1]
+        if rank > self._kept.shape[1]:
+            # Allocate twice as much: copying the basis for each block costs more than computing it.
+            kept = xp.empty((self._state.n, min(2 * rank, self._state.n)), order="F")
+            kept[:, : self.rank] = self.W
+            self._kept = kept
+        self._kept[:, self.rank : rank] = block
+        self.rank = rank
+        self.exhausted = block.shape[1] in (0, room)

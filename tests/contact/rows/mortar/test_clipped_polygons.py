@@ -10,7 +10,7 @@ from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2
 from solid_boxes import box, pair, rows
 
 from contact import InputError
-from contact.rows.mortar.convex_polygons import anticlockwise, clipped, measured
+from contact.rows.mortar.clipped_polygons import anticlockwise, clipped, measured
 from contact.rows.mortar.face_maps import shapes
 from contact.rows.mortar.mortar_rows import interface_of, mortar_rows
 from contact.rows.outline import reference_corners

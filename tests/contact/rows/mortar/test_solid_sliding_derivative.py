@@ -9,8 +9,7 @@ from solid_boxes import box
 from contact.body.rigid_modes import dof_kinds, rigid_field, value_dofs
 from contact.rows.mortar.displaced import displaced_maps, displaced_rows, trace_of_nodes
 from contact.rows.mortar.solid_interface import SolidInterface
-from contact.rows.mortar.solid_sliding_derivative import solid_sliding_derivative
-from contact.rows.mortar.turning_normals import turning_normals
+from contact.rows.mortar.solid_sliding_derivative import solid_sliding_derivative, turning_normals
 
 STEP = 1e-6
 elements = pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from gpu import InputError
-from gpu.eigenvalues.krylov.arnoldi_steps import ArnoldiSteps
+from gpu.eigenvalues.krylov.arnoldi import ArnoldiSteps
 
 pytestmark = pytest.mark.gpu
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import linalg
 
-from gpu.eigenvalues.krylov.arnoldi_steps import ArnoldiSteps
+from gpu.eigenvalues.krylov.arnoldi import ArnoldiSteps
 
 
 def decomposition(n, size, kept, rng):

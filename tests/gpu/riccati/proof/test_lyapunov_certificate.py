@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from gpu.riccati.proof import closed_loop
-from gpu.riccati.proof.closed_loop import DenseLoop
+from gpu.riccati.proof.closed_loop import DenseLoop, proven_bound
 from gpu.riccati.proof.lyapunov import lyapunov_solver
-from gpu.riccati.proof.lyapunov_certificate import proven_bound
 
 
 @pytest.fixture(autouse=True)
