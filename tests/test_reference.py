@@ -26,7 +26,7 @@ def exported(package: str) -> list[str]:
     """Names in `__all__`."""
     (names,) = (
         node.value
-        for node in tree(package, "__init__").body
+        for node in tree(package, "face" if package == "skfem_adini" else "__init__").body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
     )
     return list(ast.literal_eval(names))

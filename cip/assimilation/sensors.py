@@ -19,9 +19,9 @@ from cip.output.sample import sample
 from cip.output.sample_rows import sample_rows
 from cip.output.state_dataset import xarray_module
 from cip.output.trajectory import Trajectory
-from cip.output.whole_file import write_whole
 from cip.reals import masked_array, real_array, real_number
 from cip.stages.state import State
+from skfem_adini.ground.files import write_text
 
 Array = NDArray[np.float64]
 # Times of a run that differ by less than this fraction of its length are the same.
@@ -454,7 +454,7 @@ def write_sensors(
         "values": [[None if np.isnan(v) else v for v in row] for row in values.tolist()],
         "deviations": deviations.tolist(),
     }
-    write_whole(Path(path), json.dumps(content))
+    write_text(Path(path), json.dumps(content))
 
 
 def read_sensors(path: str | Path) -> tuple[Any, Any, Any, Any]:

@@ -15,7 +15,7 @@ from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.inverse.identifiability import Identifiability
 from cip.inverse.roughness import field, field_slopes
-from cip.output.whole_file import write_whole
+from skfem_adini.ground.files import write_text
 
 Array = NDArray[np.float64]
 
@@ -235,7 +235,7 @@ class IdentifiedVelocity:
             **{name: np.asarray(getattr(self, name)).tolist() for name in _ARRAYS},
             **{name: getattr(self, name) for name in _PLAIN},
         }
-        write_whole(Path(path), json.dumps(content))
+        write_text(Path(path), json.dumps(content))
 
     @classmethod
     def load(cls, path: str | Path, velocity: Velocity) -> IdentifiedVelocity:

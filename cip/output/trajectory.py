@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from cip.errors import InputError
 from cip.output.sample import sample
 from cip.output.state_dataset import state_dataset
-from cip.output.whole_file import write_whole
 from cip.profiles.catalogue import moments
 from cip.stages.state import State
+from skfem_adini.ground.files import write_text
 
 Array = NDArray[np.float64]
 
@@ -258,7 +258,7 @@ class Trajectory:
             written.append(series.with_name(name))
             lines.append(f'    <DataSet timestep="{state.t!r}" file="{name}"/>')
         lines += ["  </Collection>", "</VTKFile>", ""]
-        write_whole(series, "\n".join(lines))
+        write_text(series, "\n".join(lines))
         return [series, *written]
 
     def plot(self, ax: Any = None, places: Sequence[int] | None = None) -> Any:
@@ -310,7 +310,7 @@ def _written(mesh: Any, path: Path) -> None:
     writer.SetDataModeToBinary()
     writer.WriteToOutputStringOn()
     writer.Write()
-    write_whole(path, writer.GetOutputString())
+    write_text(path, writer.GetOutputString())
 
 
 def total_variation(state: State) -> float:

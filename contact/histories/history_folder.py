@@ -22,8 +22,7 @@ from contact.output.archive import DamagedFile, checksum, read_arrays, write_arr
 from contact.result.contact_result import ContactResult
 from contact.result.stored_result import problem_arrays, rebuild, state_arrays
 from contact.result.stored_rows import OWN, rows_arrays
-from skfem_adini.output.complete_file import complete_file, remove_unfinished
-from skfem_adini.output.file_lock import try_lock
+from skfem_adini.ground.files import complete_file, remove_unfinished, try_lock
 
 if TYPE_CHECKING:
     from contact.result.contact_system import ContactSystem

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from contact.errors import InputError
-from skfem_adini.output.complete_file import complete_file
+from skfem_adini.ground.files import complete_file
 
 # Meshes and solutions shrink by less than 50; an archive that grows further is no result.
 _EXPANSION, _LARGE = 200, 1 << 26

@@ -1,7 +1,7 @@
-"""Output of fields: values at the vertices, VTK data, complete files.
+"""Output of fields: values at the vertices, VTK data and files.
 
 In: a Basis and the dofs of a field.
-Out: nodal gradients and stresses, PyVista grids, files that appear complete or not at all.
+Out: nodal gradients and stresses, PyVista grids, VTK files.
 Start: `vtk_fields` for `save` and `to_pyvista`, `vtk_files` writes the files; `nodal_fields` for
 stresses.
 """

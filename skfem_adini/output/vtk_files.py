@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from skfem_adini.errors import AdiniError
-from skfem_adini.output.complete_file import complete_file
+from skfem_adini.ground.files import complete_file
 
 
 def write_grid(path: Path, grid: Any) -> None:

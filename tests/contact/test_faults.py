@@ -14,7 +14,7 @@ from skfem import ElementHex1
 
 from contact import ContactProblem, ElasticBody, LoadHistory, LoadStepper
 from contact.result.stored_result import write_arrays
-from skfem_adini.output.complete_file import complete_file
+from skfem_adini.ground.files import complete_file
 
 TIMES = np.linspace(0.1, 1.0, 10)
 SPACE = 9_000  # bytes a file may have: a step takes 13 to 17 kB, its problem 8
@@ -147,7 +147,7 @@ def test_killed_while_writing(tmp_path):
     script = """
         import os, signal, sys
         from pathlib import Path
-        from skfem_adini.output.complete_file import complete_file
+        from skfem_adini.ground.files import complete_file
         with complete_file(Path(sys.argv[1])) as file:
             file.write(b"half of the new")
             file.flush()

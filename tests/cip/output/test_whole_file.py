@@ -7,27 +7,6 @@ import numpy as np
 import pytest
 
 from cip import Grid, InputError, Solver
-from cip.output.whole_file import write_whole
-
-
-def test_threads_under_one_name(tmp_path):
-    texts = [str(k % 10) * 100_000 for k in range(40)]
-    with ThreadPoolExecutor(8) as pool:
-        list(pool.map(lambda text: write_whole(tmp_path / "one", text), texts))
-    assert (tmp_path / "one").read_text() in texts
-    assert [path.name for path in tmp_path.iterdir()] == ["one"]
-
-
-def test_links_are_not_followed(tmp_path, monkeypatch):
-    victim = tmp_path / "victim"
-    victim.write_text("precious")
-    (tmp_path / "one").symlink_to(victim)
-    write_whole(tmp_path / "one", "new")
-    monkeypatch.setattr("cip.output.whole_file.token_hex", lambda n: "guessed")
-    (tmp_path / "tmpguessed").symlink_to(victim)
-    with pytest.raises(FileExistsError):
-        write_whole(tmp_path / "two", "new")
-    assert victim.read_text() == "precious"
 
 
 def test_series_of_two_runs_under_one_name(tmp_path, monkeypatch):

@@ -1,17 +1,21 @@
-"""Files that appear under their name once they are complete, or not at all."""
+"""Files that appear under their name once they are complete, or not at all, and file locks."""
 
 from __future__ import annotations
 
 import errno
+import importlib
 import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
-from typing import IO
+from typing import IO, Any
 
-from skfem_adini.output.file_lock import try_lock
+try:
+    _fcntl: Any = importlib.import_module("fcntl")
+except ImportError:  # not a POSIX system
+    _fcntl = None
 
 _UNFINISHED = re.compile("tmp[0-9a-f]{32}")
 _NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EPERM, errno.EBADF)
@@ -26,26 +30,8 @@ def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]
     random, so that no other thread, process or container uses it. After the block, content and name
     have reached the disk.
 
-    Parameters
-    ----------
-    path : Path
-        An existing file is replaced, a symbolic link too.
-    exclusive : bool
-        Leave an existing file and raise `FileExistsError`: of several writers one succeeds.
-
-    Raises
-    ------
-    OSError
-        The folder is missing, or there is no space left.
-
-    Examples
-    --------
-    >>> from tempfile import mkdtemp
-    >>> path = Path(mkdtemp()) / "steps.txt"
-    >>> with complete_file(path) as file:
-    ...     _ = file.write(b"one")
-    >>> path.read_text()
-    'one'
+    A symbolic link is replaced, not followed. With `exclusive` an existing
+    file stays, and of several writers one succeeds, the others raise `FileExistsError`.
     """
     temporary, descriptor = _beside(path), None
     try:  # begins before the file is there: an interruption may come between
@@ -64,6 +50,12 @@ def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]
             temporary.unlink(missing_ok=True)
         raise
     _sync_folder(path.parent)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text (UTF-8) that appears as a `complete_file`."""
+    with complete_file(path) as file:
+        file.write(text.encode())
 
 
 def remove_unfinished(folder: Path) -> None:
@@ -130,3 +122,20 @@ def _sync_folder(folder: Path) -> None:
     except OSError as error:
         if error.errno not in _NO_FOLDER_SYNC:
             raise
+
+
+def try_lock(descriptor: int) -> bool | None:
+    """Lock a file opened for writing for this descriptor alone, until it or its process ends.
+
+    True if it is locked now; False if another descriptor, of any process or container, has the
+    lock; None if the system or the file system has no such locks.
+    """
+    if _fcntl is None:
+        return None
+    try:
+        _fcntl.flock(descriptor, _fcntl.LOCK_EX | _fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True

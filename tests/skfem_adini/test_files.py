@@ -9,7 +9,7 @@ from textwrap import dedent
 
 import pytest
 
-from skfem_adini.output.complete_file import complete_file, remove_unfinished
+from skfem_adini.ground.files import complete_file, remove_unfinished
 
 
 def write(path, content, **options):
@@ -73,7 +73,7 @@ def test_symbolic_links_are_not_followed(tmp_path, monkeypatch):
     folder = tmp_path / "folder"
     folder.mkdir()
     names = iter(["0" * 32])
-    monkeypatch.setattr("skfem_adini.output.complete_file.token_hex", lambda n: next(names))
+    monkeypatch.setattr("skfem_adini.ground.files.token_hex", lambda n: next(names))
     (folder / ("tmp" + "0" * 32)).symlink_to(victim)
     with pytest.raises(FileExistsError):
         write(folder / "one", b"new")
@@ -113,7 +113,7 @@ def test_file_and_folder_reach_the_disk(tmp_path, monkeypatch):
 KILLED = """
     import os, signal, sys
     from pathlib import Path
-    from skfem_adini.output.complete_file import complete_file
+    from skfem_adini.ground.files import complete_file
     with complete_file(Path(sys.argv[1]) / "killed") as file:
         file.write(b"half")
         file.flush()
@@ -142,7 +142,7 @@ def test_interrupted_before_the_file_is_written(tmp_path, monkeypatch):
     def interrupt(descriptor):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("skfem_adini.output.complete_file.try_lock", interrupt)
+    monkeypatch.setattr("skfem_adini.ground.files.try_lock", interrupt)
     with pytest.raises(KeyboardInterrupt), complete_file(tmp_path / "one"):
         pass
     assert not list(tmp_path.iterdir())
