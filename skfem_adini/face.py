@@ -30,6 +30,7 @@ from skfem_adini.errors import (
     ReducedOrderWarning,
     UnresolvedWarning,
 )
+from skfem_adini.ground.jit import state_of
 from skfem_adini.output.nodal_fields import nodal_gradient, nodal_stress, von_mises
 from skfem_adini.output.vtk_fields import save, to_pyvista
 from skfem_adini.solvers.factorize import factorize
@@ -84,3 +85,6 @@ __all__ = [
     "to_pyvista",
     "von_mises",
 ]
+
+# Now: the files may change before the first kernel is compiled.
+state_of("skfem_adini")

@@ -55,8 +55,8 @@ class CpuEngine(Engine):
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
         """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
         from cip.engines import cpu_loops, line_blocks, plane_blocks
-        from cip.jit import loop_over
         from cip.profiles import conservative_kernels, line_kernels, plane_kernels
+        from skfem_adini.ground.jit import loop_over
 
         grid, limiter = self.grid, self.limiter
         lines = [self._lines[axis] for axis in stage.moving]
@@ -125,8 +125,8 @@ class CpuEngine(Engine):
         The feet are written to `kept` if it is given.
         """
         from cip.engines import cpu_loops, path_loops
-        from cip.jit import loop_over
         from cip.profiles import line_kernels, plane_kernels
+        from skfem_adini.ground.jit import loop_over
 
         path, box = self._path(stage)
         lines = [self._lines[axis] for axis in stage.moving]

@@ -1,7 +1,7 @@
 """The kernels over all nodes on the CPU: rows of nodes, shared among threads.
 
-The loops are plain Python: `cip.jit.loop_over` compiles one for each kernel `node`. They take the
-records of `cip.profiles.records` as plain tuples: numba unpacks these ten times faster.
+The loops are plain Python: `loop_over` compiles one for each kernel `node`. They take the records
+of `cip.profiles.records` as plain tuples: numba unpacks these ten times faster.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from functools import cache
 from itertools import pairwise
 from typing import Any
 
-from cip.jit import Array, Index, Out, kernel, pointer
 from cip.profiles.records import Foot, Limits, Line, Update
+from skfem_adini.ground.jit import Array, Index, Out, kernel, pointer
 
 # With fewer nodes per thread than this, starting the thread takes longer than it saves.
 _NODES_A_THREAD = 40_000

@@ -1,6 +1,6 @@
 """C from the kernels: one source serves numba on the CPU and NVRTC on the device.
 
-The kernel language is the part of Python that `cip.jit` describes. A function becomes an inline C
+The kernel language is the part of Python in `ground.jit`. A function becomes an inline C
 function with the same arithmetic in the same order; several results become output pointers, records
 (`cip.profiles.records`) structs. Types follow from the annotations of the arguments and from the
 operations: whole numbers are `index`, all others `real`, which the prelude sets to double or float.

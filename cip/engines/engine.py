@@ -174,7 +174,7 @@ class Engine:
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
         from cip.engines import cpu_loops, path_loops
-        from cip.jit import loop_over
+        from skfem_adini.ground.jit import loop_over
 
         path, box = self._path(stage)
         run_feet, size = loop_over(path_loops.run_feet, path=path), self.grid.size

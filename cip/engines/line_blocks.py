@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from cip.engines.cpu_loops import address, at_addresses
-from cip.jit import Array, Index, Out, Real, kernel, loop, room
 from cip.profiles.line_kernels import move_cubic
 from cip.profiles.line_profiles import cubic, locate
 from cip.profiles.records import Foot, Line, Update
+from skfem_adini.ground.jit import Array, Index, Out, Real, kernel, loop, room
 
 # Nodes of a block: its arrays, 7 numbers a node, take 7 kB of the first-level cache.
 _LINE_BLOCK = 128

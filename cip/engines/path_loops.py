@@ -14,9 +14,9 @@ from cip.engines.path_kernel import SPLINE_ROOM, box_of, path_source
 from cip.formulas.expression import RULES
 from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
-from cip.jit import Array, Index, Out, Real, generated, room
 from cip.profiles.records import Foot, Line, Update
 from cip.stages.stage import Stage
+from skfem_adini.ground.jit import Array, Index, Out, Real, generated, room
 
 # On the stack: numba would free an array after its last use, the taking of its address.
 foot_room = room(SPLINE_ROOM)
@@ -58,7 +58,7 @@ def kernel_of(source: str) -> Any:
     namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
     namespace.update(nan=math.nan, inf=math.inf, abs=abs, floor=math.floor)
     names = re.findall(r"^def (\w+)", source, re.MULTILINE)
-    return generated(source, names, namespace, __file__)
+    return generated(source, names, namespace, __name__)
 
 
 def run_plane_path(

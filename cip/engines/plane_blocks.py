@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from cip.engines.cpu_loops import address, at_addresses
-from cip.jit import Array, Index, Out, kernel, loop, room
 from cip.profiles.line_profiles import locate
 from cip.profiles.plane_kernels import adini_profile, bicubic_profile, move_adini, move_bicubic
 from cip.profiles.records import Corners, Foot, Line, Update
+from skfem_adini.ground.jit import Array, Index, Out, kernel, loop, room
 
 # Nodes of a block: its arrays, up to 30 numbers a node, take 15 kB of the first-level cache.
 _PLANE_BLOCK = 64

@@ -19,10 +19,10 @@ from __future__ import annotations
 
 from math import floor
 
-from cip.jit import Array, Index, Out, Real, kernel
 from cip.profiles.conservative_profiles import csl2, csl4
 from cip.profiles.line_profiles import cubic
 from cip.profiles.records import Limits, Line, Means, Update
+from skfem_adini.ground.jit import Array, Index, Out, Real, kernel
 
 
 @kernel

@@ -19,8 +19,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-from cip.jit import Real, kernel
 from cip.profiles.records import Limits
+from skfem_adini.ground.jit import Real, kernel
 
 
 @kernel

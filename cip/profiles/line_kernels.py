@@ -19,7 +19,6 @@ The components in parentheses are repeated for each direction across the sweep.
 
 from __future__ import annotations
 
-from cip.jit import Array, Index, Out, Real, kernel
 from cip.profiles.line_profiles import (
     cubic,
     lagrange,
@@ -31,6 +30,7 @@ from cip.profiles.line_profiles import (
     tangents,
 )
 from cip.profiles.records import Foot, Line, Update
+from skfem_adini.ground.jit import Array, Index, Out, Real, kernel
 
 
 @kernel

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from math import exp, floor
 
-from cip.jit import Array, Index, Real, kernel
 from cip.profiles.records import Line
+from skfem_adini.ground.jit import Array, Index, Real, kernel
 
 
 @kernel

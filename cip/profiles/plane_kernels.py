@@ -15,9 +15,9 @@ E, E_x, E_y (bicubic: E_xy).
 
 from __future__ import annotations
 
-from cip.jit import Array, Index, Out, Real, kernel
 from cip.profiles.line_profiles import cubic, cubic_second, locate, rough, tangents
 from cip.profiles.records import Cell, Corners, Edges, Foot, Line, Update
+from skfem_adini.ground.jit import Array, Index, Out, Real, kernel
 
 
 @kernel

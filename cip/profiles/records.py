@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cip.jit import Array, Index, Real, Widths
+from skfem_adini.ground.jit import Array, Index, Real, Widths
 
 
 class Line(NamedTuple):

@@ -8,12 +8,12 @@ import numpy as np
 
 from cip.engines.cpu_loops import address, at_addresses, share
 from cip.engines.path_loops import foot_room
-from cip.jit import Array, Index, Out, loop_over
 from cip.profiles.records import Line
 from cip.sensitivities.blocks import Block
 from cip.sensitivities.grid_lines import lines_of
 from cip.sensitivities.mass_derivatives import add_whole_cells, integral_weights
 from cip.sensitivities.node_adjoint import pull_kernel
+from skfem_adini.ground.jit import Array, Index, Out, loop_over
 
 # Strips do not depend on the number of threads, so that neither does the rounding of sums.
 _STRIPS = 4

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from cip.formulas.expression import RULES
-from cip.jit import Array, Index, Out, Real, generated
 from cip.profiles.records import Line
 from cip.sensitivities.profile_derivatives import Traced
+from skfem_adini.ground.jit import Array, Index, Out, Real, generated
 
 _AXES = "xy"
 
@@ -74,4 +74,4 @@ def compiled(source: str) -> Any:
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
     namespace.update(Real=Real, Index=Index, Array=Array, Out=Out, Line=Line)
     namespace.update(locate=line_profiles.locate, around=line_profiles.around)
-    return generated(source, re.findall(r"^def (\w+)", source, re.MULTILINE), namespace, __file__)
+    return generated(source, re.findall(r"^def (\w+)", source, re.MULTILINE), namespace, __name__)

@@ -40,11 +40,11 @@ from cip.formulas.expression import (
 from cip.formulas.reverse_mode import gradient
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.straight_line_code import numpy_function, statements
-from cip.jit import Array, Index, Out, Real, generated, loop_over
 from cip.sensitivities.blocks import blocks_of
 from cip.sensitivities.coefficient_sums import Sums
 from cip.sensitivities.path_tangent import component
 from cip.stages.stage import Stage, StageFeet
+from skfem_adini.ground.jit import Array, Index, Out, Real, generated, loop_over
 
 # Strips do not depend on the number of threads, so that neither does the rounding of sums.
 _STRIPS = 4
@@ -330,7 +330,7 @@ def _kernel(source: str) -> Any:
     namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
     namespace.update(nan=math.nan, inf=math.inf, abs=abs)
     names = re.findall(r"^def (\w+)", source, re.MULTILINE)
-    return generated(source, names, namespace, __file__)
+    return generated(source, names, namespace, __name__)
 
 
 def _by_numba(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:

@@ -177,7 +177,7 @@ class PathTangent:
     def _by_kernel(self, block: Block, feet: StageFeet, values: Array, out: Array) -> None:
         """For formulas on many nodes."""
         from cip.engines import cpu_loops, path_loops
-        from cip.jit import loop_over
+        from skfem_adini.ground.jit import loop_over
 
         stage, size = self._stage, self._stage.grid.size
         kernel = path_loops.kernel_of(self.source)

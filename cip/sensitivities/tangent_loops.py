@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from cip.engines.cpu_loops import address, at_addresses, share
-from cip.jit import Array, Index, Out, loop_over
 from cip.profiles.records import Line
 from cip.sensitivities.blocks import Block
 from cip.sensitivities.grid_lines import lines_of
 from cip.sensitivities.mass_derivatives import mean_changes
 from cip.sensitivities.node_tangent import push_kernel
+from skfem_adini.ground.jit import Array, Index, Out, loop_over
 
 # `loop_over` replaces it by a kernel.
 push: Any = None

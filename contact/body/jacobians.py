@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Mesh, MeshHex, MeshQuad
 
-from skfem_adini.jit import compiled
+from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from contact.body.dof_entities import dof_entities
 from contact.condensation import bisection
-from skfem_adini.jit import compiled
+from skfem_adini.ground.jit import compiled
 
 Index = NDArray[np.int64]
 # Levels of the tree that cuDSS gets: its own have ten. With fewer than six its factorisation is

@@ -30,7 +30,7 @@ from skfem_adini.assembly import affine_kernels
 from skfem_adini.assembly.csr_scatter import index_type, row_kernel
 from skfem_adini.assembly.row_shares import in_threads, shares_of
 from skfem_adini.errors import InputError
-from skfem_adini.jit import compiled
+from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-12  # of a tensor's symmetry, over its largest entry

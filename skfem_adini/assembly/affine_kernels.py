@@ -1,6 +1,6 @@
 """Kernels that sum the matrices of affine cells row by row, each from a table of its cell.
 
-Like `row_kernels` this is plain Python, which `skfem_adini.jit` compiles. A row belongs to one
+Like `row_kernels` this is plain Python, which `ground.jit` compiles. A row belongs to one
 scalar function and one component. All cells around the function are visited in ascending order, so
 that an entry and its mirror image are the same sums.
 """

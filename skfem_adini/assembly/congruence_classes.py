@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_adini.jit import compiled
+from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.integer]

@@ -14,7 +14,7 @@ from scipy import sparse
 from skfem_adini.assembly import row_kernels
 from skfem_adini.assembly.dof_blocks import DofBlocks
 from skfem_adini.assembly.row_shares import in_threads, shares_of
-from skfem_adini.jit import compiled
+from skfem_adini.ground.jit import compiled
 
 Array = NDArray[Any]
 Integers = NDArray[np.integer]

@@ -16,7 +16,7 @@ PACKAGE = Path(skfem_adini.__file__).parent
 KERNELS = """
 import sys
 from skfem_adini import callee, caller
-from skfem_adini.jit import compiled
+from skfem_adini.ground.jit import compiled
 
 def compilations(kernel):
     return sum(kernel.stats.cache_misses.values())
@@ -133,7 +133,7 @@ def test_a_changed_rule_of_cut_cells(package):
 def test_a_full_disk(monkeypatch):
     from numba.core.caching import FunctionCache
 
-    from skfem_adini.jit import compiled
+    from skfem_adini.ground.jit import compiled
 
     def full(*_):
         raise OSError(28, "No space left on device")

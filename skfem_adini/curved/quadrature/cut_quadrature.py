@@ -17,7 +17,7 @@ from skfem_adini.curved.quadrature.level_set import LevelSet, TruthTable, as_lev
 from skfem_adini.curved.quadrature.polygon import Polygon, cut_polygon
 from skfem_adini.curved.quadrature.polynomial_boxes import AccurateBoxes, accurate_boxes
 from skfem_adini.errors import InputError
-from skfem_adini.jit import compiled
+from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

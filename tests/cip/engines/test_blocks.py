@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from cip import Grid, Solver, Velocity
 from cip.engines import cpu_loops
-from cip.jit import loop_over
 from cip.profiles import line_kernels, line_profiles, plane_kernels
 from cip.profiles.records import Line, Update
+from skfem_adini.ground.jit import loop_over
 
 locate: Any = getattr(line_profiles.locate, "py_func", line_profiles.locate)
 

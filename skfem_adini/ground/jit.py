@@ -1,0 +1,214 @@
+"""The one door to numba: kernels are plain Python that this compiles when first used.
+
+numba keeps machine code beside the package or in the user's folder and notices a change of the
+function itself, but none of what it calls. So the name under which code is kept tells the state of
+the whole package. Where no folder can be written, or what lies there cannot be used, every process
+compiles for itself.
+
+Kernels of `cip` use a small part of Python (numbers, flat arrays, if, for, tuples of results), so
+that the same functions can be translated to C for a device. Modules of kernels decorate theirs by
+`kernel` and `loop` and are imported inside the functions that use them, so that no package imports
+numba.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from types import FunctionType
+from typing import Any, TypeVar
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+# Types of the kernel language: integers, numbers in the working precision, flat arrays of these.
+# An `Out` is written, an `Array` only read; `Widths` are the cell widths, an array that becomes a
+# constant on the device if the grid is uniform.
+Index = int
+Real = float
+Array = Any
+Out = Any
+Widths = Any
+
+# Of kernels: allow fused multiply-add, as on the device, and no other change of operations.
+_ARITHMETIC = {"error_model": "numpy", "fastmath": {"contract"}}
+# A part of the name of every kernel from generated source, and how many of their cache files are
+# left on disk: those of about a hundred formulas.
+_GENERATED = "_generated_"
+_KEPT = 600
+
+
+def compiled(
+    function: Callable[..., Any], parts: Iterable[Callable[..., Any]] = (), **options: Any
+) -> Callable[..., Any]:
+    """Compile a copy of a function without the interpreter lock; it is left as it is.
+
+    `parts` are plain functions that it calls, to be compiled into it: a call counts the references
+    to each array that is passed, which can take as long as the work of a small function. The
+    options are those of `numba.njit`.
+    """
+    import numba
+
+    inside = {part.__name__: numba.njit(inline="always")(part) for part in parts}
+    copy = FunctionType(function.__code__, function.__globals__ | inside, function.__name__)
+    copy.__qualname__, copy.__module__ = function.__qualname__, function.__module__
+    found: Callable[..., Any] = _kept(copy, nogil=True, **options)
+    return found
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function of one node or cell, to be inlined into the loops that call it.
+
+    It is called from compiled loops only. Without the wrappers for calls from Python and C,
+    compilation takes two thirds of the time.
+    """
+    inlined = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    found: Function = _kept(function, **inlined, **_ARITHMETIC)
+    return found
+
+
+def loop(function: Function) -> Function:
+    """Compile a loop over nodes; it releases the interpreter lock, so threads share the nodes."""
+    found: Function = _kept(function, nogil=True, **_ARITHMETIC)
+    return found
+
+
+@cache
+def loop_over(function: Callable[..., Any], **kernels: Any) -> Any:
+    """Compile a copy of a loop whose undefined globals are compiled kernels of the given names.
+
+    If kernels were arguments of the loop, their types would differ in every process, and the
+    compiled loop would never be found in the cache on disk. Here their ``__name__``, which must
+    identify the code, is part of the name in the cache.
+    """
+    name = "_".join([function.__name__, *(part.__name__ for part in kernels.values())])
+    copy = FunctionType(function.__code__, {**function.__globals__, **kernels}, name)
+    copy.__qualname__, copy.__module__ = name, function.__module__
+    return loop(copy)
+
+
+_BEYOND = 10_000
+
+
+def generated(source: str, names: Sequence[str], namespace: dict[str, Any], home: str) -> Any:
+    """Compile kernels from generated source and cache them on disk under the hash of the source.
+
+    Each of the functions `names` may call those before it; `namespace` are their globals. numba
+    puts its cache beside the module `home`. Returns the last one.
+    """
+    label = sha256(source.encode()).hexdigest()[:20]
+    # Numbers of lines that `home` does not have: numba would take its lines for the source, and
+    # Python 3.12 refuses to read lines that begin in the middle of a string.
+    exec(compile("\n" * _BEYOND + source, str(sys.modules[home].__file__), "exec"), namespace)
+    for name in names:
+        function = namespace[name]
+        function.__name__ = function.__qualname__ = f"{name}{_GENERATED}{label}"
+        function.__module__ = home
+        namespace[name] = kernel(function)
+    return namespace[names[-1]]
+
+
+def _kept(function: Callable[..., Any], **options: Any) -> Any:
+    """Compile a function at its first call; keep the code on disk if possible."""
+    import numba
+
+    function.__qualname__ += f"_{state_of(function.__module__.partition('.')[0])}"
+    result: Any = numba.njit(**options)(function)
+    # No folder to write to; or numba is told not to compile, and gave the function back.
+    with suppress(RuntimeError, AttributeError):
+        result.enable_caching()
+        _forgive(result._cache)
+        if _GENERATED in function.__name__:
+            _forget_old(Path(result._cache.cache_path))
+    return result
+
+
+@cache
+def state_of(package: str) -> str:
+    """A hash of the code of one of our packages, of this one beside others, and of the ground."""
+    state = sha256()
+    for name in (__package__, package if package in ("contact", "cip") else "skfem_adini"):
+        for module in sorted(Path(str(sys.modules[name].__file__)).parent.glob("**/*.py")):
+            state.update(module.read_bytes())
+    return state.hexdigest()[:12]
+
+
+def _forgive(kept: Any) -> None:
+    """Take a full disk, or files that cannot be read, for an empty folder."""
+    load, save, clear = kept.load_overload, kept.save_overload, kept.flush
+
+    def load_or_compile(signature: Any, target: Any) -> Any:
+        try:
+            found = load(signature, target)
+        except Exception:  # a damaged pickle may raise anything
+            with suppress(OSError):
+                clear()
+            return None
+        # Two processes that start at one time may give two versions the same file.
+        own = tuple(getattr(signature, "args", signature))
+        return found if found is None or tuple(found.signature.args) == own else None
+
+    def save_if_possible(signature: Any, code: Any) -> None:
+        with suppress(OSError):
+            save(signature, code)
+
+    kept.load_overload, kept.save_overload = load_or_compile, save_if_possible
+
+
+def _forget_old(folder: Path) -> None:
+    """Delete all cache files of generated kernels except the newest, as formulas may be many."""
+    with suppress(OSError):
+        files = sorted(folder.glob(f"*{_GENERATED}*.nb?"), key=lambda file: file.stat().st_mtime)
+        for file in files[:-_KEPT]:
+            file.unlink(missing_ok=True)
+
+
+def pointer() -> Any:
+    """The intrinsic that takes the address of an array.
+
+    Kernels index bare addresses. Reference counts and negative indices of numba's arrays would cost
+    ten times the arithmetic of a node in every call.
+    """
+    import numba
+    from numba.extending import intrinsic
+
+    types: Any = numba.types
+
+    @intrinsic
+    def address(_context: Any, array: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return context.make_array(signature.args[0])(context, builder, args[0]).data
+
+        return types.CPointer(array.dtype)(array), generate
+
+    return address
+
+
+def room(count: int) -> Any:
+    """The intrinsic that reserves `count` numbers of an array's type on the stack.
+
+    The compiler knows that no other pointer refers to them. Loops that copy parts of large arrays
+    there can therefore be vectorized.
+    """
+    import numba
+    from numba.extending import intrinsic
+
+    types: Any = numba.types
+
+    @intrinsic
+    def stack(_context: Any, array: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            import llvmlite.ir as ir  # type: ignore[import-untyped]
+
+            kind = context.get_value_type(array.dtype)
+            with builder.goto_entry_block():
+                place = builder.alloca(ir.ArrayType(kind, count))
+                place.align = 64
+            return builder.bitcast(place, kind.as_pointer())
+
+        return types.CPointer(array.dtype)(array), generate
+
+    return stack
