@@ -1,9 +1,8 @@
-"""Exceptions and warnings; each message names the argument, what was found, and the remedy."""
+"""Warnings of the package, the exceptions that it shares with the others; readers of arguments."""
 
 from __future__ import annotations
 
 import inspect
-import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -12,131 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-CHANGED = 0.25  # change of the gap along a motion, over the penetration, that is warned of
-# How NumPy shows its numbers, alone or in a tuple; what is said is the number.
-_NUMPY_SCALAR = re.compile(
-    r"\bnp\.(?:(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)|(True|False)_)"
+from skfem_adini.ground.errors import (  # noqa: F401
+    AdiniError,
+    Infeasible,
+    InputError,
+    MissingDependency,
+    NotConverged,
+    Unbounded,
 )
 
-
-class ContactError(Exception):
-    """Base class of every error raised by `contact`.
-
-    Catch it where any failure of the package is to be treated alike; its subclasses tell what to
-    do.
-
-    Examples
-    --------
-    >>> from contact import ContactError, ElasticBody
-    >>> from skfem import MeshQuad
-    >>> try:
-    ...     ElasticBody.from_mesh(MeshQuad().refined(1), E=1.0, nu=0.5)
-    ... except ContactError as error:
-    ...     print(error)
-    nu=0.5: Poisson's ratio must lie in (-1, 1/2)
-    """
-
-    def __str__(self) -> str:
-        return _NUMPY_SCALAR.sub(r"\1\2", str(self.args[0]) if self.args else "")
-
-
-class InputError(ContactError, ValueError):
-    """An argument is malformed: NaN, a wrong shape, an unknown name, an empty set, a wrong sign.
-
-    Nothing has been computed. Mend the argument that the message begins with; it is a `ValueError`
-    too, so that code which knows only the exceptions of Python catches it.
-
-    Examples
-    --------
-    >>> from contact import ContactProblem, ElasticBody
-    >>> from skfem import MeshQuad
-    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
-    >>> ContactProblem(body, "bottom", 0.0, friction=-0.1).solve()
-    Traceback (most recent call last):
-        ...
-    contact.errors.InputError: friction: must be finite and not negative
-    """
-
-
-class NotConverged(ContactError, RuntimeError):
-    """A solver stopped before its recomputed residual met the tolerance.
-
-    No result is returned, because it could not be certified. Do what the message says: it names the
-    residual that was reached, and the argument or the method to change.
-
-    Attributes
-    ----------
-    history : tuple of Iteration
-        One entry an iteration, as in `ContactResult.history`.
-
-    Examples
-    --------
-    A fixed point that is allowed two steps; the message says what to change:
-
-    >>> from contact import ContactProblem, ElasticBody
-    >>> from skfem import MeshQuad
-    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
-    >>> body = body.fix("top", "xy").load("left", (0.1, -0.1))
-    >>> problem = ContactProblem(body, "bottom", -0.01, friction=0.5)
-    >>> problem.solve(method="fixed_point", max_iterations=2)
-    Traceback (most recent call last):
-        ...
-    contact.errors.NotConverged: fixed point: ... raise max_iterations or eps, or use method=...
-    """
-
-    def __init__(self, message: str, history: tuple[Any, ...] = ()) -> None:
-        super().__init__(message)
-        self.history = history
-
-
-class Infeasible(ContactError):
-    """No displacement satisfies the fixed values and the gap together.
-
-    Supports hold a contact point inside the obstacle. Free that support, or move it or the
-    obstacle; the message names the contact point and its place.
-
-    Examples
-    --------
-    The upper left corner is held, and an obstacle on the left reaches .1 into the body:
-
-    >>> from contact import ContactProblem, ElasticBody
-    >>> from skfem import MeshQuad
-    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
-    >>> ContactProblem(body.fix("top", "xy"), "left", -0.1).solve()
-    Traceback (most recent call last):
-        ...
-    contact.errors.Infeasible: obstacle: contact point ... is fixed at normal displacement 0, ...
-    """
-
-
-class Unbounded(ContactError):
-    """The body is not held: a rigid motion meets no resistance.
-
-    Fix a displacement that this motion changes, add friction or an obstacle that stops it, or turn
-    the load that drives it away from the obstacle.
-
-    Attributes
-    ----------
-    mode : ndarray, shape (ndofs,)
-        The free rigid motion, normalised to a largest entry of one.
-
-    Examples
-    --------
-    A block that is pulled off its foundation:
-
-    >>> from contact import ContactProblem, ElasticBody
-    >>> from skfem import MeshQuad
-    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
-    >>> body = body.fix("left", "x").load("top", (0.0, 1.0))
-    >>> ContactProblem(body, "bottom", 0.0).solve()
-    Traceback (most recent call last):
-        ...
-    contact.errors.Unbounded: the body is not held: a translation along y meets no resistance ...
-    """
-
-    def __init__(self, message: str, mode: NDArray[np.float64]) -> None:
-        super().__init__(message, mode)  # both: pickle makes errors anew from these
-        self.mode = mode
+ContactError = AdiniError
+CHANGED = 0.25  # change of the gap along a motion, over the penetration, that is warned of
 
 
 class ContactWarning(UserWarning):
@@ -185,28 +70,6 @@ class LargeMotionWarning(ContactWarning):
     ...     result = ContactProblem(body, "top", roller).solve()
     >>> print(found[0].category.__name__)
     LargeMotionWarning
-    """
-
-
-class MissingDependency(ContactError, ImportError):
-    """An optional package is needed; the message holds the install line.
-
-    Run the line that the message ends with and repeat the call; it is an `ImportError` too.
-
-    Examples
-    --------
-    An environment without pypardiso:
-
-    >>> from unittest.mock import patch
-    >>> from contact import ContactProblem, ElasticBody
-    >>> from skfem import MeshQuad
-    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
-    >>> problem = ContactProblem(body.fix("top", "xy"), "bottom", -0.01, solver="pardiso")
-    >>> with patch.dict("sys.modules", {"pypardiso": None}):
-    ...     problem.solve()
-    Traceback (most recent call last):
-        ...
-    contact.errors.MissingDependency: PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'
     """
 
 

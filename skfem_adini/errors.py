@@ -1,94 +1,32 @@
-"""Exceptions and warnings of the package, all under :class:`AdiniError`."""
+"""Warnings of the package, and the exceptions that it shares with the others."""
 
-import re
-
-# How NumPy shows its numbers, alone or in a tuple; what is said is the number.
-_NUMPY_SCALAR = re.compile(
-    r"\bnp\.(?:(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)|(True|False)_)"
+from skfem_adini.ground.errors import (  # noqa: F401
+    AdiniError,
+    InputError,
+    MissingDependency,
+    NotConverged,
+    NotSupported,
 )
 
 
-class AdiniError(Exception):
-    """Base class of every exception raised by `skfem_adini`.
+class SolverError(AdiniError):
+    """A library for sparse systems returned an error; the message names the call and its number.
 
-    Catch it where any failure of the package is to be treated alike; its subclasses tell what to
-    do.
-
-    Examples
-    --------
-    >>> from skfem_adini import AdiniError, UniformSolver
-    >>> try:
-    ...     UniformSolver((1, 16), 1.0)
-    ... except AdiniError as error:
-    ...     print(type(error).__name__)
-    InputError
+    `status` is that number; `pivot` tells whether a pivot was zero, or not positive in a matrix
+    said to be definite. Where factors do not fit into the memory of a device, `free` are its free
+    bytes, and `hybrid` those with which hybrid memory would do, None if not even that.
     """
 
-    def __str__(self) -> str:
-        return _NUMPY_SCALAR.sub(r"\1\2", str(self.args[0]) if self.args else "")
-
-
-class InputError(AdiniError, ValueError):
-    """An argument cannot be used; the message names it, what was found and what to do.
-
-    Nothing has been computed. Mend the argument that the message begins with; it is a `ValueError`
-    too, so that code which knows only the exceptions of Python catches it.
-
-    Examples
-    --------
-    A plane stress tensor without its zero third row and column:
-
-    >>> import numpy as np
-    >>> from skfem_adini import von_mises
-    >>> von_mises(np.eye(2))
-    Traceback (most recent call last):
-        ...
-    skfem_adini.errors.InputError: stress: expected shape (3, 3, ...) with sigma_zz, got (2, 2); ...
-    """
-
-
-class MissingDependency(AdiniError, ImportError):
-    """An optional package is not installed; the message holds the line that installs it.
-
-    Run the line that the message ends with and repeat the call; it is an `ImportError` too.
-
-    Examples
-    --------
-    An environment without pyvista:
-
-    >>> from unittest.mock import patch
-    >>> from skfem import Basis, MeshQuad
-    >>> from skfem_adini import ElementQuadAdini, to_pyvista
-    >>> basis = Basis(MeshQuad(), ElementQuadAdini())
-    >>> with patch.dict("sys.modules", {"pyvista": None}):
-    ...     to_pyvista(basis, basis.zeros())
-    Traceback (most recent call last):
-        ...
-    skfem_adini.errors.MissingDependency: VTK output needs pyvista: pip install ...
-    """
-
-
-class NotConverged(AdiniError):
-    """An iteration did not reach its tolerance; the message says how far it came.
-
-    No result is returned. Raise the tolerance or the number of iterations, or take the direct
-    solver or the other shift that the message names.
-
-    Examples
-    --------
-    Multigrid that is allowed one iteration:
-
-    >>> from skfem import Basis, MeshQuad
-    >>> from skfem.models.poisson import laplace, mass
-    >>> from skfem_adini import ElementQuadAdini, factorize, near_null_space
-    >>> basis = Basis(MeshQuad().refined(2), ElementQuadAdini())
-    >>> A = laplace.assemble(basis) + mass.assemble(basis)
-    >>> factor = factorize(A, solver="amg", near_null=near_null_space(basis), max_iterations=1)
-    >>> factor.solve(basis.project(lambda x: x[0]))
-    Traceback (most recent call last):
-        ...
-    skfem_adini.errors.NotConverged: multigrid: relative residual ... after 1 iterations, ...
-    """
+    def __init__(
+        self,
+        message: str,
+        status: int,
+        pivot: bool = False,
+        free: int | None = None,
+        hybrid: int | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.status, self.pivot, self.free, self.hybrid = status, pivot, free, hybrid
 
 
 class ReducedOrderWarning(UserWarning):

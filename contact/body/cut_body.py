@@ -26,7 +26,6 @@ from skfem_adini import (
     LevelSet,
     Polygon,
 )
-from skfem_adini import InputError as AdiniInputError
 from skfem_adini.arguments.pointwise_function import pointwise
 
 Array = NDArray[np.float64]
@@ -109,10 +108,7 @@ class CutBody(ElasticBody):
                 "plane='axisymmetric': a CutBody has no radii; take a mesh that fits the boundary "
                 "(ElasticBody)"
             )
-        try:
-            whole = CutDomain(mesh, level_set, q=q)
-        except AdiniInputError as error:
-            raise InputError(str(error)) from error
+        whole = CutDomain(mesh, level_set, q=q)
         E, nu = (
             _of_active("E", E, mesh.nelements, whole.active),
             _of_active("nu", nu, mesh.nelements, whole.active),
@@ -192,10 +188,7 @@ class CutBody(ElasticBody):
         if where is not None:
             where = function_of_places("where", where)
         listed: Any = None if parts is None else array_of("parts", parts)
-        try:
-            basis = self.domain.boundary(self.element, listed)
-        except AdiniInputError as error:
-            raise InputError(str(error)) from error
+        basis = self.domain.boundary(self.element, listed)
         x, normals = np.asarray(basis.global_coordinates()), np.asarray(basis.normals)
         real = basis.dx > 0
         if where is not None:
@@ -258,10 +251,7 @@ class CutBody(ElasticBody):
         if not isinstance(boundary, CutArc):
             self.whole_facets(boundary)
             return super().load(boundary, traction)
-        try:
-            value = evaluated("traction", _pointwise("traction", traction), boundary.x)
-        except AdiniInputError as error:
-            raise InputError(str(error)) from error
+        value = evaluated("traction", _pointwise("traction", traction), boundary.x)
         if value.ndim == 1:
             value = value[:, None]
         if value.shape not in ((2, 1), boundary.x.shape) or not np.all(np.isfinite(value)):
@@ -307,13 +297,10 @@ class CutBody(ElasticBody):
             others, so such a mean has no meaning.
         """
         force = _pointwise("force", force)
-        try:
-            loads = [
-                self._load_vector(basis, force, "force")
-                for basis in self.domain.groups(self.basis.elem)
-            ]
-        except AdiniInputError as error:
-            raise InputError(str(error)) from error
+        loads = [
+            self._load_vector(basis, force, "force")
+            for basis in self.domain.groups(self.basis.elem)
+        ]
         self.f = self.f + np.sum(loads, axis=0)
         return self
 
@@ -353,10 +340,7 @@ class CutBody(ElasticBody):
     def extension(self) -> AdiniExtension:
         """The extension to the nodes outside, which respects the supports."""
         essential = self._supported() if self._supports else None
-        try:
-            return AdiniExtension(self.basis, self.domain, self.threshold, essential)
-        except AdiniInputError as error:
-            raise InputError(str(error)) from error
+        return AdiniExtension(self.basis, self.domain, self.threshold, essential)
 
     @cached_property
     def constraint(self) -> tuple[sparse.csr_array, Array]:

@@ -21,7 +21,6 @@ from contact.body.spread_solid import SpreadSolid
 from contact.body.vector_element import DEFAULT_ELEMENT, vector_element
 from contact.errors import InputError
 from contact.settled import settled
-from skfem_adini import InputError as SpaceInputError
 from skfem_adini.distributed import DistributedBasis, has_petsc
 
 Array = NDArray[np.float64]
@@ -124,11 +123,8 @@ class DistributedBody(SpreadSolid):
             )
         self.backend, self.multigrid = backend, multigrid
         self.contact = (contact,) if isinstance(contact, str) else tuple(contact)
-        try:
-            order = {} if intorder is None else {"intorder": intorder}
-            self.space = DistributedBasis(mesh, partial(_element, element), comm, **order)
-        except SpaceInputError as error:
-            raise InputError(str(error)) from error
+        order = {} if intorder is None else {"intorder": intorder}
+        self.space = DistributedBasis(mesh, partial(_element, element), comm, **order)
         self.comm: Any = self.space.comm
         given: dict[str, Any] = {"plane": plane, "dilatation": dilatation, "material": material}
         of_cells = partial(_of_cells, total=self.space.piece.total)

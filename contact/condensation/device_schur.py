@@ -12,12 +12,9 @@ from scipy import sparse
 
 from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import ForwardCache, Vector, not_definite
-from contact.errors import ContactError, InputError, MissingDependency
-from skfem_adini import InputError as NoDevice
-from skfem_adini import MissingDependency as NoCudss
+from contact.errors import InputError, MissingDependency
 from skfem_adini.solvers.cudss_library import (
-    CudssError,
-    DeviceMemory,
+    SolverError,
     device_arrays,
     load_cudss,
 )
@@ -120,17 +117,19 @@ def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Facto
     try:
         try:
             return factored(False)
-        except DeviceMemory as error:
+        except SolverError as error:
             if error.hybrid is None or not hybrid:
                 raise
             _log.info("hybrid memory: %s", error)
         return factored(True)
-    except NoCudss as error:
+    except MissingDependency as error:
         raise MissingDependency(f"device='cuda': {error}") from error
-    except NoDevice as error:
+    except InputError as error:
         raise InputError(f"device: {error}") from error
-    except CudssError as error:
-        raise (not_definite() if error.pivot else ContactError(str(error))) from error
+    except SolverError as error:
+        if error.pivot:
+            raise not_definite() from error
+        raise
 
 
 def missing_for_cudss() -> str | None:
@@ -138,6 +137,6 @@ def missing_for_cudss() -> str | None:
     try:
         device_arrays()
         load_cudss()
-    except NoCudss as error:
+    except MissingDependency as error:
         return str(error)
     return None

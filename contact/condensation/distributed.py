@@ -18,8 +18,6 @@ from contact.body.rigid_modes import describe_motion, reduced_echelon
 from contact.condensation.condensed_body import BodyRows, CondensedBody
 from contact.condensation.scaled_stiffness import unit_of
 from contact.condensation.schur import schur_factor
-from contact.errors import InputError
-from skfem_adini import InputError as MatrixInputError
 from skfem_adini.distributed import MumpsSchur, has_petsc
 
 Array = NDArray[np.float64]
@@ -72,10 +70,7 @@ class CondensedDistributed(CondensedBody):
         body, z = self.body, self.body.unknowns
         if body.comm.size == 1 and (solver != "mumps" and not (solver == "auto" and has_petsc())):
             return schur_factor(S, self._at, partial(_banded, S), solver)
-        try:
-            return MumpsSchur(S, z.numbers, z.first, z.total, self._at, body.comm)
-        except MatrixInputError as error:
-            raise InputError(str(error)) from error
+        return MumpsSchur(S, z.numbers, z.first, z.total, self._at, body.comm)
 
     @staticmethod
     def _diagonal(body: DistributedBody) -> Array:

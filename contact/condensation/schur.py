@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.errors import ContactError, InputError, MissingDependency
-from skfem_adini.solvers.pardiso import DEFINITE, Pardiso, PardisoError, has_pardiso
+from skfem_adini.solvers.pardiso import DEFINITE, Pardiso, SolverError, has_pardiso
 from skfem_adini.solvers.superlu import SuperLUFactor
 
 Vector = NDArray[np.float64]
@@ -193,10 +193,10 @@ class PardisoSchur(ForwardCache):
             self._pardiso = Pardiso(shifted, DEFINITE, parameters, chosen=boundary)
             self._pardiso(11)
             self._pardiso(22, x=block)
-        except PardisoError as error:
+        except SolverError as error:
             if error.pivot:
                 raise not_definite() from error
-            raise ContactError(str(error)) from error
+            raise
         self.schur = 0.5 * (block + block.T) - np.diag(shift)
 
     def _forward(self, load: Vector) -> Vector:

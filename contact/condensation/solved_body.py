@@ -18,9 +18,7 @@ from contact.condensation.device_schur import Tree, on_device, restricted
 from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import not_definite
 from contact.condensation.sparse import SparseBody
-from contact.errors import ContactError, MissingDependency
-from skfem_adini import InputError as MatrixInputError
-from skfem_adini import MissingDependency as NoPackage
+from contact.errors import ContactError, InputError
 from skfem_adini import factorize
 from skfem_adini.solvers.cudss import Cudss
 
@@ -180,9 +178,7 @@ def _on_host(stiffness: sparse.csr_array, solver: str) -> Any:
     """Factors by a solver of the host."""
     try:
         return factorize(stiffness, solver=solver)  # type: ignore[arg-type]
-    except NoPackage as error:
-        raise MissingDependency(str(error)) from error
-    except MatrixInputError as error:
+    except InputError as error:
         raise not_definite() from error
 
 

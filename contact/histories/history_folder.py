@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from contact.body.distributed_body import DistributedBody
 from contact.errors import InputError
-from contact.output.archive import DamagedFile, checksum, read_arrays, write_arrays
+from contact.output.archive import checksum, is_damaged, read_arrays, write_arrays
 from contact.result.contact_result import ContactResult
 from contact.result.stored_result import problem_arrays, rebuild, state_arrays
 from contact.result.stored_rows import OWN, rows_arrays
@@ -167,7 +167,7 @@ class HistoryFolder:
                 arrays, found = self._read(path, k, system)
                 state = rebuild(path, shared | arrays, found is not None, system)
             except InputError as error:
-                if path.is_file() and not isinstance(error, DamagedFile):
+                if path.is_file() and not is_damaged(error):
                     raise
                 if last > k:
                     self.damage = error
@@ -206,7 +206,9 @@ class HistoryFolder:
         if problem.exists():
             try:
                 self._shared()
-            except DamagedFile:
+            except InputError as error:
+                if not is_damaged(error):
+                    raise
                 _set_aside(problem)
         if not problem.exists():
             write_arrays(problem, problem_arrays(system))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
-from contact.errors import InputError
+from contact.errors import InputError, NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.laws.progress import ROUND_OFF
 from contact.laws.qp_peers import solve_box_with
-from gpu import NotConverged, QPFactor, QPResult, solve_qp
+from gpu import QPFactor, QPResult, solve_qp
 
 # Compliance added to each row, whose own is about one, where rows are linearly dependent.
 COMPLIANCE = 1e-9
@@ -128,13 +128,13 @@ def _box_qp(
     :math:`P + \delta I` and :math:`q - \delta x_k`, with one factorisation for all steps, and
     violates the conditions of the problem by at most :math:`\delta |x_{k+1} - x_k|`.
     """
-    factor = QPFactor(P)
+    factor = _factored(P)
     if factor.definite:
         try:
             return solve_qp(factor, q, A=A, b=b, lb=lb, ub=ub, start=guess, tol=tol)
         except NotConverged:  # nearly singular
             pass
-    factor = QPFactor(P + COMPLIANCE * np.eye(q.size))
+    factor = _factored(P + COMPLIANCE * np.eye(q.size))
     x = np.zeros(q.size) if guess is None else guess
     start: Array | QPResult | None = guess
     least, best = np.inf, None
@@ -159,3 +159,13 @@ def _box_qp(
             "functional, or refine"
         )
     return best
+
+
+def _factored(P: Array) -> QPFactor:
+    try:
+        return QPFactor(P)
+    except InputError as error:
+        raise InputError(
+            f"functional: the compliance of its rows is not positive semidefinite ({error}); "
+            "choose another functional, or refine"
+        ) from error

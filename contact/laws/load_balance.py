@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 
 from contact.condensation.boundary_problem import Array, BoundaryProblem
+from contact.errors import Infeasible
 from contact.laws.friction import Coulomb, Friction, Tresca
-from gpu import Infeasible
 
 _DIRECTIONS = 16  # initial directions of the slip in 3-D, over half a turn
 _CUTS = 30  # rounds of cutting planes at most; each reduces the error of the moduli by four

@@ -28,8 +28,18 @@ _HEADERS = {
 }
 
 
-class DamagedFile(InputError):
-    """The file is cut short, or its bits have changed: it cannot be read."""
+_DAMAGED = "it is cut short, or its bits have changed"
+
+
+def _damaged(path: Path, what: object) -> InputError:
+    error = InputError(f"result file {path} cannot be read: {what}")
+    error.add_note(_DAMAGED)
+    return error
+
+
+def is_damaged(error: InputError) -> bool:
+    """Whether a file could not be read because it is cut short, or its bits have changed."""
+    return _DAMAGED in getattr(error, "__notes__", ())
 
 
 def named_archive(path: str | Path) -> Path:
@@ -101,10 +111,9 @@ def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
 
     Raises
     ------
-    DamagedFile
-        The file is truncated or not an archive of arrays.
     InputError
-        The file is missing, encrypted, implausibly large, or was changed after it was written.
+        The file is missing, encrypted, implausibly large, truncated or not an archive of arrays
+        (`is_damaged`), or was changed after it was written.
     """
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")
@@ -117,7 +126,7 @@ def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
     except Exception as error:  # zipfile and NumPy raise of every kind on what they cannot read
         if isinstance(error, OSError) and error.errno != errno.EINVAL:  # a seek to nowhere
             raise InputError(f"result file {path} cannot be read: {error}") from error
-        raise DamagedFile(f"result file {path} cannot be read: {error}") from error
+        raise _damaged(path, error) from error
     given = arrays.pop(_CHECKSUM, None)
     found = checksum(arrays)
     if given is not None and str(given) != found:
@@ -136,14 +145,14 @@ def reading(path: Path) -> Iterator[None]:
     except InputError as error:
         raise InputError(f"result file {path}: {error}") from error
     except Exception as error:
-        raise DamagedFile(f"result file {path} cannot be read: {error!r}") from error
+        raise _damaged(path, repr(error)) from error
 
 
 def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
     """Refuse archives that must not even be unpacked."""
     names = [info.filename for info in archive.filelist]
     if len(set(names)) < len(names):
-        raise DamagedFile(f"result file {path} cannot be read: two of its arrays have one name")
+        raise _damaged(path, "two of its arrays have one name")
     if any(info.flag_bits & 1 for info in archive.filelist):
         raise InputError(f"result file {path} is encrypted; unpack it and write it without")
     if any(info.compress_type not in _COMPRESSION for info in archive.filelist):

@@ -15,7 +15,6 @@ from contact.errors import ContactError, warn
 from contact.laws.methods import solve_boundary
 from contact.laws.options import Options
 from contact.problem.nested_start import start_forces
-from gpu import GpuError
 
 if TYPE_CHECKING:
     from contact.condensation.condensed_contact import CondensedContact
@@ -58,7 +57,7 @@ def warn_of_sagitta(
     scale, w = condensed.point_scale, system.rows.weights
     friction = system.scaled_friction(scale)
     # If the problem with the curve has no solution, there is nothing to compare with.
-    with suppress(ContactError, GpuError, LinAlgError), condensed.blas_threads():
+    with suppress(ContactError, LinAlgError), condensed.blas_threads():
         boundary = condensed.boundary_problem(
             system.load, system.rows.gap + rise, system.slip_from, system.motion
         )

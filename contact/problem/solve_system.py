@@ -15,7 +15,7 @@ from contact.arrays.blas_threads import one_blas_thread
 from contact.body.basis_solid import BasisSolid
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import CondensedContact
-from contact.errors import InputError, NotConverged
+from contact.errors import Infeasible, NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import undetermined_slip
 from contact.laws.methods import solve_boundary
@@ -27,9 +27,6 @@ from contact.result.certify import certify, take_strains
 from contact.result.contact_result import ContactResult
 from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
-from gpu import Infeasible as QPInfeasible
-from gpu import InputError as QPInputError
-from gpu import NotConverged as QPNotConverged
 
 Array = NDArray[np.float64]
 STIFF = ("newton", "pdas", "tresca_loop")  # methods that may fall back on the stiffness form
@@ -105,14 +102,11 @@ def _solved(
     try:
         found = solved(load, start, report)
         forces, slack, state, _ = _refined(found, system, condensed, load, options.tol, solved)
-    except QPInfeasible as error:
+    except Infeasible as error:
+        if error.certificate is None:
+            raise
         raise driven(condensed, error.certificate) from error
-    except QPInputError as error:
-        raise InputError(
-            f"functional {system.rows.functional!r}: the compliance of its rows is not positive "
-            f"semidefinite ({error}); choose another functional, or refine"
-        ) from error
-    except (QPNotConverged, NotConverged) as error:
+    except NotConverged as error:
         slender = whole and (condensed.thin or condensed.slender)
         if slender and options.max_iterations >= THOROUGH:
             with suppress(NotConverged, LinAlgError):
@@ -167,7 +161,7 @@ def _refined(
     rest = condensed.unbalanced(load, *found.state) if before > RESERVE * tol else None
     if rest is None:
         return found
-    with suppress(NotConverged, QPNotConverged):
+    with suppress(NotConverged):
         better = solved(load + rest, found.forces, lambda line: None, found.s)
         if always or system.balance(*better.state) < before:
             return better

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from contact.body.distributed_body import DistributedBody
-from contact.errors import InputError
+from contact.errors import ContactError, InputError
 from contact.output.vtk import body_grid
 from contact.result.body_result import BodyResult
 from contact.result.contact_result import ContactResult
-from skfem_adini import AdiniError
 from skfem_adini.distributed import write_pieces
 
 
@@ -65,5 +64,5 @@ def save_pvtu(path: str | Path, result: ContactResult) -> Path:
 
     try:
         return write_pieces(path, body.comm, grid)
-    except AdiniError as error:
+    except ContactError as error:
         raise InputError(str(error)) from error

@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike
 
 from gpu.arrays.dense import symmetric_product
 from gpu.arrays.namespace import to_host
-from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
-from gpu.qp.active_set.whitened import GaveUp, WhitenedActiveSet
+from gpu.errors import InputError, NotConverged
+from gpu.qp.active_set.whitened import WhitenedActiveSet
 from gpu.qp.data.kkt import general_residuals, kkt_residuals
 from gpu.qp.data.qp_problem import QPProblem, power_of_two
 from gpu.qp.data.qp_result import QPResult, Status, boxes_only
 from gpu.qp.data.standard_qp import StandardQP, residuals
 from gpu.qp.data.step import Step
 from gpu.qp.interior_point.extended_precision import PrimalDual
-from gpu.qp.interior_point.minimise import NoBound, NoPoint, Point, certified, minimise, polished
+from gpu.qp.interior_point.minimise import Point, certified, minimise, polished
 from gpu.qp.interior_point.polish import Sides
 from gpu.qp.last_digits import last_digits
 
@@ -47,14 +47,7 @@ def solve_any_problem(
             result = _result(problem, p, point, (), "active set")
             if result.kkt.worst <= tol:
                 return result
-    try:
-        point = minimise(p, tol)
-    except NoPoint as error:
-        raise Infeasible("no point of the box satisfies the rows", error.certificate) from None
-    except NoBound as error:
-        raise Unbounded(
-            "the objective falls for ever along a feasible direction, see `ray`", error.direction
-        ) from None
+    point = minimise(p, tol)
     result = _result(problem, p, _sharpened(problem, p, point, tol), (), "interior point")
     if not result.kkt.worst <= tol:
         raise NotConverged(
@@ -116,7 +109,7 @@ def _whitened(
     )
     try:
         x, multipliers = method.run(state)
-    except GaveUp:
+    except NotConverged:
         return None
     x, y = d * x, e * multipliers[: e.size]
     if xp is not np:

@@ -23,7 +23,7 @@ from gpu.errors import GpuError
 from gpu.qp.data.qp_problem import QPProblem
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, residuals
 from gpu.qp.interior_point.extended_precision import PrimalDual, extended
-from gpu.qp.interior_point.minimise import NoBound, NoPoint, minimise
+from gpu.qp.interior_point.minimise import minimise
 
 # Of a number: what its rounding moves it by, on average.
 MEAN_ROUNDING = np.finfo(float).eps / 4
@@ -204,7 +204,7 @@ def least_multipliers(p: StandardQP, x: Array, y: Array, tol: float) -> tuple[Ar
     )
     try:
         found = minimise(least, tol, proofs=False)
-    except (NoPoint, NoBound, GpuError):
+    except GpuError:
         return None
     if not found.residuals.worst <= tol:
         return None

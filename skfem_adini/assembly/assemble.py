@@ -19,20 +19,18 @@ from skfem_adini.assembly.congruence_classes import Classes, congruence_classes
 from skfem_adini.assembly.csr_scatter import scatter_matrix, scatter_vector
 from skfem_adini.assembly.dof_blocks import DofBlocks
 from skfem_adini.assembly.form_parameters import (
-    NotConstant,
     checked,
     constant_parts,
     wide_field,
     words_of,
 )
 from skfem_adini.assembly.local_tensors import Coefficients, Space, local_tensors, locked
-from skfem_adini.assembly.pointwise_check import FormNotPointwise
 from skfem_adini.assembly.translation_invariance import (
     orientations,
     why_not_element,
     why_not_mapping,
 )
-from skfem_adini.errors import InputError
+from skfem_adini.errors import InputError, NotSupported
 
 Integers = NDArray[np.integer]
 
@@ -42,10 +40,6 @@ _FEW_CELLS = 9  # an array over so few cells could as well be a tensor of 3 x 3 
 # Cells that are compared first: if no two of them are alike, the others are not looked at.
 _SAMPLE = 512
 _TYPES = [np.dtype(kind) for kind in (np.float32, np.float64, np.complex64, np.complex128)]
-
-
-class _SlowPath(Exception):
-    """The fast path does not apply; the message says why scikit-fem assembles instead."""
 
 
 def assemble(
@@ -177,7 +171,7 @@ def assemble(
         else:
             problem = _Problem.of_bases(form, bases)
         result, line = problem.assemble(parameters, spare=fallback)
-    except _SlowPath as reason:
+    except NotSupported as reason:
         line = f"assembled by scikit-fem: {reason}"
         if not fallback:
             raise InputError(f"form: needs scikit-fem, {reason}; allow fallback=True") from reason
@@ -240,13 +234,13 @@ class _Problem:
         first = bases[0]
         for basis in bases:
             if not isinstance(basis, CellBasis):
-                raise _SlowPath(f"the basis is a {type(basis).__name__}")
+                raise NotSupported(f"the basis is a {type(basis).__name__}")
             _check_invariance(basis.elem, basis.mapping, basis.mesh)
             same = (basis.X, first.X), (basis.W, first.W)
             if basis.mesh is not first.mesh or not all(np.array_equal(*pair) for pair in same):
-                raise _SlowPath("the bases have different meshes or quadratures")
+                raise NotSupported("the bases have different meshes or quadratures")
             if not np.array_equal(_cells_of(basis), _cells_of(first)):
-                raise _SlowPath("the bases have different cells")
+                raise NotSupported("the bases have different cells")
         spaces = [Space(basis.elem, basis.mapping, basis.X, basis.W) for basis in bases]
         blocks = [DofBlocks.of_basis(basis) for basis in bases]
         return cls(form, spaces, blocks, first.mesh, first.tind)
@@ -259,21 +253,14 @@ class _Problem:
         sizes = [int(block.local[-1]) for block in blocks]
         coefficients, words = self._coefficients(parameters, blocks[0].size)
         if len(self.cells) == 0:
-            raise _SlowPath("there are no cells")
+            raise NotSupported("there are no cells")
         shapes = self._shapes(spare)
         classes = shapes
         if words:
             none = np.zeros((1, 0)), np.zeros((1, len(self.cells)), dtype=np.int32)
             own = [shapes.labels[:, None].astype(np.uint64), *words]
             classes = congruence_classes(*none, np.hstack(own))
-        try:
-            local = local_tensors(
-                self.form, spaces, sizes, shapes, classes, self.cells, coefficients
-            )
-        except NotConstant as used:
-            raise _SlowPath(f"the form uses {used}") from used
-        except FormNotPointwise as error:
-            raise _SlowPath(f"the form does not act point by point: {error}") from error
+        local = local_tensors(self.form, spaces, sizes, shapes, classes, self.cells, coefficients)
         rows = blocks[-1].restricted(self.some)
         columns = blocks[0].restricted(self.some)
         if bilinear:
@@ -320,7 +307,9 @@ class _Problem:
                     locked(DiscreteField(value)) if isinstance(value, np.ndarray) else value
                 )
             elif cells <= _FEW_CELLS:
-                raise _SlowPath(f"there are too few cells to tell the field {name} from a tensor")
+                raise NotSupported(
+                    f"there are too few cells to tell the field {name} from a tensor"
+                )
             elif (parts := constant_parts(value, cells)) is None:
                 found.withheld.add(name)
             else:
@@ -344,11 +333,11 @@ def _form(form: Any) -> Any:
 
 def _check_form(form: Any, bases: int) -> None:
     if type(form) not in (BilinearForm, LinearForm):
-        raise _SlowPath(f"the form is a {type(form).__name__}")
+        raise NotSupported(f"the form is a {type(form).__name__}")
     if bases > (2 if type(form) is BilinearForm else 1):
         raise InputError(f"form: a {type(form).__name__} does not take {bases} elements or bases")
     if np.dtype(form.dtype) not in _TYPES:
-        raise _SlowPath(f"the form has numbers of the type {np.dtype(form.dtype)}")
+        raise NotSupported(f"the form has numbers of the type {np.dtype(form.dtype)}")
 
 
 def _check_bases(bases: list[Any]) -> None:
@@ -380,13 +369,13 @@ def _check_mesh(mesh: Any, element: Any, test_element: Any, intorder: Any) -> No
 
 def _check_alike(found: Classes, alone: float) -> None:
     if len(found.representatives) >= alone * len(found.labels):
-        raise _SlowPath("too few cells are alike")
+        raise NotSupported("too few cells are alike")
 
 
 def _check_invariance(element: Any, mapping: Any, mesh: Any) -> None:
     reason = why_not_element(element) or why_not_mapping(mapping, mesh)
     if reason:
-        raise _SlowPath(reason)
+        raise NotSupported(reason)
 
 
 def _cells_of(basis: Any) -> Integers:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skfem.assembly.form.form import FormExtraParams
 from skfem.element import DiscreteField
 
-from skfem_adini.errors import InputError
+from skfem_adini.errors import InputError, NotSupported
 
 Array = NDArray[Any]
 
@@ -21,15 +21,11 @@ Array = NDArray[Any]
 _MOST_COMPONENTS = 36
 
 
-class NotConstant(Exception):
-    """A form used a parameter that is not constant in each cell."""
-
-
 class FormParameters(FormExtraParams):
-    """The parameters ``w`` of a form: constants can be read, all others raise `NotConstant`.
+    """The parameters ``w`` of a form: constants can be read, all others raise `NotSupported`.
 
     Numbers and fields constant in each cell can be read. Any use of the coordinates ``x``, the
-    mesh size ``h``, the index ``idx`` or a field that varies inside a cell raises `NotConstant`
+    mesh size ``h``, the index ``idx`` or a field that varies inside a cell raises `NotSupported`
     and is recorded, in case the form catches the exception.
 
     Parameters
@@ -46,13 +42,14 @@ class FormParameters(FormExtraParams):
         self._used: set[str] = set()
 
     @property
-    def _refused(self) -> str | None:
-        """Names of the withheld parameters that the form has used, or None."""
-        return ", ".join(f"w.{name}" for name in sorted(self._used)) or None
+    def _refused(self) -> NotSupported | None:
+        """The error that names the withheld parameters which the form has used, or None."""
+        names = ", ".join(f"w.{name}" for name in sorted(self._used))
+        return NotSupported(f"the form uses {names}") if names else None
 
     def _refuse(self, name: str) -> NoReturn:
         self._used.add(name)
-        raise NotConstant(name)
+        raise NotSupported(f"the form uses {name}")
 
     def __getattr__(self, name: str) -> Any:
         if name in self.__dict__.get("_withheld", ()):

@@ -13,11 +13,11 @@ from skfem.element import DiscreteField, ElementVector
 from skfem.mapping import MappingAffine, MappingIsoparametric
 
 from skfem_adini.assembly.congruence_classes import Classes
-from skfem_adini.assembly.form_parameters import FormParameters, NotConstant
-from skfem_adini.assembly.pointwise_check import FormNotPointwise, check_pointwise
+from skfem_adini.assembly.form_parameters import FormParameters
+from skfem_adini.assembly.pointwise_check import check_pointwise, not_pointwise
 from skfem_adini.assembly.separated_form import CellNumbers, Separated, of_integrand
 from skfem_adini.assembly.translation_invariance import oriented
-from skfem_adini.errors import InputError
+from skfem_adini.errors import InputError, NotSupported
 
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
@@ -163,10 +163,9 @@ def local_tensors(
 
     Raises
     ------
-    NotConstant
-        The form used something that varies inside a cell.
-    FormNotPointwise
-        The form raised, did not return a number for each quadrature point, or mixes the cells.
+    NotSupported
+        The form used something that varies inside a cell, raised, did not return a number for each
+        quadrature point, or mixes the cells.
     """
     rows = _Rows(form, spaces, sizes, shapes, classes, cells, coefficients)
     local = np.zeros((len(classes.representatives), *reversed(sizes)), dtype=form.dtype)
@@ -180,7 +179,7 @@ def local_tensors(
             rows.combine(flat)
             check()
             return local
-        except FormNotPointwise:
+        except NotSupported:
             pass  # the form mixes cells, or its coefficients enter in another way
     for some, entries, density in rows.all_densities():
         flat[some, entries] = np.sum(density, axis=1)
@@ -231,7 +230,7 @@ class _Rows:
                 size = len(self._of_shapes), self._entries
                 terms = [(c, np.zeros(size, dtype=a.dtype)) for c, a in found]
             if len(terms) != len(found):
-                raise FormNotPointwise("its terms are not the same for all entries")
+                raise not_pointwise("its terms are not the same for all entries")
             for (_, table), (_, a) in zip(terms, found, strict=True):
                 table[some, entries] = np.sum(a, axis=1)
         step = max(1, _POINTS_OF_CALL // self._entries)
@@ -329,16 +328,14 @@ class _Rows:
 def _density(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> Any:
     try:
         density = form.form(*arguments, w) * dx
-    except NotConstant:
-        raise
     except Exception as error:
-        raise NotConstant(w._refused) if w._refused else FormNotPointwise(repr(error)) from error
+        raise w._refused or not_pointwise(repr(error)) from error
     if w._refused:
-        raise NotConstant(w._refused)
+        raise w._refused
     separated = isinstance(density, Separated)
     shape = density.shape if separated else np.shape(density)
     if shape != dx.shape:
-        raise FormNotPointwise(f"it returned an array of shape {shape}")
+        raise not_pointwise(f"it returned an array of shape {shape}")
     return density if separated else np.asarray(density)
 
 

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from skfem_adini.errors import NotSupported
+
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
@@ -22,8 +24,9 @@ _ROWS_AROUND = 300
 ROUNDING = 1e-11
 
 
-class FormNotPointwise(Exception):
+def not_pointwise(why: str) -> NotSupported:
     """A form failed on some cells, mixed cells, or did not give one number for each point."""
+    return NotSupported(f"the form does not act point by point: {why}")
 
 
 class Rows(Protocol):
@@ -71,7 +74,7 @@ def check_pointwise(
 
     Raises
     ------
-    FormNotPointwise
+    NotSupported
         An entry differs from the one computed before.
     """
     rng = np.random.default_rng(0)
@@ -88,7 +91,7 @@ def check_pointwise(
             if not np.allclose(
                 density.sum(axis=1), there, rtol=0, atol=ROUNDING * size, equal_nan=True
             ):
-                raise FormNotPointwise(
+                raise not_pointwise(
                     "it gives other numbers for a cell among other cells, as a reduction over the "
                     "cells does"
                 )

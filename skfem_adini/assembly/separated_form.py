@@ -8,7 +8,7 @@ Then the local matrices of congruent cells are combinations of those of the :mat
 form itself shows these terms: it is called with a `CellNumbers` for each coefficient, which
 computes whatever the form makes of coefficients alone, such as k**3, 1 / k or a threshold, for all
 cells, and becomes a `Separated` where it meets a function. Nothing is guessed from values; any
-other operation raises `NotSeparated`.
+other operation raises `NotSupported`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
+from skfem_adini.errors import NotSupported
+
 Array = NDArray[Any]
 Term = tuple[Any, Array]  # number of each cell, or 1.0; an array over (..., rows, points)
 
@@ -28,12 +30,8 @@ Term = tuple[Any, Array]  # number of each cell, or 1.0; an array over (..., row
 _MOST_TERMS = 16
 
 
-class NotSeparated(Exception):
-    """A form does with a coefficient what this module does not follow."""
-
-
 def _refuse(*_: Any, **__: Any) -> NoReturn:
-    raise NotSeparated
+    raise NotSupported
 
 
 class _Symbol(NDArrayOperatorsMixin):
@@ -42,7 +40,7 @@ class _Symbol(NDArrayOperatorsMixin):
     __array__ = __bool__ = __len__ = __contains__ = __setitem__ = __float__ = _refuse
 
     def __getattr__(self, name: str) -> Any:
-        raise NotSeparated(name)
+        raise NotSupported(name)
 
 
 class CellNumbers(_Symbol):

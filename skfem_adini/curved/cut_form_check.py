@@ -12,9 +12,9 @@ from skfem.assembly.form.form import Form, FormExtraParams
 from skfem.element import DiscreteField
 
 from skfem_adini.assembly.local_tensors import rows_of
-from skfem_adini.assembly.pointwise_check import ROUNDING, FormNotPointwise, check_pointwise
+from skfem_adini.assembly.pointwise_check import ROUNDING, check_pointwise, not_pointwise
 from skfem_adini.elements.field_on_demand import existing_parts
-from skfem_adini.errors import InputError
+from skfem_adini.errors import InputError, NotSupported
 
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
@@ -97,10 +97,10 @@ class CutSample:
             if not np.allclose(
                 padded[:, :_POINTS_TRIED], there, rtol=0, atol=limit, equal_nan=True
             ):
-                raise FormNotPointwise("it gives other numbers where a point comes several times")
-        except FormNotPointwise as error:
+                raise not_pointwise("it gives other numbers where a point comes several times")
+        except NotSupported as error:
             raise InputError(
-                f"form: does not act point by point: {error}. On a cut domain cells come in "
+                f"form: {str(error).removeprefix('the form ')}. On a cut domain cells come in "
                 "several batches, with points of weight zero: compute such numbers beforehand and "
                 "hand them over, as in assemble(form, elem, largest=...)"
             ) from error
@@ -147,7 +147,7 @@ class _Rows:
             density = self._form.form(*arguments, FormExtraParams(parameters))
             return np.asarray(density * np.ones((len(classes), width)))
         except Exception as error:
-            raise FormNotPointwise(repr(error)) from error
+            raise not_pointwise(repr(error)) from error
 
 
 def _at(field: DiscreteField, points: Integers) -> DiscreteField:

@@ -17,10 +17,10 @@ from scipy import sparse
 from skfem_adini.errors import AdiniError, InputError
 from skfem_adini.solvers.cudss_handles import CudssHandles, on_device, permutation
 from skfem_adini.solvers.cudss_library import (
-    CudssError,
-    DeviceMemory,
     chosen_devices,
     device_arrays,
+    failed,
+    too_large,
 )
 from skfem_adini.solvers.device_triangle import DeviceTriangle, on_host_alone
 
@@ -78,10 +78,9 @@ class CudssMatrix:
     InputError
         `order` is no permutation, `devices` are no numbers of devices that are there, or
         `hybrid_memory` or `devices` are asked for with `deterministic` or with each other.
-    DeviceMemory
-        The factors will not fit into the device; nothing was factored.
-    CudssError
-        The factorisation fails; `CudssError.pivot` tells whether A is not definite.
+    SolverError
+        The factors will not fit into the device, and nothing was factored; or the factorisation
+        fails, and its `pivot` tells whether A is not definite.
 
     References
     ----------
@@ -125,7 +124,7 @@ class CudssMatrix:
         ------
         InputError
             The pattern is another one; the factors are those of before.
-        CudssError
+        SolverError
             The factorisation fails; there are no factors then.
         """
         self._cudss.here()
@@ -187,7 +186,7 @@ class CudssMatrix:
                 if phase == ANALYSIS:
                     check_memory(self._cudss, bool(self._hybrid), self._more_bytes(), self._devices)
         if pivot := self._cudss.get(_INFO, ctypes.c_int(0)).value:
-            raise CudssError("cudssExecute", pivot, pivot=True)
+            raise failed("cudssExecute", pivot, pivot=True)
         self._factored = True
 
     def _more_bytes(self) -> int:
@@ -468,7 +467,7 @@ def check_memory(
 
     Raises
     ------
-    DeviceMemory
+    SolverError
     """
     estimates = _estimates(cudss)
     least = int(estimates[_HYBRID]) + more
@@ -480,7 +479,7 @@ def check_memory(
         return
     free = sum(each)
     if needed > free:
-        raise DeviceMemory(needed, free, None if hybrid or least > free else least, more)
+        raise too_large(needed, free, None if hybrid or least > free else least, more)
 
 
 def memory(cudss: Any) -> dict[str, int]:

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.errors import AdiniError, InputError
 from skfem_adini.solvers.cudss_library import (
-    CudssError,
     device_arrays,
+    failed,
     load_cudss,
     threading_layer,
 )
@@ -160,7 +160,7 @@ class CudssHandles:
     def _call(self, name: str, *arguments: Any) -> None:
         status = int(getattr(self.library, name)(*arguments))
         if status:
-            raise CudssError(name, status)
+            raise failed(name, status)
 
 
 # Seconds between looks at signals: one that comes just before a wait begins does not end it.

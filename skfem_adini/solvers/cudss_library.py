@@ -10,7 +10,7 @@ import operator
 from pathlib import Path
 from typing import Any
 
-from skfem_adini.errors import AdiniError, InputError, MissingDependency
+from skfem_adini.errors import InputError, MissingDependency, SolverError
 
 # The numbers of the other file are those of this major version; those of 0.x differ.
 _VERSION = 1
@@ -23,60 +23,32 @@ _LESS = "take fewer unknowns to keep, hybrid_memory=True, or solver='pardiso' on
 _MISSING = "cuDSS needs CuPy and nvidia-cudss-cu13: pip install 'skfem-adini[cudss]'"
 
 
-class CudssError(AdiniError):
-    """cuDSS returned an error.
+def failed(call: str, status: int, pivot: bool = False) -> SolverError:
+    """The error of a call of cuDSS that returned this status."""
+    known = 0 <= status < len(_STATUSES)
+    text = "a pivot is zero or not positive" if pivot else _STATUSES[status] if known else "unknown"
+    if status == _ALLOCATION_FAILED and not pivot:
+        text += f"; the factors do not fit into the memory of the device; {_LESS}"
+    return SolverError(f"{call} of cuDSS returned status {status}: {text}", status, pivot)
 
-    Attributes
-    ----------
-    call, status
-        The function that was called, and cuDSS's number of the status.
-    pivot
-        Whether a pivot was zero, or not positive in a matrix said to be definite.
+
+def too_large(estimate: int, free: int, hybrid: int | None, kept: int) -> SolverError:
+    """The error of factors that will not fit into a device, by the analysis.
+
+    In bytes: what the factorisation needs at its peak, what is free, with what of the device
+    `hybrid_memory` would do, and what of the estimate the dense complement of kept unknowns takes.
     """
-
-    def __init__(self, call: str, status: int, pivot: bool = False) -> None:
-        known = 0 <= status < len(_STATUSES)
-        text = (
-            "a pivot is zero or not positive"
-            if pivot
-            else _STATUSES[status]
-            if known
-            else "unknown"
-        )
-        if status == _ALLOCATION_FAILED and not pivot:
-            text += f"; the factors do not fit into the memory of the device; {_LESS}"
-        super().__init__(f"{call} of cuDSS returned status {status}: {text}")
-        self.call, self.status, self.pivot = call, status, pivot
-
-
-class DeviceMemory(CudssError):
-    """The analysis tells that the factors will not fit into the memory of the device.
-
-    Attributes
-    ----------
-    estimate, free
-        Bytes that the factorisation needs at its peak, and that are free.
-    hybrid
-        Bytes of the device with which `hybrid_memory` would do; None if not even that.
-    kept
-        Bytes among the estimate that the dense complement of kept unknowns takes.
-    """
-
-    def __init__(self, estimate: int, free: int, hybrid: int | None, kept: int) -> None:
-        super().__init__("cudssDataGet", _ALLOCATION_FAILED)
-        remedies = [f"fewer kept unknowns, whose complement takes {_gib(kept)}"] if kept else []
-        if hybrid is not None:
-            remedies.append(f"hybrid_memory=True, which needs {_gib(hybrid)} of the device")
-        remedies.append("solver='pardiso' on the host")
-        self.args = (
-            f"cuDSS: the factorisation needs {_gib(estimate)} of the memory of the device, "
-            f"{_gib(free)} are free; take {', or '.join(remedies)}",
-        )
-        self.estimate, self.free, self.hybrid, self.kept = estimate, free, hybrid, kept
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return the numbers: the text follows from them."""
-        return type(self), (self.estimate, self.free, self.hybrid, self.kept)
+    remedies = [f"fewer kept unknowns, whose complement takes {_gib(kept)}"] if kept else []
+    if hybrid is not None:
+        remedies.append(f"hybrid_memory=True, which needs {_gib(hybrid)} of the device")
+    remedies.append("solver='pardiso' on the host")
+    return SolverError(
+        f"cuDSS: the factorisation needs {_gib(estimate)} of the memory of the device, "
+        f"{_gib(free)} are free; take {', or '.join(remedies)}",
+        _ALLOCATION_FAILED,
+        free=free,
+        hybrid=hybrid,
+    )
 
 
 def _gib(size: int) -> str:

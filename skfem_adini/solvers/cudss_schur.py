@@ -42,7 +42,7 @@ class CudssSchur(CudssMatrix):
 
     Raises
     ------
-    MissingDependency, DeviceMemory, CudssError
+    MissingDependency, SolverError
         As for `CudssMatrix`.
 
     References

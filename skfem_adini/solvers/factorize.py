@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from skfem_adini.arguments.real_numbers import real_array, real_matrix
-from skfem_adini.errors import InputError, MissingDependency
+from skfem_adini.errors import InputError, MissingDependency, SolverError
 from skfem_adini.solvers.cudss import Cudss
-from skfem_adini.solvers.cudss_library import CudssError
 from skfem_adini.solvers.multigrid import Multigrid, NearNullSpace
-from skfem_adini.solvers.pardiso import DEFINITE, INDEFINITE, Pardiso, PardisoError, has_pardiso
+from skfem_adini.solvers.pardiso import DEFINITE, INDEFINITE, Pardiso, has_pardiso
 from skfem_adini.solvers.superlu import SuperLUFactor
 
 Array = NDArray[np.float64]
@@ -328,7 +327,7 @@ class _Pardiso:
     def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
         try:
             self._pardiso(phase, b, x)
-        except PardisoError as error:
+        except SolverError as error:
             raise (_singular(self._definite) if error.pivot else error) from error
 
 
@@ -353,7 +352,7 @@ class _Cudss:
         """Raise the error of a pivot as one of the argument."""
         try:
             yield
-        except CudssError as error:
+        except SolverError as error:
             raise (_singular(self._definite) if error.pivot else error) from error
 
     def solve(self, b: Array) -> Array:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skfem_adini.errors import AdiniError
+from skfem_adini.errors import AdiniError, SolverError
 from skfem_adini.solvers.upper_triangle import upper_triangle
 
 Array = NDArray[np.float64]
@@ -29,22 +29,6 @@ _RELEASE = -1
 _FACTORISATIONS = (12, 22)
 _ANALYSES = (11, 12)
 _SOLUTIONS = (33, 331, 332, 333)
-
-
-class PardisoError(AdiniError):
-    """PARDISO returned an error.
-
-    Attributes
-    ----------
-    phase, code
-        What was called, and PARDISO's number of the error.
-    pivot
-        Whether a pivot was zero, or negative in a matrix said to be definite.
-    """
-
-    def __init__(self, phase: int, code: int) -> None:
-        super().__init__(f"PARDISO phase {phase} failed with code {code}")
-        self.phase, self.code, self.pivot = phase, code, code in _PIVOTS
 
 
 def has_pardiso() -> bool:
@@ -127,7 +111,7 @@ class Pardiso:
 
         Raises
         ------
-        PardisoError
+        SolverError
             Any error but lack of memory.
         MemoryError
             PARDISO could not allocate its factors.
@@ -217,7 +201,8 @@ class Pardiso:
         if error.value == _NOT_ENOUGH_MEMORY:
             raise MemoryError("PARDISO: not enough memory for the factorisation")
         if error.value != 0:
-            raise PardisoError(phase, error.value)
+            text, pivot = f"PARDISO phase {phase} failed with code", error.value in _PIVOTS
+            raise SolverError(f"{text} {error.value}", error.value, pivot)
         if phase in _FACTORISATIONS:
             self._factored = True
         if phase in _ANALYSES + _FACTORISATIONS:

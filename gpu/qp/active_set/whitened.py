@@ -31,6 +31,7 @@ import numpy as np
 from gpu.arrays.dense import cholesky_begun, cholesky_solve, gram, lower_solve
 from gpu.arrays.device_triangle import DeviceTriangle
 from gpu.arrays.namespace import to_host
+from gpu.errors import NotConverged
 from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.data.step import Step
 
@@ -45,10 +46,6 @@ ORIGIN = 1e-10
 SOFTNESS = 1e-12
 # Part of the unknowns that active rows may take away: with as many rows as unknowns W is singular.
 ROOM = 0.9
-
-
-class GaveUp(Exception):
-    """The exchange stalls, or too many rows are active."""
 
 
 class WhitenedActiveSet:
@@ -115,7 +112,7 @@ class WhitenedActiveSet:
         xp = self.xp
         self.active = np.flatnonzero((state != 0) | self.equal)
         if self.active.size >= self.n:
-            raise GaveUp("as many rows as unknowns")
+            raise NotConverged("as many rows as unknowns")
         self.whiten(self.active)
         self.at = xp.asarray(self.place[self.active])
         self.WA = self.W[self.at[:, None], self.at] if self.at.size else self.W[:0, :0]
@@ -174,7 +171,7 @@ class WhitenedActiveSet:
                 value = self.to_host(self.values(x))
                 self.check()
             except np.linalg.LinAlgError:
-                raise GaveUp("rows depend on each other") from None
+                raise NotConverged("rows depend on each other") from None
             multiplier = np.zeros(self.m + self.n)
             multiplier[self.active] = self.to_host(mu)
             length = float(np.abs(value[self.m :]).max())
@@ -192,7 +189,7 @@ class WhitenedActiveSet:
             stalled = 0 if wrong < fewest else stalled + 1
             fewest = min(fewest, wrong)
             if stalled >= HOPELESS_EXCHANGES or len(self.history) >= MOST_EXCHANGES:
-                raise GaveUp("the full exchange stalls")
+                raise NotConverged("the full exchange stalls")
             state = self._next(state, add, drop, below, above)
         x, mu = self.refine(x, mu)
         whole = xp.zeros(self.m + self.n)
@@ -212,7 +209,7 @@ class WhitenedActiveSet:
     ) -> np.ndarray:
         room = int(ROOM * self.n) - self.active.size + np.count_nonzero(drop)
         if room <= 0:
-            raise GaveUp("too many rows are active")
+            raise NotConverged("too many rows are active")
         if np.count_nonzero(add) > room:
             violation = np.where(add, np.maximum(below, above), -np.inf)
             least = np.sort(violation)[-max(int(room) // 2, 1)]

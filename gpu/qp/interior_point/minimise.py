@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from gpu.errors import NotConverged
+from gpu.errors import Infeasible, NotConverged, Unbounded
 from gpu.qp.data.standard_qp import Array, Residuals, StandardQP, one_sided, residuals
 from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
 from gpu.qp.interior_point.extended_precision import PrimalDual, extended
@@ -54,22 +54,6 @@ class Point:
     iterations: int
 
 
-class NoPoint(Exception):
-    """The rows contradict each other within the box; `certificate` is a Farkas vector."""
-
-    def __init__(self, certificate: Array) -> None:
-        super().__init__("infeasible")
-        self.certificate = certificate
-
-
-class NoBound(Exception):
-    """The objective falls for ever along `direction`."""
-
-    def __init__(self, direction: Array) -> None:
-        super().__init__("unbounded")
-        self.direction = direction
-
-
 def certified(p: StandardQP, x: Array, y: Array) -> Point:
     """The point next to (x, y) whose bounds and signs hold, and its residuals.
 
@@ -107,7 +91,7 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
 def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = True) -> Point:
-    """Solve, or raise `NoPoint`, `NoBound` or `NotConverged`.
+    """Solve, or raise `Infeasible`, `Unbounded` or `NotConverged`.
 
     Parameters
     ----------
@@ -126,7 +110,7 @@ def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = Tru
             return nothing
     proof = contradiction(p, tol) if proofs else None
     if proof is not None:
-        raise NoPoint(proof)
+        raise _infeasible(proof)
     small = presolve(p)
     if not small.free.size:
         point = certified(p, *small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)))
@@ -134,7 +118,7 @@ def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = Tru
             return point
         small = presolve(p, search=False)
         if not small.free.size:
-            raise NoPoint(_violated(p, point.x))
+            raise _infeasible(_violated(p, point.x))
     scaled, scaling = equilibrate(small.program)
     rewritten = curvature_rows(scaled)
 
@@ -332,7 +316,7 @@ def _solution(solver: str, program: StandardQP) -> Array:
 def _no_point(small: StandardQP, scaling: Scaling, solve: Solve) -> None:
     y = farkas(small, solve)
     if y is not None:
-        raise NoPoint(scaling.rows * y)
+        raise _infeasible(scaling.rows * y)
 
 
 def _no_bound(
@@ -346,9 +330,16 @@ def _no_bound(
     P = sparse.diags_array(one, format="csr") if small.is_sparse else small.xp.diag(one)
     try:
         minimise(replace(small, P=P, q=0.0 * one), FEASIBLE)
-    except NoPoint as error:
-        raise NoPoint(scaling.rows * error.certificate) from None
-    raise NoBound(scaling.variables * direction)
+    except Infeasible as error:
+        raise _infeasible(scaling.rows * error.certificate) from None
+    raise Unbounded(
+        "the objective falls for ever along a feasible direction, see `ray`",
+        scaling.variables * direction,
+    )
+
+
+def _infeasible(certificate: Array) -> Infeasible:
+    return Infeasible("no point of the box satisfies the rows", certificate)
 
 
 def _violated(p: StandardQP, x: Array) -> Array:
