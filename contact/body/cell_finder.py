@@ -22,18 +22,7 @@ ROUNDINGS = 16  # of the largest coordinate, that a turned place on an edge may 
 
 
 def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:
-    """Number of the cell that each point lies in, shape (npoints,).
-
-    Parameters
-    ----------
-    mesh : Mesh
-    points : ndarray, shape (dim, npoints)
-
-    Raises
-    ------
-    InputError
-        A point lies outside the mesh.
-    """
+    """Number of the cell that each point (dim, npoints) lies in, shape (npoints,)."""
     found = (_find_curved if isinstance(mesh, CURVED_MESHES) else _find_straight)(mesh, points)
     for lost in np.flatnonzero(found < 0):
         found[lost] = _nearest(mesh, points[:, lost])

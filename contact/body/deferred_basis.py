@@ -20,17 +20,9 @@ _ORDER_OF_VOLUME = 3
 
 
 class DeferredBasis(CellBasis):
-    """A `skfem.CellBasis` of all cells that waits with its tables.
-
+    """A `skfem.CellBasis` of all cells that computes its tables of shape functions when first used.
     Those of a block of 64^3 bricks fill tens of gigabytes, while its stiffness needs one cell.
-    Shape functions of one point are evaluated at once, so that elements refuse unfit cells here.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    elem : Element
-    intorder : int
-    """
+    Shape functions of one point are evaluated at once, so that elements refuse unfit cells here."""
 
     def __init__(self, mesh: Any, elem: Any, intorder: int) -> None:
         dofs = DofNumbers(mesh, elem)

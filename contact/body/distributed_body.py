@@ -330,27 +330,14 @@ _DENSE = 3.0 * 8.0  # the complement, its factor and the compliance, on each pro
 
 
 def factor_memory(unknowns: int, rows: int, dim: int, processes: int) -> float:
-    """Estimate the bytes that the condensation needs on all processes together.
-
-    Parameters
-    ----------
-    unknowns, rows : int
-        Of the body, and in contact.
-    dim, processes : int
-    """
+    """Estimate the bytes that the condensation needs on all processes; `rows` are in contact."""
     n = float(max(unknowns, 2))
     sparse = _SPACE * n ** (4 / 3) if dim == 3 else _PLANE * n * math.log2(n)
     return sparse + _DENSE * processes * float(rows) ** 2
 
 
 def choose_backend(unknowns: int, rows: int, dim: int, processes: int) -> tuple[str, str]:
-    """The back end, and why.
-
-    Parameters
-    ----------
-    unknowns, rows, dim, processes : int
-        As for `factor_memory`.
-    """
+    """The back end, "mumps" or "krylov", and the reason."""
     if processes == 1 and not has_petsc():
         return "mumps", "one process without PETSc takes the sparse solvers of other bodies"
     need, there = factor_memory(unknowns, rows, dim, processes), physical_memory()

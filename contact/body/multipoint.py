@@ -38,35 +38,9 @@ class Coupling:
 def coupled(
     P: sparse.csr_array, u0: Array, couplings: Sequence[Coupling], of_dof: Array
 ) -> tuple[sparse.csr_array, Array]:
-    """Free unknowns of supports and equations together.
-
-    The equations link the unknowns of ``u = P y + u0`` in groups that are independent of each
-    other. The solutions of each group are found by a singular value decomposition of its
-    equations, in which every unknown is a displacement, so that the unit of length has no say in
-    which of them are redundant.
-
-    Parameters
-    ----------
-    P : csr_array, shape (ndofs, n)
-        With orthonormal columns, each of dofs of one kind.
-    u0 : ndarray, shape (ndofs,)
-        Orthogonal to the columns of P.
-    couplings : sequence of Coupling
-    of_dof : ndarray, shape (ndofs,)
-        Length that makes each dof a displacement.
-
-    Returns
-    -------
-    P : csr_array, shape (ndofs, nfree)
-        Unknowns that no equation contains come first and are as before; the further columns are
-        orthonormal, those that mix values and derivatives after multiplication by `of_dof`.
-    u0 : ndarray, shape (ndofs,)
-
-    Raises
-    ------
-    InputError
-        The equations contradict each other or the supports, or link more than `LARGEST` unknowns.
-    """
+    """Free unknowns P (ndofs, nfree) and u0 of supports ``u = P y + u0`` and equations together.
+    Each group of linked unknowns is solved by an SVD, in displacements by `of_dof`. Unknowns of
+    no equation come first, unchanged; the other columns are orthonormal."""
     C = sparse.csr_array(sparse.vstack([each.C for each in couplings]))
     c = np.concatenate([each.c for each in couplings])
     owner = np.repeat(np.arange(len(couplings)), [each.c.size for each in couplings])
@@ -111,9 +85,7 @@ def coupled(
 
 def picked_by(P: sparse.csr_array, lengths: Callable[[], Array]) -> sparse.csr_array:
     """E with ``E^T P = I``: P itself where its columns hold dofs of one kind only.
-
-    The lengths of the dofs are asked for where columns hold several.
-    """
+    The function `lengths` of the dofs is called where columns hold several kinds."""
     if _single(P):
         return P
     of_dof = lengths()

@@ -17,25 +17,12 @@ LARGEST = 64
 
 @dataclass(frozen=True)
 class DofBlocks:
-    """The dofs of the cells of a mesh.
+    """The dofs of the cells of a mesh in blocks of consecutive numbers."""
 
-    Attributes
-    ----------
-    of_cells
-        Block numbers, shape (blocks of a cell, cells).
-    local
-        Where each block begins in a cell's list of dofs, then the length of that list, shape
-        (blocks of a cell + 1,).
-    start
-        First dof of each block, then the number of dofs, shape (blocks + 1,).
-    size
-        Number of dofs.
-    """
-
-    of_cells: Integers
-    local: Integers
-    start: Integers
-    size: int
+    of_cells: Integers  # block numbers, shape (blocks of a cell, cells)
+    local: Integers  # where blocks begin in a cell's dofs, then their number
+    start: Integers  # first dof of each block, then the number of dofs, shape (blocks + 1,)
+    size: int  # number of dofs
 
     @classmethod
     def from_mesh(cls, mesh: Any, element: Any) -> DofBlocks:

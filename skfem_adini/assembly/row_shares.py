@@ -21,14 +21,8 @@ _WORTH_A_THREAD = 50_000
 
 def shares_of(first: Integers, columns: int) -> list[tuple[int, int]]:
     """Return ranges of row blocks of about equal work, one for each thread.
-
-    Parameters
-    ----------
-    first
-        Number of cells that hold the blocks before each one, shape (blocks + 1,).
-    columns
-        Blocks of a cell.
-    """
+    `first` (blocks + 1,) counts the cells of the blocks before each one, `columns` blocks of a
+    cell."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     work = int(first[-1]) * columns
     # The kernels are limited by the memory: on two processors a second thread gained nothing.

@@ -144,21 +144,11 @@ def _checked_conditions(essential: Any, rows: int) -> tuple[sp.csc_array, Array]
 
 @dataclass(frozen=True)
 class _HangingVertices:
-    """Vertices inside edges.
+    """Vertices inside edges."""
 
-    Attributes
-    ----------
-    vertex
-        The vertices, shape (hanging,).
-    edges
-        The edge that each lies on.
-    s
-        Place on the edge, from 0 at its first vertex to 1 at its last.
-    """
-
-    vertex: Indices
-    edges: BoundaryEdges
-    s: Array
+    vertex: Indices  # the vertices, shape (hanging,)
+    edges: BoundaryEdges  # the edge that each lies on
+    s: Array  # place on the edge, from 0 at its first vertex to 1 at its last
 
     @classmethod
     def find(cls, mesh: Any) -> _HangingVertices:
@@ -186,9 +176,7 @@ class _HangingVertices:
     @cached_property
     def tangent(self) -> Array:
         """Unit tangents of the edges, shape (2, hanging).
-
-        Rounding of coordinates must not mix the two slopes at a vertex on an axis-parallel edge.
-        """
+        Rounding of coordinates must not mix the two slopes at a vertex on an axis-parallel edge."""
         tangent = self.edges.tangent
         return np.where(np.abs(tangent) < _NO_COMPONENT, 0.0, tangent)
 

@@ -258,9 +258,7 @@ class AdiniExtension:
     @staticmethod
     def _symmetric(A: sp.csr_array) -> sp.csr_array:
         """Return the symmetric part of a product that is symmetric up to rounding, else itself.
-
-        Rounding is taken to be below 1e-10 of the largest entry.
-        """
+        Rounding is taken to be below 1e-10 of the largest entry."""
         return sp.csr_array((A + A.T) / 2) if abs(A - A.T).max() < 1e-10 * abs(A).max() else A
 
 
@@ -392,10 +390,8 @@ def _resolved(
     T: sp.csr_array, x0: Array, follow: sp.csr_array, active: Indices
 ) -> tuple[sp.csc_array, Array]:
     """Combine x = T z + x0 with the extension; `follow` has its rows, at dofs outside.
-
-    A column of T belongs to the dof whose row in T is the unit vector of that column. Where that
-    dof is outside, its row of `follow` replaces the parameter, until only free parameters are left.
-    """
+    A column of T belongs to the dof whose row in T is its unit vector. If that dof is outside,
+    its row of `follow` replaces the parameter, until only free parameters are left."""
     count = T.shape[1]
     single = np.flatnonzero(np.diff(T.indptr) == 1)
     unit = single[np.abs(T.data[T.indptr[single]] - 1) < _ROUNDED_ONE]

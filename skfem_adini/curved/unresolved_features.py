@@ -39,16 +39,8 @@ def components(domain: CutDomain) -> Indices:
 
 def warn_of_unresolved_features(domain: CutDomain) -> None:
     r"""Warn where two pieces of the boundary face each other in the support of one shape function.
-
-    Active cells with a common vertex share its dofs, whatever lies between them: where a gap or a
-    hole of the domain is narrower than two cells, both sides are coupled. Where the domain is
-    thinner than a cell, one polynomial represents both sides.
-
-    Warns
-    -----
-    UnresolvedWarning
-        Normals :math:`n_a \cdot n_b < -0.9` of points that lie in front of each other.
-    """
+    Active cells at a vertex share its dofs: both sides of a gap of less than two cells are
+    coupled. Pieces face each other if :math:`n_a \cdot n_b < -0.9`, each in front of the other."""
     rule, mesh = domain.quadrature, domain.mesh
     cells, first, count = np.unique(rule.boundary_cells, return_index=True, return_counts=True)
     if cells.size == 0:

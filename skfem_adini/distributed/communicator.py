@@ -57,13 +57,7 @@ class Communicator(Protocol):
 
 
 class Alone:
-    """The communicator of a single process, which needs no MPI.
-
-    Examples
-    --------
-    >>> Alone().allgather(7)
-    [7]
-    """
+    """The communicator of a single process, which needs no MPI."""
 
     rank, size = 0, 1
 
@@ -148,14 +142,7 @@ def _end_all(kind: Any, error: Any, trace: Any) -> None:
 
 def petsc(comm: Any) -> Any:
     """Return petsc4py's module PETSc, for the processes of a communicator.
-
-    Raises
-    ------
-    MissingDependency
-        petsc4py is not installed.
-    AdiniError
-        PETSc was built with another MPI library than mpi4py.
-    """
+    PETSc and mpi4py must be built with the same MPI library."""
     try:
         from petsc4py import PETSc
     except ImportError as error:

@@ -17,15 +17,8 @@ _STRAIGHT = 1e-10
 
 def straight_corners(mesh: Any, tind: NDArray[np.integer] | None) -> Array:
     """Return the corners of the cells `tind`, shape (corners, dim, cells).
-
-    Meshes of second order pass where every other node lies at the mean of the corners of its edge,
-    face or cell: their map is then that of the first-order mesh.
-
-    Raises
-    ------
-    InputError
-        A node lies elsewhere.
-    """
+    On meshes of second order every other node must lie at the mean of the corners of its edge,
+    face or cell: their map is then that of the first-order mesh."""
     nodes = mesh.dofs.element_dofs
     nodes = nodes if tind is None else nodes[:, tind]
     count = mesh.refdom.nnodes

@@ -169,11 +169,8 @@ def _check_mass(M: Any, solver: Solver) -> None:
 
 def _shifted_twice(K: Any, M: Any, count: int, solver: Solver) -> tuple[Array, Array]:
     """Compute with a first shift below all eigenvalues, then if needed with a better one.
-
-    If the distances of the eigenvalues from the first shift differ by many orders of magnitude, the
-    farthest loses as many digits. The second shift lies below the lowest eigenvalue by the mean
-    spacing of the eigenvalues.
-    """
+    The second lies below the lowest eigenvalue by their mean spacing: if distances from the
+    shift differ by many orders of magnitude, the farthest eigenvalue loses as many digits."""
     shift, factors = _first_shift(K, M, solver)
     values, z = _nearest(K, M, count, shift, factors)
     low, high = float(values.min()), float(values.max())
@@ -234,9 +231,7 @@ def _nearest(
 
 def _check_pairs(K: Any, M: Any, values: Array, z: Array) -> None:
     """Raise unless K z = lambda M z, up to the rounding of K, whose norm is at most one.
-
-    Not the residual of the inverse: next to a shift its rounding is amplified.
-    """
+    Not the residual of the inverse: next to a shift its rounding is amplified."""
     Mz = M @ z
     residuals = np.linalg.norm(K @ z - Mz * values, axis=0)
     sizes = np.linalg.norm(Mz, axis=0)

@@ -155,10 +155,8 @@ def refine_eigenpair(
 
 
 def _box_cells(basis: Any) -> tuple[NDArray[np.integer], LongArray]:
-    """Return the dofs of each cell in the order of `exact_matrix`, and its sides.
-
-    The shapes are (2^dim (dim + 1), cells) and (dim, cells).
-    """
+    """Return the dofs of cells in the order of `exact_matrix`, (2^dim (dim + 1), cells), and sides.
+    The sides have the shape (dim, cells)."""
     dim = basis.mesh.dim()
     names = ["u", "u_x", "u_y", "u_z"][: dim + 1]
     if list(basis.elem.dofnames) != names or basis.element_dofs.shape[0] != 2**dim * (dim + 1):

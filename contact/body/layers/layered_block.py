@@ -67,13 +67,7 @@ def strip(block: Any, mesh: MeshQuad, cell: ElasticBody, intorder: int | None) -
 
 
 def prescribed_on_edges(block: Any) -> tuple[NDArray[np.int64], Array]:
-    """Dofs of a block with a prescribed displacement, ascending, and its values.
-
-    Raises
-    ------
-    InputError
-        Two prescriptions contradict each other.
-    """
+    """Dofs of a block with a prescribed displacement, ascending, and its values."""
     dofs, values = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for name in SIDES:
         own = [(c, value) for b, c, value in block._supports if b == name]
@@ -472,13 +466,8 @@ class Layered(Protocol):
 
 
 def located(block: Layered, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
-    """Layer of each point, and its place in units of that layer's cells, three of shape (npoints,).
-
-    Raises
-    ------
-    InputError
-        A point lies outside the block.
-    """
+    """Layer of each point, and its place in units of that layer's cells, three of shape
+    (npoints,)."""
     x, y = points
     width, height = block.width, block.height
     slack = 1e-12 * max(width, height)  # rounding of the coordinates

@@ -82,10 +82,8 @@ def bracketed_root(c: Array, a: float, b: float) -> float:
 
 def roots(c: Array, tol: float, found: Array) -> int:
     """Write the places in (0, 1) where a polynomial changes sign to `found`; return their number.
-
-    A polynomial has no more zeros in (0, 1) than its coefficients have sign changes (variation
-    diminishing). One whose coefficients are all at most `tol` in size counts as zero, without any.
-    """
+    It has no more zeros there than its coefficients have sign changes (variation diminishing).
+    One whose coefficients are all at most `tol` in size counts as zero, without any."""
     m = c.size
     count = 0
     largest = 0.0

@@ -348,10 +348,8 @@ _lock = threading.Lock()
 @lru_cache
 def compiled_cut_boxes() -> Callable[..., Any]:
     """Return `graph_boxes.cut_boxes`, compiled by numba, with all that it calls.
-
-    The compiled functions replace the plain ones in their modules, callees first, so that calls
-    find them.
-    """
+    Compiled functions replace the plain ones in their modules, callees first, so that calls find
+    them."""
     from skfem_adini.curved.quadrature import bernstein_kernels, graph_boxes, graph_rules
 
     with _lock:

@@ -112,9 +112,7 @@ def best_direction(c: Array, state: State, lengths: Array) -> int:
 
 def subdivide(c: Array, x: float, y: float, parts: Array, boxes: Array) -> int:
     """Write the parts left and right of x, below and above y (without those of no width).
-
-    Return the number of parts; `boxes` gets rows of lower corner and sides, in sides of the box.
-    """
+    Return the number of parts; `boxes` gets rows of lower corner and sides, in sides of the box."""
     K, m = c.shape[0], c.shape[1]
     sides = np.empty((2, m, m))
     quarters = np.empty((2, m, m))
@@ -149,22 +147,8 @@ def cut_boxes(
     weights: Array,
 ) -> tuple[Array, Array, NDArray[np.bool_], int]:
     """Return points of volume and boundary, which boxes are whole, and a degenerate box or -1.
-
-    The points are rows as described in `graph_rules`.
-
-    Parameters
-    ----------
-    coefficients
-        Bernstein coefficients of the leaves, shape (boxes, leaves, m, m).
-    tolerances
-        Size below which a leaf counts as zero, shape (boxes, leaves).
-    tables
-        Truth tables, shape (boxes, 2^leaves).
-    sizes
-        Sides of the boxes, shape (boxes, 2).
-    nodes, weights
-        Gauss rule on [0, 1].
-    """
+    See `graph_rules`. Bernstein coefficients: (boxes, leaves, m, m), tolerances (boxes, leaves),
+    tables (boxes, 2^leaves), sizes (boxes, 2); nodes, weights: Gauss rule on [0, 1]."""
     count, K, m = coefficients.shape[0], coefficients.shape[1], coefficients.shape[2]
     volume, nv = np.empty((1024, 4)), 0
     surface, ns = np.empty((256, 7)), 0

@@ -64,9 +64,7 @@ def index_of(state: State) -> int:
 
 def good_direction(c: Array, state: State, d: int, lengths: Array) -> float:
     """Return how well every open polynomial can be solved for the coordinate d, from 0 (not) to 1.
-
-    `lengths` are the sides of the box.
-    """
+    `lengths` are the sides of the box."""
     quality = 1.0
     open_count = 0
     for k in range(state.size):
@@ -96,10 +94,8 @@ def good_direction(c: Array, state: State, d: int, lengths: Array) -> float:
 
 
 def height(c: Array, d: int, tol: float, s: float) -> tuple[float, bool, bool]:
-    """Return the root along d at the other coordinate s, and whether each end is inside.
-
-    The root is 2 if there is none.
-    """
+    """Return the root along d at the other coordinate s (2: none), and whether each end is
+    inside."""
     along = poly.line(c, d, s)
     first, last = along[0], along[along.size - 1]
     starts, ends = first < -tol, last < -tol
@@ -114,10 +110,8 @@ def height(c: Array, d: int, tol: float, s: float) -> tuple[float, bool, bool]:
 
 def clamped_height(c: Array, d: int, s: float) -> float:
     """Return the root along d at s of a polynomial that has one, up to rounding.
-
-    Near the place where a graph leaves the box rounding may move its root beyond a side; then that
-    side is returned.
-    """
+    Near the place where a graph leaves the box rounding may move its root beyond a side; then
+    that side is returned."""
     along = poly.line(c, d, s)
     first, last = along[0], along[along.size - 1]
     if (first < 0) == (last < 0):
@@ -160,10 +154,8 @@ def emit_surface(
     measure: tuple[int, float],
 ) -> tuple[Array, int]:
     """Append a quadrature point of a zero line.
-
     `measure` is (d, w) for a graph with heights along d, where w is the weight over the other
-    coordinate, or (-1, w), where w is the weight in arc length.
-    """
+    coordinate, or (-1, w), where w is the weight in arc length."""
     g_x, g_y = poly.gradient(c, x, y)
     g_x, g_y = g_x / lengths[0], g_y / lengths[1]
     size = np.hypot(g_x, g_y)

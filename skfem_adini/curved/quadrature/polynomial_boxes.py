@@ -40,57 +40,31 @@ _MOST_LEAVES_OF_BOX = 6
 
 @dataclass(frozen=True)
 class OpenBoxes:
-    """Boxes in which the same number of leaves matter.
+    """Boxes in which the same number of leaves (smooth level sets of a composition) may change
+    sign."""
 
-    Attributes
-    ----------
-    cell, lower, size
-        The cell of each, its lower corner and sides, shapes (n,), (2, n), (2, n).
-    leaves
-        Numbers of the leaves that matter, shape (n, leaves).
-    coefficients, tolerances
-        Their Bernstein coefficients, shape (n, leaves, 9, 9), and what counts as zero, (n, leaves).
-    tables
-        Whether a point is inside, by the leaves it is in, shape (n, 2^leaves).
-    """
-
-    cell: Indices
-    lower: Array
-    size: Array
-    leaves: Indices
-    coefficients: Array
-    tolerances: Array
-    tables: NDArray[np.uint8]
+    cell: Indices  # the cell of each box, shape (n,)
+    lower: Array  # lower corners, shape (2, n)
+    size: Array  # sides, shape (2, n)
+    leaves: Indices  # numbers of the leaves that matter, shape (n, leaves)
+    coefficients: Array  # Bernstein coefficients of these, shape (n, leaves, 9, 9)
+    tolerances: Array  # size that counts as zero, shape (n, leaves)
+    tables: NDArray[np.uint8]  # inside or not, by the leaves a point is in, (n, 2^leaves)
 
 
 @dataclass(frozen=True)
 class AccurateBoxes:
-    """The boxes into which cells were divided, without those outside.
+    """The boxes into which cells were divided, without those outside."""
 
-    Attributes
-    ----------
-    count_in_cell
-        Number of boxes of each cell, those outside included.
-    inside
-        Cells, lower corners and sides of the boxes inside.
-    groups
-        The other boxes, by the number of leaves that matter.
-    """
-
-    count_in_cell: Indices
-    inside: tuple[Indices, Array, Array]
-    groups: list[OpenBoxes]
+    count_in_cell: Indices  # number of boxes of each cell, those outside included
+    inside: tuple[Indices, Array, Array]  # cells, lower corners and sides of boxes inside
+    groups: list[OpenBoxes]  # the other boxes, by the number of leaves that matter
 
 
 def accurate_boxes(table: TruthTable, lower: Array, size: Array) -> AccurateBoxes:
     """Divide cells, given by lower corners and sides (2, cells).
-
-    Raises
-    ------
-    InputError
-        More than 50 000 boxes, besides two for each cell, are not resolved at some level: the level
-        set is not smooth along its zero line. Or more than six zero lines meet in one point.
-    """
+    Too many unresolved boxes at one level mean that the level set is not smooth along its zero
+    line."""
     cell = np.arange(lower.shape[1])
     count = np.zeros(len(cell), dtype=np.int64)
     inside: list[tuple[Indices, Array, Array]] = []
@@ -251,32 +225,9 @@ def _matrices(degree: int) -> tuple[Array, Array, Array, Array]:
 def interpolate(
     function: Callable[[Array], Array], lower: Array, size: Array, degree: int
 ) -> tuple[Array, Array]:
-    r"""Interpolate a function on boxes at the tensor Chebyshev-Lobatto points.
-
-    The result is :math:`\sum_{ij} c_{ij} B_i(X) B_j(Y)` in the unit coordinates of each box; its
-    values there lie between the least and the largest coefficient.
-
-    Parameters
-    ----------
-    function
-        Takes points of shape (2, boxes, points) and returns (boxes, points).
-    lower, size
-        Lower corner and sides of the boxes, shape (2, boxes).
-    degree
-        Degree in each variable.
-
-    Returns
-    -------
-    coefficients : ndarray
-        Shape (boxes, degree + 1, degree + 1).
-    error : ndarray
-        Largest difference to the function at 36 points that are not nodes, shape (boxes,).
-
-    References
-    ----------
-    R. I. Saye, High-order quadrature on multi-component domains implicitly defined by multivariate
-    polynomials, Journal of Computational Physics 448 (2022), 110720, section 2.
-    """
+    r"""Interpolate by :math:`\sum_{ij} c_{ij} B_i(X) B_j(Y)` at Chebyshev-Lobatto points of boxes.
+    Return c, (boxes, degree + 1, degree + 1), which bounds the values, and the largest error at
+    36 other points, (boxes,) (Saye, J. Comput. Phys. 448 (2022), 110720, section 2)."""
     nodes, to_coefficients, checks, at_checks = _matrices(degree)
     m, k = degree + 1, len(checks)
     ticks = np.concatenate([nodes, checks])
