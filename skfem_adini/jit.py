@@ -44,7 +44,7 @@ _STATE = _state_of_the_package()
 
 
 def _forgive(kept: Any) -> None:
-    """Take a full disk, or files that cannot be read, for an empty folder."""
+    """Treat a full disk, or cache files that cannot be read, as an empty cache."""
     load, save, clear = kept.load_overload, kept.save_overload, kept.flush
 
     def load_or_compile(signature: Any, target: Any) -> Any:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_NEGLIGIBLE = 1e-9  # share of the largest weight: such points no longer have a safe order
+_NEGLIGIBLE = 1e-9  # share of the largest weight: lighter points have no safe order along the curve
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The law of Hooke in an axisymmetric body: that of three dimensions in the axes r, z, theta."""
+"""Hooke's law in an axisymmetric body: that of three dimensions in the axes r, z, theta."""
 
 from __future__ import annotations
 

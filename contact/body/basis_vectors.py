@@ -15,9 +15,8 @@ from contact.body.supports import transposed
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-# Vectors of all dofs that are there at the same time, with those that operations make for a moment.
-_AT_ONCE = 40
-_DEPENDENT = 1e-12  # singular values of the Gram matrix of rigid motions below this are rounding
+_AT_ONCE = 40  # vectors of all dofs in memory at the same time, temporary ones included
+_DEPENDENT = 1e-12  # relative singular values of rigid motions' Gram matrix below this are rounding
 
 
 class BasisVectors:
@@ -56,11 +55,11 @@ class BasisVectors:
         return matrix + 8 * _AT_ONCE * int(body.f.size)
 
     def placed(self, v: Any) -> Any:
-        """A vector of the host or of the device where it is computed with."""
+        """A vector of all dofs, on the host or device where this computes."""
         return self.arrays.xp.asarray(v)
 
     def returned(self, v: Any, like: Any) -> Any:
-        """A vector where another one lies, on the host or here."""
+        """A computed vector, copied to the host if `like` lies there."""
         return self.arrays.get(v) if isinstance(like, np.ndarray) else v
 
     def forces(self, u: Any) -> Any:

@@ -126,7 +126,7 @@ def _normals_agree(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]
 
 
 def check_basis(basis: Basis) -> None:
-    """Check cells and shape functions; those who defer a Basis have checked the cells before."""
+    """Check cells and shape functions of a basis; the cells of a deferred one have been checked."""
     if not isinstance(basis, DeferredBasis):
         check_cells(basis.mesh)
     check_functions(basis)

@@ -20,7 +20,7 @@ from contact.body.local_stiffness import Classes, isotropic_classes, tensor_clas
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-_SYMMETRY = 1e-12  # relative: stiffness that couples the plane to shear across it
+_SYMMETRY = 1e-12  # relative: stiffness between the plane and shear across it that counts as none
 
 
 class StressLaw(Protocol):
@@ -242,5 +242,5 @@ def total_stress(
 
 
 def _over(value: Any, axes: int) -> Any:
-    """Constants of the cells, to be multiplied with arrays (ncells, ...) of so many axes."""
+    """Constants of the cells, with `axes - 1` more axes to multiply arrays (ncells, ...)."""
     return value.reshape(value.shape + (1,) * (axes - 1)) if value.ndim else value

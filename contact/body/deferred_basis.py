@@ -15,8 +15,7 @@ from contact.arrays.ranges import in_ranges
 from contact.body.dof_numbers import DofNumbers
 from contact.body.jacobians import is_straight, measures
 
-# Of Gauss' rule with two points in each direction, exact for the determinant of straight cells.
-_ORDER_OF_VOLUME = 3
+_ORDER_OF_VOLUME = 3  # two Gauss points a direction: exact for the determinant of straight cells
 
 
 class DeferredBasis(CellBasis):

@@ -166,7 +166,8 @@ def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_ar
 
 
 def _as_array(matrix: sparse.csr_matrix) -> sparse.csr_array:
-    """The same entries, still known to be sorted: to look is a pass over all of them."""
+    """The matrix as an array that keeps the flag of sorted columns: checking it reads all
+    entries."""
     result = sparse.csr_array(matrix)
     result.has_canonical_format = matrix.has_canonical_format
     return result

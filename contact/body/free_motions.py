@@ -14,7 +14,7 @@ from contact.errors import Unbounded
 
 Array = NDArray[np.float64]
 
-RIGID = 1e-12  # share of a rigid motion that supports, or a boundary, see by rounding alone
+RIGID = 1e-12  # relative: motion at supports, or at a boundary, that is rounding
 
 
 def free_motions(body: Any) -> Array:

@@ -12,10 +12,10 @@ from skfem import Mesh
 
 from contact.errors import InputError
 
-# Boundary cells of second order; scikit-fem names facets by their corners.
+# Corners of boundary cells of second order, by which scikit-fem names facets.
 _FIRST_ORDER = {"line3": ("line", 2), "triangle6": ("triangle", 3), "quad9": ("quad", 4)}
 _DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3, "wedge": 3, "pyramid": 3}
-_SPARSE = 10_000_000  # largest number of a node in a small file, of which meshio makes an array
+_SPARSE = 10_000_000  # largest node number in a small file: meshio makes an array that long
 _CORNERS = {"triangle6": 3, "quad9": 4, "tetra10": 4, "hexahedron27": 8}
 
 

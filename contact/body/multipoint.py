@@ -16,9 +16,9 @@ from contact.errors import InputError
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-LARGEST = 4000  # unknowns that the equations may link to one another, which are solved densely
-_RANK = 1e-10  # singular values of equations of unit length below this are rounding
-_AGREE = 1e-9  # of the largest term: right sides that differ by less do not contradict each other
+LARGEST = 4000  # unknowns that a group of equations may link: it is solved as a dense matrix
+_RANK = 1e-10  # singular values of normalised equations below this are rounding
+_AGREE = 1e-9  # relative to the largest term: right sides that differ by less agree
 _NOISE = 1e-14  # entries of orthonormal columns below this are rounding
 
 
@@ -142,7 +142,7 @@ def _groups(A: sparse.csr_array) -> list[tuple[Index, Index]]:
 
 
 def _solve(A: Array, right: Array) -> tuple[Array, Array, Array]:
-    """Orthonormal null space, least solution, and what it leaves of the right side."""
+    """Orthonormal null space, least-norm solution, and its residual."""
     U, s, V = np.linalg.svd(A)
     rank = int(np.sum(s > _RANK * s[0]))
     y = V[:rank].T @ ((U[:, :rank].T @ right) / s[:rank])

@@ -182,7 +182,7 @@ class Bodies(Solid):
         return sparse.csr_array((rows.data, place, rows.indptr), shape=(rows.shape[0], total))
 
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports do not fix: those that those of some body do not."""
+        """Rows that are live in some body: those that its supports do not fix."""
         P, lengths = [], []
         for body in self._bodies:
             trace = body.trace
@@ -202,7 +202,7 @@ class Bodies(Solid):
         ]
 
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
-        """Those of the body with the largest ratio of residual to cancelling forces."""
+        """Residual and sum of moduli of the body in which the residual is relatively largest."""
         found = [body.equilibrium(*own) for body, *own in self._each(u, contact, load)]
         return max(found, key=lambda pair: pair[0] / (pair[1] or 1.0))
 

@@ -106,7 +106,8 @@ class Solid(Portable, ABC):
         return other
 
     def has_stiffness_of(self, other: Solid) -> bool:
-        """Whether two bodies answer alike, as far as their matrices are at hand."""
+        """Whether two bodies have the same material, or the same stiffness matrix up to
+        rounding."""
         if self._material is other._material:
             return True
         S: Any = self.stiffness

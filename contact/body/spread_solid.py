@@ -26,7 +26,7 @@ from skfem_adini.distributed import DistributedBasis, DistributedMatrix, largest
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-ROUND_OFF = 1e-12  # of the largest coordinate
+ROUND_OFF = 1e-12  # relative to the largest coordinate: distance that is rounding
 
 
 class SpreadSolid(Solid):

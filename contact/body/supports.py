@@ -25,7 +25,7 @@ def live_rows(
 
 
 def scaled_columns(matrix: sparse.csr_array, by: Array) -> sparse.csr_array:
-    """The matrix times a diagonal one, whose pattern is not computed anew."""
+    """The matrix times a diagonal one; the pattern is shared, not computed anew."""
     parts = matrix.data * by[matrix.indices], matrix.indices, matrix.indptr
     return sparse.csr_array(parts, shape=matrix.shape)
 

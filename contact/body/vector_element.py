@@ -13,9 +13,8 @@ from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 from skfem_adini.arguments.kept_functions import without_functions
 
 _OURS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
-# Elements with u and its gradient at the vertices; scikit-fem has a class ElementQuadBFS as well.
-GRADIENT_DOFS = (*_OURS, skfem.ElementQuadBFS)
-# What a body of a mesh without an element gets, by the name of the mesh.
+GRADIENT_DOFS = (*_OURS, skfem.ElementQuadBFS)  # elements with u and its gradient at the vertices
+# The element of a body that is made from a mesh alone, by the mesh's class.
 DEFAULT_ELEMENT = {
     "MeshTri1": skfem.ElementTriP2,
     "MeshTri2": skfem.ElementTriP2,

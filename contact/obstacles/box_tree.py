@@ -12,7 +12,7 @@ Index = NDArray[np.int64]
 Meets = Callable[[Index, Array, Array], NDArray[np.bool_]]
 Batches = Iterator[tuple[Index, Index]]
 
-_TOGETHER = 2**18  # pairs of a query and a box that are looked at in one step: bounds the memory
+_TOGETHER = 2**18  # pairs of a query and a box tested in one step: bounds the memory
 
 
 class BoxTree:

@@ -16,10 +16,8 @@ from contact.obstacles.facet_rays import facet_normals
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Beside the size of the surface. Files in single precision know places to some 1e-7 only: points
-# nearer than that are the same, and thinner facets have no normal that means anything.
-SAME = 1e-7
-LARGEST = 1e75  # whose fourth powers are numbers: solid angles multiply three lengths
+SAME = 1e-7  # relative to the surface: nearer points are one, as files in single precision round
+LARGEST = 1e75  # coordinates whose fourth powers do not overflow: solid angles multiply lengths
 _NAMES = {2: ("segment", "end"), 3: ("triangle", "edge")}
 
 
@@ -127,7 +125,7 @@ def check_facets(points: Array, facets: Index) -> None:
 
 
 def _edges(facets: Index) -> tuple[Index, Index, Array]:
-    """The number of each facet's edges, flat, edge by edge; facets at each; sum of their turns."""
+    """Edge number of each facet's edges, facets at each edge, and the sum of their directions."""
     ends = edges_of(facets)
     turn = np.ones(ends.shape[1])
     if len(ends) == 1:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError, array_of, numbers
 
-_ACROSS = 1e-12  # of the largest: a displacement along a tangent that is rounding
+_ACROSS = 1e-12  # relative to the largest: a tangential displacement that is rounding
 
 Array = NDArray[np.float64]
 Components = float | Sequence[float | None]
@@ -131,7 +131,7 @@ class ObstacleMotion:
 
     @classmethod
     def with_travel(cls, motion: ObstacleMotion | None, travel: Array) -> ObstacleMotion:
-        """The motion besides, or only, the path of the shapes."""
+        """The given motion, or none, with the path of the shapes."""
         if motion is not None:
             return replace(motion, travel=travel)
         m, slips = travel.shape

@@ -19,8 +19,8 @@ from contact.obstacles.rigid import Rigid
 
 Array = NDArray[np.float64]
 
-_SAME = 1e-9  # of the size of a surface: its points, moved rigidly, fit to this
-_HALF_TURN = np.pi - 1e-6  # about which axis, and which way round, is not known any longer
+_SAME = 1e-9  # relative to the surface's size: error to which a rigid motion fits its points
+_HALF_TURN = np.pi - 1e-6  # larger rotations have no unique axis and sense
 
 
 @dataclass(frozen=True)

@@ -430,8 +430,8 @@ def _from_centre(obstacle: Cylinder | Sphere, x: Array) -> tuple[Array, Array]:
 
 
 def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
-    """Gap, shape (...), of any obstacle, number or function of x at x with outward normals n,
-    (dim, ...)."""
+    """Gap, shape (...), of any obstacle, number or function at points x with normals n, (dim,
+    ...)."""
     if obstacle is None:
         return np.full(x.shape[1:], np.inf)
     if isinstance(obstacle, type):

@@ -12,8 +12,8 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[Any]
 
-_MORE_PLACES = 6  # tried beside the outermost ones
-_ROUNDING = 1e-11  # of the largest value: vector instructions round equal numbers differently
+_MORE_PLACES = 6  # points tried beside the outermost ones
+_ROUNDING = 1e-11  # relative to the largest value: vector instructions round differently
 
 
 def pointwise(name: str, function: Callable[[Array], Any]) -> Callable[[Array], Any]:

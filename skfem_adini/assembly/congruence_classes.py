@@ -15,11 +15,9 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.integer]
 Words = NDArray[np.uint64]
 
-# Tolerance, relative to the coordinates: those of equal cells differ by up to 2 eps, and sums of
-# several steps, as in refined meshes, by more.
+# Relative to the coordinates: those of equal cells differ by 2 eps, after refinement by more.
 _ROUNDING = 8 * np.finfo(float).eps
-# The largest coordinate that counts, in heights of a cell: it bounds the relative error of a class.
-_FARTHEST = 1024
+_FARTHEST = 1024  # largest coordinate that counts, in heights of a cell: bounds a class's error
 
 
 class Classes(NamedTuple):

@@ -141,8 +141,7 @@ class CongruentCells:
         return scatter_on(xp, local, self.labels, self._blocks, self._blocks)
 
 
-# Entries that are summed at a time: their places and columns take some hundred megabytes.
-_ENTRIES = 2**24
+_ENTRIES = 2**24  # entries summed at a time: their places and columns take some 100 MB
 
 
 def scatter_on(

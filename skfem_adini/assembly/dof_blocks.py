@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 Integers = NDArray[np.integer]
 
-# Largest number of dofs in a block: each has one bit of a 64-bit word.
-LARGEST = 64
+LARGEST = 64  # dofs in a block at most: each has one bit of a 64-bit word
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[Any]
 
-# Largest extent of a constant tensor along an axis: that of 6 x 6 elastic moduli in one row. A
-# larger array is taken for a field over another mesh.
-_MOST_COMPONENTS = 36
+_MOST_COMPONENTS = 36  # length of a constant tensor's axis (6 x 6 moduli); longer arrays are fields
 
 
 class NotConstant(Exception):

@@ -22,14 +22,10 @@ from skfem_adini.errors import InputError
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-# Quadrature points in one call of the form: its temporary arrays of 256 kB stay in the L2 cache.
-_POINTS_OF_CALL = 2**15
-# Values (functions x cells x points) that are prepared at a time: 8 MB for each component.
-_VALUES_PREPARED = 2**20
-# Cells from which on each entry has a call of its own: no functions need to be gathered then.
-_CELLS_OF_A_CALL = 256
-# Classes for each shape from which on the terms of a form are worth looking for.
-_CLASSES_OF_A_SHAPE = 4
+_POINTS_OF_CALL = 2**15  # quadrature points a call of the form: 256 kB arrays stay in L2
+_VALUES_PREPARED = 2**20  # functions x cells x points at a time: 8 MB a component
+_CELLS_OF_A_CALL = 256  # from so many cells each entry has its own call: nothing is gathered
+_CLASSES_OF_A_SHAPE = 4  # classes for each shape from which terms of a form are looked for
 
 
 # Value, gradient, ... of all functions, (..., functions * cells, points), for each component.

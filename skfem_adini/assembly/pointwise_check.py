@@ -11,15 +11,10 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-# Classes of cells, and entries of each, that are computed again: a form that mixes cells differs in
-# nearly all of them.
-_CLASSES_TRIED = 8
-_ENTRIES_TRIED = 4
-# Rows of one class added to the others: enough to change any mean, quantile or deviation.
-_ROWS_AROUND = 300
-# Tolerance relative to the sum of absolute values over the points: equal operations on equal
-# numbers differ by a few roundings at most, if vector instructions or BLAS reorder them.
-ROUNDING = 1e-11
+_CLASSES_TRIED = 8  # classes computed again: a form that mixes cells differs in nearly all
+_ENTRIES_TRIED = 4  # entries of each class computed again
+_ROWS_AROUND = 300  # rows of one class added to the others: enough to change any mean or quantile
+ROUNDING = 1e-11  # relative to the sum of moduli: vector instructions and BLAS reorder sums
 
 
 class FormNotPointwise(Exception):

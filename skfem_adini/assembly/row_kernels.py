@@ -13,10 +13,8 @@ from typing import Any
 
 import numpy as np
 
-# Blocks of rows that a thread keeps for reuse, and the entries of all of them: 400 kB at 12 bytes
-# each, about half of a core's L2 cache.
-_WAYS = 64
-_CACHED = 2**15
+_WAYS = 64  # blocks of rows that a thread keeps for reuse
+_CACHED = 2**15  # entries of all of these: 400 kB at 12 bytes, about half of a core's L2 cache
 
 
 def cells_of_blocks(of_cells: Any, blocks: int) -> Any:

@@ -12,11 +12,8 @@ from numpy.typing import NDArray
 
 Integers = NDArray[np.integer]
 
-# More threads gain nothing: they share the bandwidth of the memory.
-_MOST_THREADS = 8
-# Least work of a thread, in pairs of a row block and a column block of one cell: .4 to 2 ms, many
-# times what it takes to start a thread.
-_WORTH_A_THREAD = 50_000
+_MOST_THREADS = 8  # more gain nothing: threads share the bandwidth of the memory
+_WORTH_A_THREAD = 50_000  # pairs of a row block and a column block of a cell: .4 to 2 ms
 
 
 def shares_of(first: Integers, columns: int) -> list[tuple[int, int]]:

@@ -109,9 +109,7 @@ def project_trace(
     return x
 
 
-# Exact to degree 15 in each direction. Products of two traces have degree 6; data may have a higher
-# one.
-_GAUSS_POINTS = 8
+_GAUSS_POINTS = 8  # exact to degree 15: products of traces have degree 6, data may have more
 _EDGE: tuple[Function, ...] = (((HERMITE,),), ((SLOPE,),))
 _FACE = adini_functions(2)
 

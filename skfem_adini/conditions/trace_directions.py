@@ -11,9 +11,7 @@ from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
 
 Mask = NDArray[np.bool_]
 
-# Relative to the largest eigenvalue, as a squared sine: edges that turn by less than 1e-6 are in
-# line.
-_STRAIGHT_SQUARED_SINE = 1e-12
+_STRAIGHT_SQUARED_SINE = 1e-12  # edges that turn by less than 1e-6 are in line
 
 
 class TraceDirections:

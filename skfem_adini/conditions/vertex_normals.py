@@ -8,11 +8,8 @@ import numpy as np
 
 from skfem_adini.conditions.boundary_edges import Array, Indices
 
-# In radians: facets that turn by more meet in a corner, by less they follow a curve. A circle of
-# eight facets (0.79) is smooth, a hexagon (1.05) has corners.
-CORNER = 0.9
-# In radians: facets that turn by less are in line, or in a plane, up to noise on the coordinates.
-NOISE = 1e-3
+CORNER = 0.9  # radians: facets that turn by more meet in a corner (hexagon yes, octagon no)
+NOISE = 1e-3  # radians: facets that turn by less are in line, up to noise of the coordinates
 
 
 def vertex_normals(mesh: Any, facets: Indices, turn: Array) -> Array:

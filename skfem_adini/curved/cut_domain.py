@@ -27,9 +27,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# Slant allowed, in sides of a cell: far above the rounding of coordinates, far below that of a cell
-# that was rotated.
-_PARALLEL = 1e-10
+_PARALLEL = 1e-10  # slant in sides of a cell: above that of rounded coordinates
 
 
 class CutDomain:

@@ -20,11 +20,9 @@ Array = NDArray[Any]
 Integers = NDArray[np.integer]
 Parts = list[Array | None]  # value, gradient, ... over (..., cells, points)
 
-# The sample: cells of a batch, besides those with extreme coordinates and parameters, points of
-# each, and functions. A form that mixes cells or points differs at nearly all of them.
-_CELLS_TRIED = 4
-_POINTS_TRIED = 4
-_FUNCTIONS_TRIED = 4
+_CELLS_TRIED = 4  # cells of a batch, beside those with extreme coordinates and parameters
+_POINTS_TRIED = 4  # points of each cell: a form that mixes cells or points differs at nearly all
+_FUNCTIONS_TRIED = 4  # functions of the element
 
 
 class CutSample:

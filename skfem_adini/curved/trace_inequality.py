@@ -18,13 +18,9 @@ Indices = NDArray[np.integer]
 # Components of a density at the points of a basis, (cells, points) each: it is the sum of squares.
 Parts = Callable[[Any, Any], list[Array]]
 
-# Added to the unit diagonal of the energies, whose kernel no flux sees: above their rounding, far
-# below their least eigenvalue that is not zero.
-_SHIFT = 1e-12
-# Layers of good cells that may be added to a patch whose good cells do not hang together.
-_MOST_LAYERS = 4
-# Eigenproblems solved at a time: their matrices take about 20 kB each.
-_PROBLEMS_AT_A_TIME = 1000
+_SHIFT = 1e-12  # on the unit diagonal of the energies: above rounding, below their least eigenvalue
+_MOST_LAYERS = 4  # layers of good cells added to a patch whose good cells are not connected
+_PROBLEMS_AT_A_TIME = 1000  # eigenproblems solved together: about 20 kB each
 
 
 def trace_constants(

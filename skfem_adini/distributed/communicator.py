@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from skfem_adini.errors import AdiniError, MissingDependency
 
-# What launchers tell their processes about the number of them.
+# Variables in which launchers give the number of processes.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE")
 
 INSTALLING = (

@@ -23,8 +23,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Cells that are assembled at once: a brick of degree three has a local matrix of 300 kB.
-_AT_ONCE = 100_000
+_AT_ONCE = 100_000  # cells assembled at once: a brick of degree three takes 300 kB
 
 
 class DistributedBasis:

@@ -22,8 +22,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Cells = QuadCells | HexCells
 
-# The highest order that scikit-fem's DiscreteField has a place for.
-_MOST_DERIVATIVES = 6
+_MOST_DERIVATIVES = 6  # the highest order that scikit-fem's DiscreteField has
 
 
 class ClosedFormElement(ElementH1):
@@ -203,8 +202,7 @@ def _twist_hessian(
     return total
 
 
-# Relative to the longest side: noise of coordinates in files is far below.
-NEGLIGIBLE_TWIST = 1e-3
+NEGLIGIBLE_TWIST = 1e-3  # relative to the longest side: noise of coordinates in files is far below
 
 _logger = logging.getLogger(__name__)
 # The meshes that were spoken of, by their addresses.

@@ -11,7 +11,7 @@ from skfem.element import DiscreteField
 
 Array = NDArray[np.float64]
 
-# The places of the derivatives of orders 1, 2, ... in the tuple of a DiscreteField.
+# Places of the derivatives of each order in a DiscreteField's tuple.
 _PLACES = {1: 1, 2: 4, 3: 5, 4: 6, 5: 7, 6: 8}
 _ORDERS = {place: order for order, place in _PLACES.items()}
 DERIVATIVE_NAMES = ("value", "grad", "hess", "grad3", "grad4", "grad5", "grad6")

@@ -17,15 +17,14 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 
 _OTHER_AXES = ((1, 2), (2, 0), (0, 1))
-# Parts of a cell in each direction for a second bound of its Jacobian where the first one fails.
-_FINE_STEPS = 8
+_FINE_STEPS = 8  # parts of a cell in each direction for a second bound of its Jacobian
 
 
 @dataclass(frozen=True)
 class HexCells:
-    r"""Trilinear cells on the unit cube; with (i, j, k) cyclic
-    :math:`F(X) = p_{000} + \sum_i a_i X_i + \sum_i c_i X_j X_k + d X_1 X_2 X_3`. They are
-    differences of coordinates: an offset of the mesh costs no further rounding."""
+    r"""Trilinear cells on the unit cube, from differences of coordinates; with (i, j, k) cyclic
+    :math:`F(X) = p_{000} + \sum_i a_i X_i + \sum_i c_i X_j X_k + d X_1 X_2 X_3`. An offset of
+    the mesh from the origin costs no further rounding."""
 
     affine_name: ClassVar[str] = "parallelepiped"
     general_name: ClassVar[str] = "hexahedral"

@@ -15,9 +15,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-# Least sine of the angle between two sides: with a smaller one the Jacobian has less than four
-# digits.
-SMALLEST_SINE = 1e-12
+SMALLEST_SINE = 1e-12  # of the angle of two sides: below it the Jacobian has less than four digits
 
 
 @dataclass(frozen=True)

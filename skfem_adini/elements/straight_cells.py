@@ -11,8 +11,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-# Distance allowed from a node to the middle, in sizes of a cell: more than rounding in a file.
-_STRAIGHT = 1e-10
+_STRAIGHT = 1e-10  # distance of a node from the middle, in sizes of a cell: above rounding in files
 
 
 def straight_corners(mesh: Any, tind: NDArray[np.integer] | None) -> Array:

@@ -29,8 +29,7 @@ Indices = NDArray[np.integer]
 Fields = Array | Mapping[str, Array]
 Step = tuple[float, Fields] | tuple[float, Fields, Mapping[str, Any]]
 
-# Linear parts of a side: the error of four chords of a curve is a sixteenth of that of one.
-_DEFAULT_SUBDIVISION = 4
+_DEFAULT_SUBDIVISION = 4  # linear parts of a side: 1/16 of the error of one chord
 
 
 def to_pyvista(

@@ -36,9 +36,7 @@ Order = ArrayLike | Blocks | Callable[[], Blocks | None] | None
 _REFINEMENTS, _HYBRID_MEMORY, _MEMORY_LIMIT, _LEVELS, _DETERMINISTIC = 5, 11, 12, 17, 24
 _INFO, _FILL, _ORDER, _TREE = 0, 1, 9, 21
 ANALYSIS, FACTORISATION, REFACTORISATION, SOLUTION = 0b11, 0b100, 0b1000, 0b11_1111_0000
-# Corrections of a solution by its residual, as many as PARDISO makes. cuDSS makes none in its
-# deterministic mode, and solves for one load at a time there.
-_CORRECTIONS = 2
+_CORRECTIONS = 2  # by the residual, as many as PARDISO makes; deterministic cuDSS makes none
 _TOGETHER = 32  # loads that are on the device at a time
 
 

@@ -152,8 +152,7 @@ class CudssHandles:
             raise CudssError(name, status)
 
 
-# Seconds between looks at signals: one that comes just before a wait begins does not end it.
-_PAUSE = 0.05
+_PAUSE = 0.05  # seconds between checks for signals: one just before a wait does not end it
 
 
 def in_a_thread(work: Callable[[], None], interrupt: Callable[[bool], None]) -> None:

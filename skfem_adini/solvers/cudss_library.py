@@ -12,8 +12,7 @@ from typing import Any
 
 from skfem_adini.errors import AdiniError, InputError, MissingDependency
 
-# The numbers of the other file are those of this major version; those of 0.x differ.
-_VERSION = 1
+_VERSION = 1  # major version whose numbers the bindings use; those of 0.x differ
 _STATUSES = (
     *("success", "not initialized", "allocation failed", "invalid value", "not supported"),
     *("execution failed", "internal error", "refinement failed"),

@@ -22,8 +22,7 @@ _FACTORS = (
     (0, -1, 3, -2),
     (0, 0, -1, 1),
 )
-# The least common multiple of 1, ..., 7: the factors are cubics.
-_DENOMINATOR = 420
+_DENOMINATOR = 420  # least common multiple of 1, ..., 7: the factors are cubics
 
 
 class ExactMatrix(NamedTuple):

@@ -18,19 +18,13 @@ from skfem_adini.solvers.factorize import Factorization, Solver, factorize, requ
 
 Array = NDArray[np.float64]
 
-# Relative to the largest eigenvalue: far above its rounding, and below the lowest of a fine mesh.
-_ZERO_EIGENVALUE = 1e-9
-# Factor from one trial shift to the next: five lead from the first beyond the largest eigenvalue.
-_STEP = 100.0
-# Ratio of the largest to the least distance of an eigenvalue from the shift: up to this one the
-# shift loses no more digits than the mesh does.
-_SPREAD = 1e3
-# Eigenvalue of M, of unit diagonal, that may be below zero by rounding: cells cut to slivers have
-# such in a mass matrix that is definite.
+_ZERO_EIGENVALUE = 1e-9  # relative to the largest: above its rounding, below a fine mesh's lowest
+_STEP = 100.0  # factor from one trial shift to the next: five pass the largest eigenvalue
+_SPREAD = 1e3  # ratio of distances from the shift up to which the mesh costs more digits
+# Negative eigenvalue of M, of unit diagonal, that is rounding: slivers of cells have such.
 _ROUNDING = 1e-11
-# Residual that a recomputed pair may have relative to lambda M x, and by rounding to K x.
-_RESIDUAL = 1e-6
-_NOISE = 1e4 * np.finfo(float).eps
+_RESIDUAL = 1e-6  # residual of a recomputed pair, relative to lambda M x
+_NOISE = 1e4 * np.finfo(float).eps  # residual by rounding, relative to K x
 
 
 def lowest_eigenpairs(

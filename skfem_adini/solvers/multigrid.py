@@ -17,12 +17,9 @@ from skfem_adini.errors import MissingDependency, NotConverged
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# Largest number of runs of conjugate gradients, each of which begins with the true residual.
-_RESTARTS = 3
-# Relative to |b|: largest residual that is attributed to the rounding of A x.
-_MOST_ROUNDING = 1e-6
-# Largest number of blocks of the coarsest matrix, which is solved directly as a dense one.
-_COARSEST = 20
+_RESTARTS = 3  # runs of conjugate gradients, each from the true residual
+_MOST_ROUNDING = 1e-6  # relative to |b|: largest residual attributed to the rounding of A x
+_COARSEST = 20  # blocks of the coarsest matrix, which is solved as a dense one
 _SMOOTHER = ("block_gauss_seidel", {"sweep": "symmetric"})
 
 

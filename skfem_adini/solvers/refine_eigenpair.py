@@ -18,8 +18,7 @@ from skfem_adini.solvers.exact_matrices import exact_matrix
 Array = NDArray[np.float64]
 LongArray = NDArray[np.longdouble]
 
-# Largest distance of a vertex from the corner of its cell's box, in the least side of all cells.
-_RECTANGLE = 1e-10
+_RECTANGLE = 1e-10  # distance of a vertex from its box's corner, in the least side of all cells
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,8 @@ from skfem_adini.solvers.exact_matrices import ExactMatrix, exact_matrix
 
 Array = NDArray[np.float64]
 
-# Decimal digits carried beyond those requested.
-_GUARD_DIGITS = 15
-# Never reached: from below, Newton's method rises to the root, where each step doubles the digits.
-_NEWTON_STEPS = 200
+_GUARD_DIGITS = 15  # decimal digits carried beyond those requested
+_NEWTON_STEPS = 200  # never reached: each step near the root doubles the digits
 
 
 @lru_cache

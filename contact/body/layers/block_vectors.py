@@ -25,7 +25,7 @@ class BlockLoads(Solid):
     _acting: NDArray[np.int64] | None = None  # dofs that may be loaded, ascending; None: any
 
     def _unload(self, size: int) -> None:
-        """No load on so many dofs."""
+        """Replace the load by zeros on `size` dofs."""
         self._f, self._acting = np.zeros(size), np.zeros(0, dtype=np.int64)
         self._f.flags.writeable = False
 
@@ -152,7 +152,8 @@ class BlockVectors(BlockLoads):
         return float(abs(u.reshape(-1, PER_NODE)[:, :2]).max())
 
     def deformation(self, u: Any) -> float:
-        """Largest part of a displacement that no rigid motion explains, by numbers x + i y."""
+        """Largest part of a displacement that no rigid motion explains; nodes are numbers x + i
+        y."""
         u = self.arrays.get(u)
         v = u.reshape(self.node_rows, -1, PER_NODE)[..., :2] @ np.array([1.0, 1j])
         v, z = v - v.mean(), (self.x - self.x.mean()) + 1j * (self.y - self.y.mean())[:, None]
@@ -179,7 +180,7 @@ class BlockVectors(BlockLoads):
         return np.array([float(part.sum()) for part in parts])
 
 
-_CHUNK = 1 << 12  # cells whose dofs are gathered at a time: about what the cache holds
+_CHUNK = 1 << 12  # cells whose dofs are gathered at a time: they fit into the cache
 
 
 class CellStencil:

@@ -374,7 +374,8 @@ class LayeredBlock(BlockVectors):
         return other
 
     def in_unknowns(self, rows: sparse.csr_array) -> sparse.csr_array:
-        """Rows given on all dofs, of which they take those of the `trace`, on its unknowns."""
+        """Rows on all dofs, of which only those of the `trace` occur, on the unknowns of the
+        trace."""
         return sparse.csr_array(rows[:, : self.trace.ndofs] @ self.trace.constraint[0])
 
     def displacement(self, u: Array, points: Array) -> Array:
@@ -456,13 +457,13 @@ class LowestRow(ElasticBody):
 
 
 class Layered(Protocol):
-    """What is asked of a `LayeredBlock`; `cell_bodies` are bodies of one cell, one a layer."""
+    """What evaluation at points needs of a `LayeredBlock`."""
 
     width: float
     height: float
     columns: int
     layers: list[Layer]
-    cell_bodies: list[Any]
+    cell_bodies: list[Any]  # bodies of one cell, one a layer
 
 
 def located(block: Layered, points: Array) -> tuple[NDArray[np.int64], Array, Array]:

@@ -22,8 +22,7 @@ from skfem_adini.jit import compiled
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Allowed difference of the unit normals from the given gradient and from the interpolant: with a
-# wrong gradient it is larger, with a right one far smaller.
+# A gradient is wrong if its unit normal differs by more from the interpolant's.
 _WRONG_DIRECTION = 1e-4
 
 

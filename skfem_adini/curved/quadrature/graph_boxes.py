@@ -1,6 +1,6 @@
 """Subdivision of boxes until every zero line in them is a graph over one side.
 
-Plain Python; `compiled_kernels` hands the functions to numba, with those of `graph_rules`.
+Plain Python; `cut_quadrature.compiled_cut_boxes` hands it to numba, with `graph_rules`.
 """
 
 from __future__ import annotations
@@ -17,15 +17,11 @@ KERNELS = (
     "subdivide", "cut_boxes",
 )  # fmt: skip
 
-# Halvings of a box after which its side, 1e-12, is near the rounding of its coefficients.
-_MOST_HALVINGS_OF_BOXES = 40
-# Largest number of parts of one box: more are needed only if a zero line is degenerate.
-_MOST_PARTS = 20_000
-# Relative to the largest coefficient: polynomials that agree to this, up to a factor, have the same
-# zero line.
+_MOST_HALVINGS_OF_BOXES = 40  # the side, 1e-12, is then near the rounding of the coefficients
+_MOST_PARTS = 20_000  # parts of one box: more are needed only if a zero line is degenerate
+# Relative: polynomials that agree to this, up to a factor, have the same zero line.
 _SAME_LINE = 1e-11
-# In sides of a box: points nearer to a side count as on it, so that no sliver is cut off.
-_ON_SIDE = 1e-9
+_ON_SIDE = 1e-9  # in sides of a box: nearer points are on a side, so that no sliver is cut off
 
 
 def classify(c: Array, tol: Array, table: Table, state: State) -> int:

@@ -1,10 +1,10 @@
 """Quadrature rules on boxes in which every zero line is a graph over one side.
 
-Plain Python; `compiled_kernels` hands the functions to numba. A leaf is one smooth level set of a
+Plain Python for numba (`cut_quadrature.compiled_cut_boxes`). A leaf is one smooth level set of a
 composition; a point is in leaf k where its polynomial is below -tol[k]. The state of a leaf is 1
-(the box is in it), 0 (it is not) or 2 (open). Rows of the results are (box, x, y, weight) and (box,
-x, y, weight, n_x, n_y, leaf). A row `geometry` begins with lower corner and sides of a part of the
-box, in sides of the box; `lengths` are the sides of that part.
+(the box is in it), 0 (it is not) or 2 (open). Rows of the results are (box, x, y, weight) and
+(box, x, y, weight, n_x, n_y, leaf). A row `geometry` begins with lower corner and sides of a
+part of the box, in sides of the box; `lengths` are the sides of that part.
 """
 
 from __future__ import annotations
@@ -23,20 +23,13 @@ KERNELS = (
     "emit_surface", "sorted_breaks", "product_rule", "face_rule", "height_breaks", "height_rule",
 )  # fmt: skip
 
-# In sides of a box: places that differ by less, some fifty roundings of 1, are the same.
-_SAME_PLACE = 1e-14
-# Least ratio of the slope along the height to the slope across. With a smaller one the zero line is
-# better taken as a graph over the other side, or after division.
-_LEAST_SLOPE = 0.3
-# Least ratio of the smallest to the largest slope along the height: Gauss points converge fast
-# where it varies little.
+_SAME_PLACE = 1e-14  # in sides of a box: nearer points are the same, by some fifty roundings of 1
+_LEAST_SLOPE = 0.3  # slope along the height over slope across: else take the other side, or divide
+# Slopes along the height: Gauss points converge fast if they are alike.
 _LEAST_TO_LARGEST_SLOPE = 0.7
-# In lengths of an interval: distance from its ends at which graphs are compared.
-_OFF_END = 1e-12
-# `_LEAST_SLOPE` for several zero lines: dividing the box does not change the angle between them.
-_LEAST_SLOPE_OF_MANY = 1e-6
-# Room for the roots of a polynomial along a line: eight times its degree, if rounding adds some.
-_MOST_ROOTS = 64
+_OFF_END = 1e-12  # in lengths of an interval: distance from its ends at which graphs are compared
+_LEAST_SLOPE_OF_MANY = 1e-6  # for several zero lines: division keeps the angle between them
+_MOST_ROOTS = 64  # roots of a polynomial along a line: eight times its degree, for rounding
 
 
 def relevant(table: Table, state: State, k: int) -> bool:

@@ -18,8 +18,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-# Largest number of functions composed in one level set: its truth table has 2^16 entries.
-_MOST_FUNCTIONS = 16
+_MOST_FUNCTIONS = 16  # functions in one level set: its truth table has 2^16 entries
 
 
 class LevelSet:

@@ -14,9 +14,8 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Relative to the area of a cell: if less than this is missing, some fifty roundings, it is full.
-_SAME_AREA = 1e-14
-# Relative to the coordinates: points of two polygons that are nearer are one.
+_SAME_AREA = 1e-14  # relative: a cell that lacks less, some fifty roundings, is full
+# Relative to the coordinates: nearer points of two polygons are one.
 _ROUNDING = 64 * np.finfo(float).eps
 
 

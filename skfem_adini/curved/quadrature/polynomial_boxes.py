@@ -19,23 +19,14 @@ Indices = NDArray[np.int64]
 # Degrees of two interpolants: the coarse one settles the sign in most boxes, the fine one is made
 # in the others.
 _COARSE, _FINE = 4, 8
-# Allowed error of an interpolant, relative to the variation of phi in a box.
-_ACCURATE = 3e-12
-# Rounding of phi relative to its size, for an expression of some thirty operations.
-_ROUNDING_OF_PHI = 32 * np.finfo(float).eps
-# Safety factor on the estimated error before a sign counts as settled.
-_SAFETY = 4.0
-# Relative to the size of phi in a cell: smaller values count as zero, so that boundaries on grid
-# lines are found.
-_ZERO_LEVEL = 1e-13
-# Halvings of a cell, to 6e-8 of its side.
-_MOST_HALVINGS_OF_CELLS = 24
-# Largest number of unresolved boxes, besides two for each cell: 32 MB for each leaf, with 81
-# coefficients in a box.
+_ACCURATE = 3e-12  # error allowed to an interpolant, relative to the variation of phi in a box
+_ROUNDING_OF_PHI = 32 * np.finfo(float).eps  # relative, of some thirty operations
+_SAFETY = 4.0  # factor on the estimated error before a sign counts as settled
+_ZERO_LEVEL = 1e-13  # relative to phi in a cell: smaller is zero, to find boundaries on grid lines
+_MOST_HALVINGS_OF_CELLS = 24  # the side is then 6e-8 of the cell's
+# Unresolved boxes, beside two for each cell: 32 MB a leaf, with 81 coefficients a box.
 _MOST_BOXES = 50_000
-# Largest number of zero lines in one box, for a truth table of 2^6 entries: boxes are divided until
-# they have no more, unless more lines meet in one point.
-_MOST_LEAVES_OF_BOX = 6
+_MOST_LEAVES_OF_BOX = 6  # zero lines in a box, with 2^6 truth values; boxes with more are divided
 
 
 @dataclass(frozen=True)
