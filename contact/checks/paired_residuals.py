@@ -17,14 +17,7 @@ Array = NDArray[np.float64]
 
 
 class PairedResiduals:
-    """Residuals of a result, and the scales that they are divided by.
-
-    Parameters
-    ----------
-    state : ContactState
-    bodies : list of PairedBody
-        Those of the state.
-    """
+    """Residuals of a state and its bodies in pairs, and the scales that they are divided by."""
 
     def __init__(self, state: ContactState, bodies: list[PairedBody]) -> None:
         self.system = state.system

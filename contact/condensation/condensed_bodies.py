@@ -16,20 +16,12 @@ Array = NDArray[np.float64]
 
 
 class CondensedBodies:
-    """What is done body by body: loads are carried to the boundary, displacements recovered.
+    """Operations body by body: loads reduced to the boundary, displacements recovered."""
 
-    Attributes
-    ----------
-    body : Solid
-        The body, or all together.
-    rows : ContactRows
-    parts : tuple of CondensedBody
-    """
-
-    body: Any
+    body: Any  # a Solid, or several together as Bodies
     rows: ContactRows
     parts: tuple[CondensedBody, ...]
-    _unit: float  # of a motion a, in physical displacements
+    _unit: float  # physical displacement of a unit motion a
 
     @property
     def always_refined(self) -> bool:

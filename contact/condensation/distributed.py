@@ -27,23 +27,8 @@ Array = NDArray[np.float64]
 
 class CondensedDistributed(CondensedBody):
     """A `DistributedBody`, condensed by MUMPS onto the unknowns that contact rows touch.
-
-    Every process holds the Schur complement and the boundary problem, and solves it in the same
-    way; what belongs to the inside of the body stays where it is.
-
-    Parameters
-    ----------
-    body : DistributedBody
-    rows : BodyRows
-        On the dofs of the contact strip.
-
-    Raises
-    ------
-    Unbounded
-        Nothing holds the body, and contact does not see its motion.
-    InputError
-        The stiffness is not positive definite.
-    """
+    Every process holds the Schur complement and solves the same boundary problem. Raises Unbounded
+    for a motion unseen by contact, InputError where the stiffness is not definite."""
 
     def __init__(self, body: DistributedBody, rows: BodyRows, solver: str = "auto") -> None:
         z = body.unknowns

@@ -26,12 +26,7 @@ Boundary = str | Sequence[str] | ArrayLike
 
 
 class LoadProgram(Portable):
-    """Loads, motions of supports and an obstacle that vary, on top of what a problem has.
-
-    Parameters
-    ----------
-    problem : ContactProblem
-    """
+    """Loads, motions of supports and an obstacle that vary, added to those of a problem."""
 
     _FUNCTIONS = ("_loads", "_heats", "_motions", "_obstacle")
 
