@@ -65,7 +65,7 @@ class _Basis:
         self._size += 1
 
     def orthogonal(self, w: Any) -> tuple[Any, Any]:
-        """What is left of w, with its parts along the vectors and its norm, on the host."""
+        """w less its parts along the vectors; on the host these parts and the norm of the rest."""
         parts = 0.0
         for _ in range(2):  # twice is enough (Giraud, Langou and Rozloznik 2005)
             along = [block @ w for block in self._blocks]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 Found = TypeVar("Found")
-_MOST_THREADS = 8  # memory bandwidth limits more
-_OF_A_THREAD = 4_000_000  # entries worth a thread: a few milliseconds
+_MOST_THREADS = 8  # more threads only share the memory's bandwidth
+_OF_A_THREAD = 4_000_000  # entries worth a thread: SciPy reads them in a few ms
 _NAME = "contact-ranges"
 _TOGETHER = 2**13  # cells or facets whose arrays stay in the cache of a core
 

@@ -293,7 +293,7 @@ class TieElimination:
         return found
 
 
-_TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)  # tried in turn: rounding may prevent the first ones
+_TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)  # tried in turn, as far as rounding permits
 
 
 def solve_cones(
@@ -347,7 +347,7 @@ def solve_cones(
     return size * np.array(solution.x[:n]), y[e : e + m], t, y[:e], seconds
 
 
-_LOOSE = 1e-10  # a motion with less stiffness, in units of the diagonal, is rigid up to rounding
+_LOOSE = 1e-10  # relative to the diagonal: motions with less stiffness are rigid
 
 
 @dataclass(frozen=True)

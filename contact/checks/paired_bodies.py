@@ -49,7 +49,7 @@ class PairedBody(ABC):
 
     @abstractmethod
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times their length."""
+        """Largest deviation from a prescribed displacement; of derivatives times their length."""
 
 
 def paired_body(body: Any) -> PairedBody:
@@ -95,7 +95,7 @@ class PairedBasisBody(PairedBody):
         return Pairs.where(moved, forces, 0.0).reshape(-1, body.dim).sum()
 
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times their length."""
+        """Largest deviation from a prescribed displacement; of derivatives times their length."""
         off = Pairs.of(u) - self._u0
         off = off - rows_times(self._P, rows_times(self.host.picked.T, off))
         return _largest(self.host.lengths[0] * off.rounded)
@@ -141,7 +141,7 @@ class PairedBlock(PairedBody):
         return forces.reshape(-1, PER_NODE)[:, :2].sum()
 
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times the cell size."""
+        """Largest deviation from a prescribed displacement; of derivatives times the cell size."""
         return _largest(self._length[self._held] * (Pairs.of(u)[self._held] - self._values).rounded)
 
 
@@ -242,7 +242,7 @@ def _trace(G: Pairs) -> Pairs:
 
 
 def _by_function(rows: Array) -> Array:
-    """Of each cell, point and function, (ncells, npoints, n), as (n, ncells, npoints)."""
+    """Values (ncells, npoints, n) with the functions first, (n, ncells, npoints)."""
     return rows.transpose(2, 0, 1)
 
 

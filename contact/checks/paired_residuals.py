@@ -60,7 +60,7 @@ class PairedResiduals:
         return kkt
 
     def _relative(self) -> tuple[Pairs, Pairs]:
-        """Displacement of contact points relative to obstacles, the tangential one since last."""
+        """Displacement relative to obstacles, the tangential one since the last step."""
         rows, motion = self.rows, self.system.motion
         u_n = rows_times(rows.G, self.u)
         u_t = rows_times(rows.T, self.u)

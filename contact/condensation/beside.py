@@ -35,7 +35,7 @@ class Beside:
         return self._begin_motions().result()
 
     def tree(self, kept: NDArray[np.int64]) -> Callable[[], Any]:
-        """What waits for the tree of `contact.condensation.elimination_order.elimination_tree`."""
+        """A function that waits for `elimination_tree` in the other thread and returns its tree."""
         parts = self._parts
         assert parts is not None
         tree = self._pool.submit(lambda: elimination_tree(parts.result(), kept))

@@ -84,7 +84,7 @@ class CondensedBody:
         return other
 
     def _hold(self, N: Array, modes: Array) -> None:
-        """Factor S_b, free rigid motions held; N are these on its unknowns, modes on all."""
+        """Factor S_b, holding free rigid motions, given on its unknowns (N) and on all (modes)."""
         if N.shape[1]:
             N, R = np.linalg.qr(N)
             modes = np.linalg.solve(R.T, modes.T).T
@@ -112,7 +112,7 @@ class CondensedBody:
         return np.asarray(arrays.get(arrays.solve(self._L, half, transposed=True)))[:, 0]
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
         if not self.modes.shape[1]:
             return np.zeros(0)
         work: Array = self.modes.T @ (self._P.T @ load)
@@ -136,11 +136,11 @@ class CondensedBody:
         return np.zeros(self.body.ndofs) if self._u0 is None else self._u0
 
     def reduce(self, load: Array) -> Array:
-        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Load on all dofs, condensed onto the contact boundary's unknowns, shape (nb,)."""
         return self.carried(self._from_rest(load))
 
     def carried(self, forces: Array) -> Array:
-        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
         carried: Array = self._factor.reduce(self._gathered(forces))
         return carried
 

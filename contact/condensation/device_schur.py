@@ -101,7 +101,7 @@ def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Facto
 
 
 def missing_for_cudss() -> str | None:
-    """What cuDSS lacks to run here, with the line that installs it; None if nothing."""
+    """The reason why cuDSS cannot run here, and how to install it; None if it can."""
     try:
         device_arrays()
         load_cudss()

@@ -104,7 +104,7 @@ class CondensedDistributed(CondensedBody):
         return free
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
         here = self.modes.T @ self._to_own(load)
         return np.asarray(sum(self.body.comm.allgather(here)))
 
@@ -114,7 +114,7 @@ class CondensedDistributed(CondensedBody):
         return own
 
     def carried(self, forces: Array) -> Array:
-        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
         carried: Array = self._factor.reduce(self._to_own(forces))
         return carried
 

@@ -139,7 +139,7 @@ class CondensedLayers(CondensedBody):
         return u0
 
     def reduce(self, load: Any) -> Array:
-        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Load on all dofs, condensed onto the contact boundary's unknowns, shape (nb,)."""
         return super().reduce(self.placed(load))
 
     def expand(self, load: Any, z_b: Array) -> Any:
@@ -148,7 +148,7 @@ class CondensedLayers(CondensedBody):
         return self.arrays.get(u) if isinstance(load, np.ndarray) else u
 
     def carried(self, forces: Any) -> Array:
-        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
         carried: Array = self._per_length * self._factor.reduce(forces)
         return carried
 

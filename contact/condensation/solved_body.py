@@ -125,7 +125,7 @@ class SolvedBody(SparseBody):
 
     @property
     def _once(self) -> Callable[[Array], Array]:
-        """Solutions without corrections, where there is a choice."""
+        """Solutions not corrected by their residuals, if the solver offers them."""
         once: Callable[[Array], Array] = getattr(self._solver, "once", self._solver.solve)
         return once
 

@@ -119,7 +119,7 @@ class SparseBody(CondensedBody):
         return unit * self.arrays.xp.asarray(forces)[dofs]
 
     def reduce(self, load: Array) -> Array:
-        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Load on all dofs, condensed onto the contact boundary's unknowns, shape (nb,)."""
         if self._there is None:
             return super().reduce(load)
         reduced: Array = self._factor.reduce(self._rest(load))
@@ -133,7 +133,7 @@ class SparseBody(CondensedBody):
         return u if self._u0 is None else u + self._u0
 
     def _rest(self, load: Array) -> Any:
-        """The load less the forces of prescribed displacements, in the factors' unknowns there."""
+        """The load less the forces of prescribed displacements, in the factors' unknowns."""
         gathered = self._gathered(load)
         return gathered if self._lifted is None else gathered - self._lifted
 

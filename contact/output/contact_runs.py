@@ -56,7 +56,7 @@ def contact_runs(result: Drawn) -> list[Run]:
 
 
 def _runs_of_arc(result: Drawn, here: Index) -> list[Run]:
-    """Knots of a cut arc begin where a curve of it does, and follow it."""
+    """Runs of a cut arc: its knots in order along each of its curves."""
     arc, x = side(result, here).body.arc(), result.x[:, here]
     owner = np.empty(arc.weights.size, dtype=np.int64)
     for k, curve in enumerate(arc.curves):

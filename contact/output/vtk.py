@@ -96,7 +96,7 @@ def _joined(results: Iterable[Drawn]) -> Iterator[tuple[Drawn, list[Run]]]:
 
 
 def _fields(result: Drawn) -> dict[str, Any]:
-    """What is known at every contact point, by name."""
+    """Fields at the contact points, by name."""
     for name, forces in (("mu", result.mu), ("t", result.t)):
         if not np.all(np.isfinite(forces)):
             raise InputError(f"{name}: the result holds NaN or infinity, which cannot be written")

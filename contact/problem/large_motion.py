@@ -32,7 +32,12 @@ Array = NDArray[np.float64]
 _LOADED = 1e-3
 # Volume of cells that are turned inside out over that of a cube as wide as the contact.
 _TURNED = 0.1
-_VOLUMES = {RefTri: 1 / 2, RefQuad: 1.0, RefTet: 1 / 6, RefHex: 1.0}  # of the reference cells
+_VOLUMES = {
+    RefTri: 1 / 2,
+    RefQuad: 1.0,
+    RefTet: 1 / 6,
+    RefHex: 1.0,
+}  # of reference cells
 _CORNERS = {
     RefTri: ElementTriP1,
     RefQuad: ElementQuad1,

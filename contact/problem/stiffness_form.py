@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from contact.result.contact_system import ContactSystem
 
 
-_REFINEMENTS = 10  # steps at most; each adds as many digits as the factorisation is accurate to
+_REFINEMENTS = 10  # steps at most; each adds the digits of the factorisation
 _CHANGE = 1e-8  # tolerance of one step, whose residual the next step reduces
-_SETTLED = 1e-6  # largest relative change in the last step: six digits are then reliable
+_SETTLED = 1e-6  # largest relative change in the last step: six reliable digits
 _LARGEST_ORDER = 8000  # order of a matrix that takes 20 s and half a gigabyte to factor
 
 

@@ -84,9 +84,9 @@ class Outline:
         return np.where(sharp[place], own, mean[:, place])
 
     def averaging(self, own: Array, corners: Array) -> tuple[sparse.csr_array, NDArray[np.bool_]]:
-        """Matrix, square of nfacets * ncorners, from changes of normals `own` to averaged ones.
-        For each component, less the part along the averaged normals; and the components that no
-        support holds at zero, (dim, nfacets, ncorners). Arguments as of `averaged`."""
+        """Matrix from changes of the normals `own` to those of averaged ones, and free components.
+        Of order nfacets * ncorners, before the part along averaged normals is taken off; free where
+        no support holds them at zero, (dim, nfacets, ncorners). Arguments as of `averaged`."""
         vertex, place = self._vertices
         weight, at = corner_weights(corners, axis=2).ravel(), place.ravel()
         total = [np.bincount(at, weight * c.ravel(), vertex.size) for c in own]

@@ -23,7 +23,7 @@ from contact.rows.outline import Outline, hats
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_SINGULAR = 1e-4  # least ratio of singular values of functions of unit size on a covered part
+_SINGULAR = 1e-4  # least ratio of singular values of scaled functions on a covered part
 
 
 @dataclass(frozen=True)

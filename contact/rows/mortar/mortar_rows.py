@@ -143,7 +143,7 @@ class Interface:
 def checked_functional(
     first: ElasticBody, facets: Index, second: ElasticBody, others: Index, functional: str | None
 ) -> str:
-    """The name of the functional, after a look at the other arguments of `mortar_rows`."""
+    """The name of the functional; raises InputError for bad arguments of `mortar_rows`."""
     name = "dual" if functional is None else functional
     if name not in FUNCTIONALS:
         raise InputError(

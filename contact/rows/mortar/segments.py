@@ -247,7 +247,7 @@ NEWTON, STEPS = 16, 80
 
 def bracketed_root(function: Callable[[Array], tuple[Array, Array]], count: int) -> Array:
     """Roots in [0, 1], (count,), of functions that change sign there, by safeguarded Newton steps.
-    The bracket of a sign change shrinks to the last digit; equal signs give the end nearer a root.
+    Brackets shrink to the last digit; signs made equal by rounding give the end with the root.
     W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge 2007, section 9.4."""
     low, high, s = np.zeros(count), np.ones(count), np.full(count, 0.5)
     at_low, at_high = function(low)[0], function(high)[0]

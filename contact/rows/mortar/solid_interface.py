@@ -23,7 +23,7 @@ Index = NDArray[np.int64]
 
 # Degree of the trace of each element on a facet, as a polynomial of two variables.
 _DEGREE = {"ElementTetP1": 1, "ElementTetP2": 2, "ElementHex1": 2, "ElementHex2": 4}
-_CUBIC = 4  # of the Adini brick
+_CUBIC = 4  # degree of the trace of the Adini brick
 # Degrees added where normals vary, and where facets are not affine, so that traces are no
 # polynomials: uniform pressures are then exact to 1e-13 with corners off by a quarter of a side.
 CURVED, BENT = 4, 8

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Csr = sparse.csr_array
 
-_TILT = 1e-5  # of normals, in differences that are exact to its square
+_TILT = 1e-5  # step of normals in central differences
 
 
 def solid_sliding_derivative(
