@@ -37,7 +37,7 @@ class BoundaryProblem:
     normal: Index  # row of each point's normal, -1 where prescribed, shape (m,)
     tangent: Index  # rows of the tangents, -1 where prescribed, shape (m, dim - 1)
     prescribed_slip: Array  # tangential displacement where prescribed, (m, dim - 1)
-    K: Array | None = None  # (k, k), C^T l + K a = s, see `contact.problem.stiffness_form`
+    K: Array | None = None  # stiffness of motions that are not rigid, C^T l + K a = s, (k, k)
     bonded: NDArray[np.bool_] | None = None  # u_n = d, u_t = 0 whatever the forces, shape (m,)
     compliance: Compliance | None = None  # u_n - d = h(mu) takes the place of u_n = d
     swept: NDArray[np.bool_] | None = None  # one of two slips is prescribed: cannot stick, (m,)

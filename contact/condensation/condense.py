@@ -21,8 +21,8 @@ from contact.condensation.sparse import SparseBody
 from contact.errors import InputError
 
 _log = logging.getLogger(__name__)
-# Contact rows up to which the compliance is dense: by elimination (5 GB); by a solution per column,
-# of which Krylov's method needs fewer beyond.
+# Contact rows up to which the compliance is a dense matrix: for lack of memory (5 GB); where every
+# column costs a solution, of which Krylov's method needs fewer beyond.
 MOST_ROWS, MOST_COLUMNS = 25_000, 5_000
 MOST_ALONE = 300  # the same where a device solves for one column at a time, deterministically
 

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 class CondensedDistributed(CondensedBody):
     """A `DistributedBody`, condensed by MUMPS onto the unknowns that contact rows touch.
     Every process holds the Schur complement and solves the same boundary problem. Raises Unbounded
-    for a motion unseen by contact, InputError where the stiffness is not definite."""
+    if nothing holds a motion and contact does not see it, InputError if not definite."""
 
     def __init__(self, body: DistributedBody, rows: BodyRows, solver: str = "auto") -> None:
         z = body.unknowns

@@ -109,8 +109,8 @@ def counted_order(keys: NDArray[np.integer], count: int) -> Index:
 
 def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int = 8) -> Dissection:
     """Cut a mesh in halves recursively, sets of cells (k, ncells) across their longest coordinate.
-    Vertices carry the unknowns; cuts run between different coordinates: separators are planes on a
-    grid. A. George, Nested dissection of a regular mesh, SIAM J. Numer. Anal. 10 (1973)."""
+    Cuts run between different coordinates, so that separators of a grid are planes; points (dim, n)
+    are the vertices, which carry the unknowns. A. George, SIAM J. Numer. Anal. 10 (1973)."""
     n = points.shape[1]
     levels = max(0, int(np.ceil(np.log2(max(cells.shape[1], 1) / leaf_size))))
     middles = np.zeros((len(points), cells.shape[1]))

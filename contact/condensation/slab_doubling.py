@@ -5,7 +5,7 @@ the matrix
 
 .. math:: \begin{pmatrix} a_k & b_k \\ b_k^T & c_k \end{pmatrix} .
 
-It is its own mirror image: with the signs P of the unknowns under a reflection up-down,
+Of one material it is its own mirror image: with the signs P of unknowns reflected up-down,
 ``a = P c P`` and ``b^T = P b P``, so that the matrix ``c_k + a_k`` of the row between two slabs
 falls into the blocks of sign + and -. With its Cholesky factor L and ``Y = L^-1 b_k``,
 
@@ -40,7 +40,7 @@ REFLECTION = np.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
 
 
 class Slab(NamedTuple):
-    """Blocks of c and b of one slab, in the order of the comments; -+ are c_+-^T and -b_+-^T."""
+    """Blocks ++, --, +- of c and b of one slab; those of -+ are c_+-^T and -b_+-^T."""
 
     c: tuple[Any, Any, Any]  # ++, --, +-
     b: tuple[Any, Any, Any]

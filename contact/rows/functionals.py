@@ -32,7 +32,7 @@ Pressures of linear triangles and tetrahedra are of first order: with parallel d
 error on a roller with 24 facets a quarter is .026 of the largest pressure, with crossed triangles
 (``MeshQuad.to_meshtri(style="x")``) .002, with quadratic ones .006.
 
-A face of the Adini brick has three dofs a vertex, so that four control points an edge would make
+A face of the Adini brick has three dofs a vertex; four control or Gauss points a face would make
 dependent rows. ``centroid`` takes one value a vertex v, the part of the mean of u that belongs to
 its functions phi_j,
 

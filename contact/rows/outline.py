@@ -2,8 +2,8 @@
 
 The normals of straight facets along a curve jump at every vertex. Normal displacement and gap use
 the facets' normals: a uniform pressure then loads the polygon exactly. Slip uses smooth tangents:
-along the facets a polygon that shrinks would seem to slip to and fro. With the
-weights of N. Max (J. Graphics Tools 4, 1999) vertex normals are exact on circles and spheres."""
+along the facets a polygon that shrinks would seem to slip to and fro. With the weights of
+N. Max (J. Graphics Tools 4, 1999) vertex normals are exact on circles and spheres."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from skfem_adini.conditions.vertex_normals import CORNER, corner_weights
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Angle in radians from which turning normals tell a curve; smaller ones are noise of flat sides.
+# Radians: facets whose normals turn by more approximate a curve; smaller angles are noise.
 CURVED = 1e-3
-# Sine of the largest angle to a plane of symmetry: half of `CORNER`, that to the mirror image.
+# Sine of the largest angle of a normal to its plane of symmetry: half that to its mirror image.
 NEARLY = np.sin(0.5 * CORNER)
 
 
@@ -171,8 +171,7 @@ class Outline:
     @cached_property
     def bent(self) -> NDArray[np.bool_]:
         """Straight facets whose smooth normals diverge, or converge, at all corners, (nfacets,).
-        They approximate a curve; facets next to a flat side, with noise, or of second order do
-        not."""
+        They approximate a curve, unlike those next to a flat side, noisy ones, or second order."""
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
         lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
         # The same sign at all corners, and similar sizes: none below a quarter of the largest.

@@ -14,8 +14,8 @@ non-mortar side only. Standard ones serve ties.
 
 The condition of M_e grows as :math:`h^{-2p}` where an interval of relative length h is covered, so
 M_e is never formed. With the polynomials b of the covered interval, :math:`N = A b`, the dual
-functions are :math:`D_e A^{-T} (\int b b^T)^{-1} b`, where `_of_whole_facet` has A in closed
-form, and the matrix that remains is that of a whole facet.
+functions are :math:`D_e A^{-T} (\int b b^T)^{-1} b`, where A has the closed form of
+`_of_whole_facet` and the matrix that remains is that of a whole facet.
 
 B. I. Wohlmuth, SIAM J. Numer. Anal. 38 (2000); A. Popp, B. I. Wohlmuth, M. W. Gee and W. A. Wall,
 SIAM J. Sci. Comput. 34 (2012), for positive functions and covered parts."""
