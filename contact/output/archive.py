@@ -18,7 +18,7 @@ import numpy as np
 from contact.errors import InputError
 from skfem_adini.output.complete_file import complete_file
 
-# Largest expansion beyond 64 MiB: meshes and solutions shrink by less than 50.
+# Meshes and solutions shrink by less than 50; an archive that grows further is no result.
 _EXPANSION, _LARGE = 200, 1 << 26
 _COMPRESSION = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _CHECKSUM = "checksum"
@@ -33,7 +33,13 @@ class DamagedFile(InputError):
 
 
 def named_archive(path: str | Path) -> Path:
-    """The name with its suffix .npz; raises InputError for no name or another suffix."""
+    """The name with its suffix .npz.
+
+    Raises
+    ------
+    InputError
+        No name, or another suffix.
+    """
     try:
         path = Path(path)
     except TypeError:
@@ -51,7 +57,9 @@ def named_archive(path: str | Path) -> Path:
 
 def checksum(arrays: Mapping[str, Any]) -> str:
     """SHA-256 of names, types, shapes and values.
-    It detects damage and edits, not forgery: a newly written archive has a valid checksum."""
+
+    It detects damage and edits, not forgery: a newly written archive has a valid checksum.
+    """
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = np.asarray(arrays[name])
@@ -63,8 +71,17 @@ def checksum(arrays: Mapping[str, Any]) -> str:
 def write_arrays(
     path: Path, arrays: Mapping[str, Any], compress: bool = True, exclusive: bool = False
 ) -> Path:
-    """Write an archive with its `checksum` under another name and rename it: complete or absent.
-    `exclusive` leaves an existing file and raises `FileExistsError`."""
+    """Write an archive under another name and rename it, so that it is complete or absent.
+
+    The archive contains its `checksum`.
+
+    Parameters
+    ----------
+    path : Path
+    arrays : mapping of str to array
+    compress, exclusive : bool
+        `exclusive`: leave an existing file and raise `FileExistsError`.
+    """
     with complete_file(path, exclusive=exclusive) as file, uninterrupted():
         whole = {name: np.asarray(value) for name, value in arrays.items()}
         whole[_CHECKSUM] = np.array(checksum(whole))
@@ -74,9 +91,21 @@ def write_arrays(
 
 
 def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
-    """Arrays of an archive, and its checksum (None in formats 1 and 2), compared with them.
-    Raises DamagedFile if truncated or no archive of arrays, InputError if missing, encrypted,
-    implausibly large, or changed after it was written."""
+    """Read an archive and compare its arrays with its checksum.
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+    checksum : str or None
+        None if the archive has none, as in formats 1 and 2.
+
+    Raises
+    ------
+    DamagedFile
+        The file is truncated or not an archive of arrays.
+    InputError
+        The file is missing, encrypted, implausibly large, or was changed after it was written.
+    """
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")
     try:
@@ -140,9 +169,11 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Delay an interruption (KeyboardInterrupt, main thread only) until the block is left.
+    """Delay an interruption (KeyboardInterrupt) until the block is left.
+
     zipfile can neither close nor discard an archive whose entry was interrupted, and its error
-    would hide the interruption."""
+    would hide the interruption. Only the main thread is ever interrupted.
+    """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
         yield
