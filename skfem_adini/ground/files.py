@@ -23,16 +23,9 @@ _NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EPERM, errno
 
 @contextmanager
 def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]:
-    """Open a temporary file beside `path` and move it to `path` when everything is written.
-
-    After an interruption, an error or a full disk an existing file is unchanged, and the temporary
-    one is removed; a killed process leaves the temporary one for `remove_unfinished`. Its name is
-    random, so that no other thread, process or container uses it. After the block, content and name
-    have reached the disk.
-
-    A symbolic link is replaced, not followed. With `exclusive` an existing
-    file stays, and of several writers one succeeds, the others raise `FileExistsError`.
-    """
+    """Open a temporary file beside `path` and move it to `path` when everything is on the disk.
+    After an error an existing file is unchanged; with `exclusive` one raises `FileExistsError`.
+    A killed process leaves the temporary file, of random name, for `remove_unfinished`."""
     temporary, descriptor = _beside(path), None
     try:  # begins before the file is there: an interruption may come between
         while (descriptor := _locked(temporary)) is None:
@@ -60,10 +53,7 @@ def write_text(path: Path, text: str) -> None:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove temporary files of a `complete_file` that killed processes left in a folder.
-
-    Files that are still being written are locked, and stay. Without file locks the two cannot be
-    distinguished, and all stay.
-    """
+    Files that are still being written are locked, and stay; without file locks all stay."""
     for path in folder.iterdir():
         if not _UNFINISHED.fullmatch(path.name):
             continue

@@ -12,8 +12,7 @@ from typing import Any
 
 from skfem_adini.errors import InputError, MissingDependency, SolverError
 
-# The numbers of the other file are those of this major version; those of 0.x differ.
-_VERSION = 1
+_VERSION = 1  # major version whose numbers the bindings use; those of 0.x differ
 _STATUSES = (
     *("success", "not initialized", "allocation failed", "invalid value", "not supported"),
     *("execution failed", "internal error", "refinement failed"),
@@ -56,20 +55,8 @@ def _gib(size: int) -> str:
 
 
 def chosen_devices(xp: Any, devices: Any) -> tuple[int, ...] | None:
-    """Return the numbers of devices that share a factorisation, as a tuple.
-
-    Parameters
-    ----------
-    xp
-        NumPy or CuPy.
-    devices
-        Different numbers, counted from 0; None for the present device.
-
-    Raises
-    ------
-    InputError
-        They are no such numbers, or a device is not there.
-    """
+    """Return the different numbers of devices that share a factorisation; None: the present
+    device."""
     if devices is None:
         return None
     try:
