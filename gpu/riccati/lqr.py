@@ -22,9 +22,8 @@ Result = TypeVar("Result")
 
 
 def within_range(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """The function without warnings of what overflows, which its certificates judge.
-
-    The wrappers of LAPACK refuse what has overflowed before any certificate is reached.
+    """Decorate a function: no warnings of overflow, since the certificates judge what has
+    overflowed; what LAPACK's wrappers refuse before that raises the error of a certificate.
     """
 
     @functools.wraps(function)

@@ -53,14 +53,14 @@ from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve, symmetric_pr
 from gpu.errors import Infeasible, NotConverged
 from gpu.qp.data.step import Step
 
-# A full exchange that has not gained for so many steps may cycle, which the path cannot.
+# Steps without fewer violations after which a full exchange may cycle; the path cannot.
 STALLED_EXCHANGES = 5
 # Proximal centres of the equality rows: two or three are the rule, more where rows almost depend.
 MAX_CENTRES = 100
-# Of the terms of a sum: a violation below it is none.
+# Relative to the sum of moduli of the terms: a smaller violation is rounding.
 SUM_ROUNDING = 64 * np.finfo(float).eps
-# Of the largest compliance a'P^-1 a of a row: small against the compliance of a few free
-# variables, large against the rounding of the Schur complement.
+# Relative to the largest compliance a'P^-1 a of a row: far below that of a few free variables, far
+# above the rounding of the Schur complement.
 RHO, RHO_MIN = 1e-8, 1e-13
 
 
@@ -112,9 +112,8 @@ class BoxQP:
         return float(np.max(residual / size)), float(np.max(beyond / size))
 
     def separator(self, state: np.ndarray, y: np.ndarray, tol: float) -> np.ndarray | None:
-        """A y with ``max (A'y)'x < y'b`` over the box, by more than `tol` times the terms.
-
-        It is sought next to the given y, where ``A'y`` vanishes on the free variables.
+        """A y with ``max (A'y)'x < y'b`` over the box, by more than `tol` times the terms. It is
+        sought next to the given y, where ``A'y`` vanishes on the free variables.
         """
         U, size, _ = np.linalg.svd(self.A[:, state == 0], full_matrices=False)
         U = U[:, size > SUM_ROUNDING * size.max(initial=0.0)]

@@ -21,7 +21,7 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
 # Each takes about the square root of all sizes: twelve turn sixteen decades into 16 / 2^12.
 SCALING_ROUNDS = 12
-# Of the largest: curvatures from here on tell with the linear term how long x is.
+# Relative to the largest: only larger curvatures c count where |q| / c gives the length of x.
 SMALL_CURVATURE = 1e-6
 # Lengths up to which iterates go without another unit.
 MODERATE = 1e3

@@ -26,11 +26,12 @@ from gpu.qp.interior_point.polish import HUGE, Sides
 
 # 64 bits of mantissa on x86, 113 on other Linux machines, and 53 where there is nothing longer.
 Long = np.longdouble
-# In scaled units, the first that converges: smaller ones serve rows that are all but dependent.
+# In scaled units; the first that converges counts, smaller ones serve rows that are almost
+# dependent.
 EXTENDED_REGULARISATIONS = (1e-9, 1e-12, 1e-14)
 # Steps that may pass without the correction becoming half as large.
 STALLED_REFINEMENTS = 4
-# Of the largest entry: corrections below this are lost in rounding.
+# Relative to the largest entry: smaller corrections are lost in rounding.
 NOTHING = np.finfo(float).eps / 16
 
 
@@ -60,9 +61,8 @@ def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
 
 
 def _active(p: StandardQP, scaling: Scaling, t: PrimalDual, loose: bool) -> Sides:
-    """Rows with a multiplier and variables at their bounds, in the scaled program p.
-
-    If `loose`, also those whose multiplier is larger than the distance to the side.
+    """Rows with a multiplier and variables at their bounds, in the scaled program p; if `loose`,
+    also those whose multiplier is larger than the distance to the side.
     """
     x, y = scaling.scaled_point(t.x, t.y)
     z_box = t.z_box * scaling.variables * scaling.objective

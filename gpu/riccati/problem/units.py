@@ -21,8 +21,7 @@ from gpu.riccati.problem.lqr_problem import FactoredWeight, LQRProblem
 from gpu.riccati.problem.state_matrix import StateMatrix
 from gpu.riccati.problem.weights import Weight
 
-# Exponents of two up to which numbers are moderate: their squares are far from the ends of the
-# range of double precision.
+# Largest exponent of two of a moderate number: its square is far from overflow and underflow.
 MODERATE = 150
 
 
