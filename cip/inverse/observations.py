@@ -132,7 +132,7 @@ def _observed(given: Observations, size: int) -> tuple[list[float], list[Array],
 
 
 def _own(given: Any, sizes: list[int]) -> Array:
-    """Deviations that data have themselves, in one row."""
+    """Standard deviations that the data bring with them, flat."""
     if not (hasattr(given, "__len__") and len(given) == len(sizes)):
         raise InputError(f"data: expected deviations for each of {len(sizes)} times")
     found = [real_array(one, "data: deviations").astype(float) for one in given]

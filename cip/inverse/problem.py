@@ -36,12 +36,14 @@ class Problem:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return self.prediction.names
 
     @property
     def middle(self) -> float:
-        """The time at which an unsteady velocity is judged: it may begin with 0."""
+        """Time at which an unsteady velocity is evaluated: the middle, as it may be zero at the
+        start.
+        """
         return 0.5 * (self.t + self.data.times[-1])
 
     def velocity(self, p: Array) -> tuple[Array, Array]:

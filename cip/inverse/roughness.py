@@ -34,11 +34,11 @@ class Roughness:
         self._constant: Array | None = None
 
     def rows(self, velocity: Velocity) -> Array:
-        """Their values."""
+        """Values of the rows."""
         return np.concatenate([np.zeros(0), *(f(None) for f in self._parts(velocity))])
 
     def slopes(self, velocity: Velocity) -> Array:
-        """Their derivatives in the parameters, shape (rows, parameters)."""
+        """Derivatives of the rows in the parameters, shape (rows, parameters)."""
         if self._constant is not None:
             return self._constant
         parts = self._parts(velocity)

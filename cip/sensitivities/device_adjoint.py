@@ -275,7 +275,7 @@ class DeviceAdjoint:
         return found
 
     def _gradient(self, block: Block, feet: StageFeet, g: Array) -> Any:
-        """What the feet of a block give to the gradient in the parameters."""
+        """The gradient in the parameters from derivatives in the feet of a block."""
         stage, xp, engine = self._stage, self._xp, self._engine
         inside, count = feet.interior(self._size, block.number), feet.substeps[block.number]
         if not inside.all():

@@ -113,7 +113,7 @@ def _seeds(system: System, wanted: tuple[Jet, ...]) -> list[Expression]:
 
 
 def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:
-    """For velocities known by their values."""
+    """The gradient for velocities known by their values."""
     system, length = stage.system, feet.t_end - feet.t_start
     jets = [jet.name for jet in system.jets]
     sums = Sums(stage)
@@ -321,7 +321,7 @@ def _kernel(source: str) -> Any:
 
 
 def _by_numba(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:
-    """For formulas."""
+    """The gradient for velocities that are formulas."""
     system, size = stage.system, points[0].size
     run = loop_over(run_nodes, unwind=_kernel(unwind_source(system, tuple(stage.jets))))
     points = [np.ascontiguousarray(x) for x in points]

@@ -142,11 +142,11 @@ class PathTangent:
 
     @cached_property
     def source(self) -> str:
-        """Of the kernel ``tangent``."""
+        """Source of the kernel ``tangent``."""
         return tangent_source(self._system, tuple(self._stage.jets))
 
     def _by_kernel(self, block: Block, feet: StageFeet, values: Array, out: Array) -> None:
-        """For formulas on many nodes."""
+        """The changes for formulas on many nodes."""
         from cip.engines import cpu_loops, path_loops
         from cip.jit import loop_over
 
@@ -164,7 +164,7 @@ class PathTangent:
         cpu_loops.share(work, size, size)
 
     def _by_numpy(self, block: Block, feet: StageFeet, direction: Array) -> Array:
-        """For velocities known by their values, and for few nodes."""
+        """The changes for velocities known by their values, and for few nodes."""
         stage, system = self._stage, self._system
         length, points = feet.t_end - feet.t_start, stage.points(block.bits)
         known: dict[str, Any] = dict(

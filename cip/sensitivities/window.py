@@ -133,7 +133,7 @@ class Window:
         return move.stage.axis, (move.stage.end - move.stage.begin) * move.dt
 
     def _once(self, n: int, steady: bool, make: Callable[[Stage, StageFeet], Any]) -> Any:
-        """What `make` finds for the feet of move n, kept where it is the same for others."""
+        """The result of `make` for the feet of move n, kept if it is the same for other moves."""
         if not steady:
             return make(self._moves[n].stage, self._feet(n))
         key = make, self._key(n)
@@ -341,7 +341,7 @@ class Window:
         return [whole_cells(stage.grid, axis, one) for one in first]
 
     def _gradient(self, n: int, feet: StageFeet, g: Array) -> Any:
-        """What derivatives in the feet of move n give to the parameters of its stage."""
+        """The gradient in the parameters of the stage of move n, from derivatives in its feet."""
         from cip.sensitivities.path_adjoint import parameter_gradient
 
         return parameter_gradient(self._moves[n].stage, feet, g)

@@ -77,7 +77,9 @@ class HalfStep:
         return before, found
 
     def _decayed(self, data: Any) -> Any:
-        """The moments when they have decayed; in the half after, the source is still to come."""
+        """The moments after the decay; in the half before the transport the source acts before
+        it.
+        """
         if not self.after:
             data = self.reaction.added(data, self.t, self.length)
         return self.linear(data)

@@ -64,7 +64,7 @@ class Reaction:
                 one.check_times(start, end)
 
     def added(self, data: Any, t: float, length: float) -> Any:
-        """The moments with what the source adds from t to t + length."""
+        """The moments after the source has been added from t to t + length."""
         if self._node is None:
             return data
         return data + self._increment(self._node, t, length).astype(data.dtype)
@@ -82,7 +82,7 @@ class Reaction:
         return decay(data, t, length)
 
     def decay_slope(self, data: Any, name: str, t: float, length: float) -> Any:
-        """The derivative of `decayed` in a parameter, from what it has led to."""
+        """The derivative of `decayed` in a parameter, from the decayed moments."""
         assert self._decay is not None
         return self._decay.slope(data, t, length, name)
 
@@ -166,7 +166,7 @@ class Decay:
         )
 
     def _once(self, key: tuple[float, str | None], make: Any) -> Any:
-        """What `make` finds; kept for the last length of a step where k does not depend on t."""
+        """The result of `make`, kept for the last length of a step if k does not depend on t."""
         if not self._integrals.steady:
             return make()
         known = self._kept

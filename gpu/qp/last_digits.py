@@ -5,7 +5,7 @@ What is left is rounding, and there are three ways against it:
 
 * the active set is solved in extended precision and rounded once, see
   `gpu.qp.interior_point.extended_precision`;
-* multipliers that are not unique are taken as small as possible, see `gpu.qp.last_digits`;
+* multipliers that are not unique are taken as small as possible, see `least_multipliers`;
 * the duality gap :math:`x^TPx + q^Tx + y^Tr + z_\mathrm{box}^Tb` is closed by single numbers of x,
   y, z_box that move it far and the other residuals little. With terms of :math:`10^7` a gap of
   :math:`2\cdot10^{-9}` is one unit of the last digit.
@@ -65,7 +65,7 @@ def absolute(problem: QPProblem, t: PrimalDual) -> Absolute:
 
 
 def _side(side: Array, multiplier: Array, sign: int) -> float:
-    """What the multipliers of one sign add to the gap."""
+    """Contribution of the multipliers of one sign to the gap."""
     finite = np.flatnonzero(np.isfinite(side))
     return float(side[finite] @ (sign * np.maximum(sign * multiplier, 0.0))[finite])
 
@@ -121,7 +121,7 @@ def _sharper(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> It
 
 
 def closed(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> PrimalDual:
-    """The triple with the gap closed by shifts of single numbers, if that is all it lacks."""
+    """The triple with the gap closed by changes of single numbers, if only the gap is too large."""
     error = absolute(problem, t)
     if not (error.primal <= tol and error.dual <= tol < abs(error.gap)):
         return t

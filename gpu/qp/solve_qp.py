@@ -203,7 +203,7 @@ def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
 
 
 def _proof(problem: QPProblem, row: int | None, sign: float = 1.0) -> Any:
-    """That one row, or the box, is a contradiction by itself."""
+    """The Farkas vector of a contradiction in one row, or (zero) in the bounds."""
     proof = namespace(problem.q).zeros(problem.b.size + problem.row_low.size)
     if row is not None:
         proof[row] = sign

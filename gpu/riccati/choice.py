@@ -120,7 +120,9 @@ def _solver(method: str, options: dict[str, Any]) -> Callable[..., Found]:
 
 
 def _check_solution(problem: LQRProblem, found: Found, result: LQRResult, indefinite: bool) -> None:
-    """Raise where the equation is not solved, or only its rounding has a stabilising solution."""
+    """Raise unless the equation is solved and its stabilising solution is more than an effect of
+    rounding.
+    """
     if not result.converged:
         raise _explained(
             problem,

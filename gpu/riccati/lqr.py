@@ -311,7 +311,7 @@ class FilterResult(LQRResult):
 
 
 def transposed(result: LQRResult) -> FilterResult:
-    """The result of the dual problem as that of the filter: its gain stands upright."""
+    """The result of the dual problem as that of the filter, whose gain is the transposed one."""
     return FilterResult(**_turned(result))
 
 

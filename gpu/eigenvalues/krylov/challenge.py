@@ -123,7 +123,7 @@ def unbeaten(
 
 
 def _evidence(worst: float, roots: np.ndarray, edge: Edge | None) -> float:
-    """Logarithm of the least \\|p\\| on the edge of the wanted part of the plane."""
+    r"""Logarithm of the least \|p\| on the edge of the wanted part of the plane."""
     if edge is None:
         return np.inf
     apart = np.abs(edge(worst, roots)[:, None] - roots)

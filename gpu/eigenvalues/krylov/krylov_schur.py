@@ -129,7 +129,9 @@ class _Iteration:
         return Look(T, Q, values, spike, moved, converged, settled, beta, ended, left)
 
     def stands(self, look: Look, meanwhile: Callable[..., Any] | None) -> bool:
-        """Whether the converged eigenvalues are the wanted ones; then their vectors come first."""
+        """Whether the converged eigenvalues are the wanted ones. If so, their vectors stand
+        first.
+        """
         wanted, rank, converged = self.wanted, self.wanted.rank, look.converged
         floor = ROUNDING_RESIDUAL * self.scale
         found = look.values[:converged]
@@ -149,7 +151,9 @@ class _Iteration:
         return True
 
     def _challenged(self, look: Look, worst: float, meanwhile: Callable[..., Any] | None) -> bool:
-        """Challenge the outcome: whether no eigenvalue was found that ranks above `worst`."""
+        """Search again, from random vectors, for a missed eigenvalue better than `worst`; True if
+        none is found.
+        """
         wanted, basis, aside = self.wanted, self.basis, look.converged
         if self.limits.challenge:
             most = min(self._most_leading(look.size), self.most_room - self.ncv // 2)

@@ -80,7 +80,7 @@ class BoxQP:
         return symmetric_product(self.P, x) + self.q + self.A.T @ y
 
     def terms(self, i: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Size of what is added up in the entries i of the gradient."""
+        """Sum of the moduli of the terms in the entries i of the gradient."""
         return (
             np.abs(self.P[i]) @ np.abs(x) + np.abs(self.q[i]) + np.abs(self.A[:, i].T) @ np.abs(y)
         )
@@ -100,11 +100,13 @@ class BoxQP:
         )
 
     def row_rounding(self) -> np.ndarray:
-        """What rounding in x ~ q does to the rows."""
+        """Rounding error of ``Ax`` for an x of the size of q."""
         return SUM_ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
 
     def row_errors(self, x: np.ndarray) -> tuple[float, float]:
-        """Largest residual of a row over the terms added up in it: whole, beyond rounding of q."""
+        """Largest residual of a row relative to its terms: the whole, and what exceeds the rounding
+        of q.
+        """
         terms = np.abs(self.A) @ np.abs(x) + np.abs(self.b)
         residual = np.abs(self.A @ x - self.b)
         beyond = np.maximum(residual - self.row_rounding(), 0.0)
@@ -184,7 +186,9 @@ class ActiveSet:
         return np.flatnonzero(violation > 0)
 
     def exchange(self, i: np.ndarray, order: np.ndarray) -> None:
-        """Free the held ones of i, hold the free ones at the bound whose `order` is lower."""
+        """Free the held variables among i, and hold the free ones at the bound with the lower
+        `order`.
+        """
         side = np.where(order[0] < order[1], -1, 1)
         self.state[i] = np.where(self.state[i] == 0, side, 0)
 

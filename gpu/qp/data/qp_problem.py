@@ -239,7 +239,7 @@ def check_problem(
 
 
 def _as_sparse(factor: QPFactor) -> QPFactor:
-    """A factor of dense P beside sparse rows: checked already, it only changes its storage."""
+    """The factor of a dense P for a problem with sparse rows: the same, stored sparsely."""
     other: Any = object.__new__(QPFactor)
     dense: Any = factor
     other.P, other.scaled = sparse.csr_array(dense.P), sparse.csr_array(dense.scaled)

@@ -145,7 +145,7 @@ class StandardQP:
 
     @cached_property
     def least_sizes(self) -> tuple[float, float, float]:
-        """Sizes of rows, of the objective and of x, below which none is taken to be."""
+        """Least sizes of rows, of the objective and of x that residuals are measured against."""
         near = LEAST_SIZE * self.lengths
         rows = abs(self.C) @ near
         return (
@@ -160,7 +160,7 @@ class StandardQP:
 
 
 def one_sided(value: Array, low: Array, high: Array) -> Array:
-    """`value` without what points to an infinite side."""
+    """`value`, with zeros where it points to an infinite side."""
     xp = namespace(value)
     value = xp.where((value > 0) & xp.isinf(high), 0.0, value)
     return xp.where((value < 0) & xp.isinf(low), 0.0, value)
@@ -298,7 +298,9 @@ def _pairs(
 
 
 def _over(value: float, size: float, terms: Callable[[], float]) -> float:
-    """`value` over `size`, or over `terms`, the least that it counts for, where it matters."""
+    """`value` over `size`, or over `terms` if these are larger; they are computed only if it
+    matters.
+    """
     if not np.isfinite(size):
         return np.nan
     if not value or value <= SHARP_RESIDUAL * size:

@@ -114,7 +114,7 @@ def _largest(a: Array) -> float:
 
 
 def _rounded(p: StandardQP, x: Array, y: Array) -> PrimalDual:
-    """Double precision, with the forces that the bounds can bear."""
+    """The solution in double precision, with forces only at bounds and only of the right sign."""
     x = np.clip(x.astype(float), p.lb, p.ub)
     y = one_sided(y.astype(float), p.row_low, p.row_high)
     force = -(_long(p.P) @ x.astype(Long) + p.q + _long(p.C.T) @ y.astype(Long)).astype(float)

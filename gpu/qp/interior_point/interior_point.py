@@ -103,7 +103,7 @@ class InteriorPoint:
 
     @property
     def mu(self) -> float:
-        """Average product."""
+        """Average product of a distance and its multiplier."""
         s = self.s
         return float((s.z_low * s.t_low).sum() + (s.z_high * s.t_high).sum()) / max(self.count, 1)
 
@@ -269,7 +269,9 @@ class InteriorPoint:
         return (ap, ad) if self.linear else (min(ap, ad),) * 2
 
     def _off_centre(self, d: Step, ap: float, ad: float, target: float) -> tuple[Array, Array]:
-        """What products lack after a longer step to lie within a tenth and ten times the target."""
+        """Corrections that bring products, after a longer step, to within .1 and 10 times the
+        target.
+        """
         s, xp = self.s, self.xp
         bp, bd = min(1.0, 1.5 * ap + 0.1), min(1.0, 1.5 * ad + 0.1)
 
@@ -422,7 +424,9 @@ def inside(
 
 
 def _factor(p: StandardQP, system: System, rows: Array, diagonal: Array, least: float) -> None:
-    """Factor with equality rows as soft as it takes where they depend on each other."""
+    """Factor, with a regularisation of equality rows that is raised until it succeeds for dependent
+    rows.
+    """
     while True:
         E = p.xp.full(p.row_low.size, least)
         E[rows] = 1.0

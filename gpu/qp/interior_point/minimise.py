@@ -325,7 +325,7 @@ def _no_bound(
 
 
 def _violated(p: StandardQP, x: Array) -> Array:
-    """The proof where every variable is fixed: the row that is violated most."""
+    """A proof if every variable is fixed: the row that is violated most."""
     xp = p.xp
     Cx = p.C @ x
     outside = xp.maximum(p.row_low - Cx, Cx - p.row_high)

@@ -82,7 +82,7 @@ def _at(
     measure: Callable[[Array, Array], float],
     target: float,
 ) -> tuple[Array, Array, float] | None:
-    """Where an active set leads."""
+    """The point to which an active set leads."""
     xp = p.xp
     held = state.bounds != 0
     used = (state.rows != 0) | p.equality

@@ -90,12 +90,14 @@ class DenseLoop:
 
     @property
     def abscissa(self) -> float:
-        """The largest real part of a pole; of a large matrix without a known one the bound."""
+        """The largest real part of a known pole; if none is known, the bound."""
         return float(self.poles[0].real) if len(self.poles) else self.bound
 
     @cached_property
     def bound(self) -> float:
-        """No pole lies right of it: proved where not all are known; infinity where nothing is."""
+        """A number right of which no pole lies, proved if not all poles are known; infinity without
+        a proof.
+        """
         if self.whole:
             return self.abscissa
         likely = float(self.poles[0].real) if len(self.poles) else -np.inf
@@ -134,7 +136,9 @@ class DenseLoop:
 
     @cached_property
     def newton(self) -> tuple[float, float]:
-        """The size of Newton's next step relative to the value, and of the one after to that."""
+        """Size of Newton's next step relative to the value, and of the following step relative to
+        this one.
+        """
         if self.doubt is None or len(self.matrix) > SCHUR:
             return np.nan, 0.0
         return self._step(self.doubt[1])
@@ -154,7 +158,9 @@ class DenseLoop:
         return self._near() and not self.newton[1] <= SQUARES
 
     def is_sensitive(self) -> bool:
-        """Whether rounding of the data may put a pole on the axis, whatever the value solves."""
+        """Whether rounding of the data may put a pole on the axis, however accurate the value
+        is.
+        """
         return self._near() and not self._step(EPS * self.doubt[2])[1] <= SQUARES
 
     def _near(self) -> bool:
@@ -263,7 +269,9 @@ def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex
 
 
 def _outermost(inverse: Any, s: float, x: Any) -> complex | None:
-    """The eigenvalue of largest modulus of ``I + 2 s inverse``, where it converges at once."""
+    """The eigenvalue of largest modulus of ``I + 2 s inverse``, if it converges within two
+    restarts.
+    """
     from gpu.eigenvalues.eigs import eigs
 
     try:
@@ -280,7 +288,7 @@ def _outermost(inverse: Any, s: float, x: Any) -> complex | None:
 
 
 def _doubt(state: StateMatrix, B: Any, K: Any, pole: complex) -> float:
-    """What rounding may move a pole by, from its left and right vectors."""
+    """How far rounding may move a pole: its condition, from left and right vectors."""
     xp, n = state.xp, state.n
     factors = state.factor(pole * (1.0 + 1e-9))
     inverse = None if factors is None else _loop_inverse(state, factors, B, K)

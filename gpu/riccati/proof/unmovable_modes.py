@@ -104,7 +104,9 @@ def _not_detectable(problem: LQRProblem, A: np.ndarray, Q: np.ndarray) -> Riccat
 
 
 def _balanced(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A in units of its own: those that even out Q and B B^T would hide one of them."""
+    """A in units that balance A alone; units that also balance Q and B B^T could hide an
+    eigenvalue.
+    """
     own = np.diag(linalg.matrix_balance(A, permute=False)[1])
     return A * own / own[:, None], own
 
