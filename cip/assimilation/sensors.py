@@ -449,9 +449,7 @@ def write_sensors(
 
 
 def read_sensors(path: str | Path) -> tuple[Any, Any, Any, Any]:
-    """Points, times, values and deviations of a file that `write_sensors` wrote, else
-    `InputError`.
-    """
+    """Points, times, values and deviations of a file that `write_sensors` wrote."""
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         if content["format"] != _FORMAT:

@@ -60,13 +60,12 @@ def integrate(
     substeps: int | None = None,
     known: Mapping[str, Any] | None = None,
 ) -> Feet:
-    """Follow the characteristics through `points` from `t_end` back to `t_end` - `dt`, or to a
-    wall.
+    """Follow the characteristics through `points` from `t_end` back by `dt`, or to a wall.
 
-    Classical Runge-Kutta steps, whose number n is doubled until the difference of two results over
-    15 is below the tolerance everywhere. For a velocity that depends on t it becomes 2 n + 1: with
-    2 n, both could sample a periodic velocity at the same phases. `substeps` fixes n; `known` holds
-    what rates need that the velocity lacks, by names in code.
+    Classical Runge-Kutta with n equal sub-steps: `substeps`, or doubled until the difference of two
+    results over 15 is below the tolerance. For a velocity that depends on t, n becomes 2 n + 1:
+    with 2 n, both results could sample a periodic velocity at the same phases. `known` holds the
+    numbers and functions in the rates that the velocity does not have, by their names in code.
     """
     # Lengths for difference quotients, which formulas do not need.
     exact = all(formula.exact for formula in formulas)

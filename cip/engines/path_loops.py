@@ -82,9 +82,7 @@ def run_lines_path(
     start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
     paths: Paths, line: Line, update: Update, limiter: Index,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a sweep, as `cip.engines.cpu_loops.run_lines` counts them; the rest is as
-    for `run_plane_path`.
-    """
+    """As `run_plane_path` for rows start..stop of a sweep, counted as in `cpu_loops.run_lines`."""
     m, out, said, kept = address(m), address(out), address(said), address(kept)
     line, update, paths = at_addresses(line), Update(*update), Paths(*paths)
     feet, box = foot_room(np.empty(1)), address(paths.box)

@@ -70,9 +70,7 @@ def parameters_in(nodes: Iterable[Expression]) -> list[str]:
 
 
 def bound(values: Mapping[str, float]) -> dict[str, np.float64]:
-    """The values by the names that code uses, as NumPy's numbers, which give infinity where
-    Python's raise.
-    """
+    """The values by their names in code, as NumPy's numbers: infinity where Python's raise."""
     return {f"{_PREFIX}{name}": np.float64(value) for name, value in values.items()}
 
 

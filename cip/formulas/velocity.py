@@ -376,9 +376,7 @@ _ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
 
 
 def given_components(c: Any) -> list[Any]:
-    """The components of a velocity given by numbers, arrays (copied), callables or a sequence of
-    them.
-    """
+    """The components of a velocity given by numbers, arrays (copied), callables or several."""
     if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
         return [real_number(c, "c")]
     if isinstance(c, np.ndarray):

@@ -20,9 +20,7 @@ _ENTRIES = "data: entries of the operators"
 
 @runtime_checkable
 class Observations(Protocol):
-    """Data that `identify_velocity` takes besides snapshots: linear maps of states at some
-    times.
-    """
+    """Data of `identify_velocity` besides snapshots: linear maps of states at some times."""
 
     times: Any  # increasing
     values: Any  # for each time the data, shape (m,)

@@ -41,9 +41,7 @@ class Problem:
 
     @property
     def middle(self) -> float:
-        """Time at which an unsteady velocity is evaluated: the middle, as it may be zero at the
-        start.
-        """
+        """Time at which an unsteady velocity is evaluated: it may be zero at the start."""
         return 0.5 * (self.t + self.data.times[-1])
 
     def velocity(self, p: Array) -> tuple[Array, Array]:

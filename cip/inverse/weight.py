@@ -31,9 +31,7 @@ _ROUNDING = 1e-11
 
 @dataclass(frozen=True)
 class Linearised:
-    """A linear problem with as many rows as parameters, and the misfit that no parameter
-    explains.
-    """
+    """A linear problem with as many rows as parameters, and the misfit that none explains."""
 
     J: Array  # (parameters, parameters): triangular, derivatives of the misfit
     L: Array  # likewise, of the seminorm

@@ -47,9 +47,7 @@ def plot_states(
 
 
 def animate_states(states: Sequence[State], path: str | Path | None = None, fps: int = 20) -> Any:
-    """A matplotlib animation of snapshots on one grid in one or two dimensions, written to `path`
-    (.gif).
-    """
+    """A matplotlib animation of snapshots in one or two dimensions, written to `path` (.gif)."""
     import matplotlib.pyplot as plt
     from matplotlib.animation import FuncAnimation
 

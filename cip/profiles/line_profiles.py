@@ -150,12 +150,9 @@ def quintic(
 def rough(
     m: Array, line: Line, k: Index, r: Index, a: Real, b: Real, va: Real, vb: Real, factor: Real
 ) -> Index:
-    """1 if the data of a cell are not smooth, else 0: the criterion of the limiter ``eno``.
-
-    The cubic's third difference |va + vb - 2 d|, O(h^3) on smooth data, is compared with `factor`
-    times the sum of the differences of values in this cell and its neighbours, O(h). The factor .1
-    is from the profile of Jiang and Shu, where .2 and .4 gave no better results.
-    """
+    """1 if the data of a cell are not smooth, else 0: the criterion of the limiter ``eno``. The
+    third difference |va + vb - 2 d|, O(h^3), exceeds `factor` times the sum of differences in this
+    cell and its neighbours, O(h); .1 is best for the profile of Jiang and Shu."""
     d = b - a
     left = d
     right = d

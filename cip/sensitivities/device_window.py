@@ -21,9 +21,7 @@ from cip.stages.stage import Stage, StageFeet
 
 
 class DeviceWindow(Window):
-    """As `Window`, with vectors of CuPy; derivatives of what enters through walls are made on the
-    host.
-    """
+    """As `Window`, with vectors of CuPy; derivatives of inflow are computed on the host."""
 
     def __init__(self, engine: Any, *arguments: Any) -> None:
         super().__init__(*arguments)

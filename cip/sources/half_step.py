@@ -77,9 +77,7 @@ class HalfStep:
         return before, found
 
     def _decayed(self, data: Any) -> Any:
-        """The moments after the decay; in the half before the transport the source acts before
-        it.
-        """
+        """The moments after the decay; before the transport the source acts first."""
         if not self.after:
             data = self.reaction.added(data, self.t, self.length)
         return self.linear(data)

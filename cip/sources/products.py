@@ -44,9 +44,7 @@ class Products:
             self.wanted[(2,)] = Moment("", (1, 0, 0, 0))
 
     def times(self, data: Any, factors: Factors) -> Any:
-        """The moments of g u, shape (moments,) + grid.nodes, from those of u and those of g,
-        `wanted`.
-        """
+        """The moments of g u, of shape (moments,) + grid.nodes, from those of u and those of g."""
         if self._slopes:
             return self._with_slopes(data, factors)
         return self._with_means(data, factors) if self.means else self._leibniz(data, factors)

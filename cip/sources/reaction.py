@@ -120,11 +120,9 @@ def reaction(grid: Grid, profile: str, source: Any, decay: Any, xp: Any) -> Reac
 
 
 class Decay:
-    r"""Exact decay u' = -k u of all moments, its transpose and its derivatives in parameters.
-
-    u is multiplied by :math:`E = e^{-K}`, :math:`K = \int k \, dt`, with :math:`E_x = -K_x E`,
-    :math:`E_{xy} = (K_x K_y - K_{xy}) E`, :math:`E_p = -K_p E`.
-    """
+    r"""Exact decay u' = -k u of all moments, its transpose and its derivatives in parameters: u
+    times :math:`E = e^{-K}`, :math:`K = \int k \, dt`, with :math:`E_x = -K_x E`, :math:`E_{xy} =
+    (K_x K_y - K_{xy}) E`, :math:`E_p = -K_p E`."""
 
     def __init__(self, grid: Grid, profile: str, formula: Formula, steady: bool, xp: Any) -> None:
         self._grid, self._xp = grid, xp

@@ -192,9 +192,7 @@ def eigs(
 def _in_units(
     matrix: Matrix, units: Any, k: int, settings: tuple[Any, ...], restart: str
 ) -> tuple[Any, Any]:
-    """The result for A, certified, from the similar matrix D^-1 A D with other units D of the
-    unknowns.
-    """
+    """The certified result for A, from the similar matrix D^-1 A D, D the units of the unknowns."""
     D = sparse.diags_array(units)
     similar = sparse.csr_array(sparse.diags_array(1.0 / units) @ matrix.explicit @ D)
     sigma, which, v0, ncv, maxiter, tol = settings
@@ -377,9 +375,7 @@ def _decomposed(task: _Task, judged: bool = False) -> Pairs:
 
 
 def _warn_of(condition: np.ndarray, values: np.ndarray, sigma: Any, full: np.ndarray) -> None:
-    """Warn if rounding of A may move the wanted eigenvalues by a visible part of their distance
-    from sigma.
-    """
+    """Warn if rounding of A may move the wanted eigenvalues visibly, relative to sigma."""
     size, reach = float(np.linalg.norm(full)), float(np.abs(values - sigma).max())
     moved = min(float(condition.max()) * EPS, 1.0) * size
     # Values that are sigma itself have no other digits.

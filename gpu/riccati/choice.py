@@ -120,9 +120,7 @@ def _solver(method: str, options: dict[str, Any]) -> Callable[..., Found]:
 
 
 def _check_solution(problem: LQRProblem, found: Found, result: LQRResult, indefinite: bool) -> None:
-    """Raise unless the equation is solved and its stabilising solution is more than an effect of
-    rounding.
-    """
+    """Raise if the equation is not solved, or has a stabilising solution only by rounding."""
     if not result.converged:
         raise _explained(
             problem,

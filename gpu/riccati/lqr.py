@@ -22,8 +22,8 @@ Result = TypeVar("Result")
 
 
 def within_range(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Decorate a function: no warnings of overflow, since the certificates judge what has
-    overflowed; what LAPACK's wrappers refuse before that raises the error of a certificate.
+    """A decorator: no warnings of overflow, which the certificates judge; where LAPACK's wrappers
+    refuse overflowed numbers before that, `NotConverged` is raised.
     """
 
     @functools.wraps(function)

@@ -19,12 +19,9 @@ SALT = 0x6A09E667F3BCC908
 
 
 class Arnoldi:
-    """An Arnoldi basis v_0, v_1, ...: with the first j as columns, ``A V_j = V_j S_j + v_j b_j^*``.
-
-    The vectors are stored as orthonormal rows, orthogonalised by classical Gram-Schmidt, twice
-    (CGS2; Giraud, Langou, Rozloznik and van den Eshof 2005). The host does not wait for the device
-    inside a sweep: the coefficients are copied to it once, at the end.
-    """
+    """An Arnoldi basis of orthonormal rows v_0, v_1, ...: ``A V_j = V_j S_j + v_j b_j^*``.
+    Classical Gram-Schmidt, twice (CGS2; Giraud et al. 2005). The host waits for the device only at
+    the end of a sweep, when the coefficients are copied to it."""
 
     def __init__(
         self,

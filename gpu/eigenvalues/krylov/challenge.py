@@ -1,5 +1,4 @@
-r"""A challenge: a search, outside the space found so far, for eigenvalues that the iteration
-missed.
+r"""A challenge: a search, outside the space found so far, for eigenvalues that were missed.
 
 Let U be the locked rows and B the compression of A to their orthogonal complement. Arnoldi steps
 from a random unit vector r orthogonal to U give norms :math:`\beta_j` with :math:`|p(B) r| =
@@ -52,13 +51,12 @@ def unbeaten(
     patience: float,
     meanwhile: Callable[[], Any] | None = None,
 ) -> tuple[bool, int]:
-    """Whether no eigenvalue outside the `locked` rows ranks above `worst`, and the number of
-    restarts.
+    """Whether no eigenvalue outside the `locked` rows ranks above `worst`; number of restarts.
 
-    The rows beyond are overwritten; if something better is found, row `locked` (and for a pair the
-    next) spans its space. The newcomer has converged if its residual is below `tol` times its
-    modulus or below `floor`. One that ranks below the wanted is locked too, and the search begins
-    again, or ends after `patience` products: :math:`|p|` hardly grows if A is far from normal.
+    If a better one is found, row `locked` (and for a pair the next) spans its space; rows beyond
+    are overwritten. A newcomer that has converged (residual below `tol` times its modulus, or
+    `floor`) and ranks below the wanted is locked, and the search begins again. After `patience`
+    products the search ends if the newcomer ranks below the wanted.
     """
     first, room, n = locked, basis.size - locked, basis.V.shape[1]
     basis.start(locked)

@@ -129,9 +129,7 @@ class _Iteration:
         return Look(T, Q, values, spike, moved, converged, settled, beta, ended, left)
 
     def stands(self, look: Look, meanwhile: Callable[..., Any] | None) -> bool:
-        """Whether the converged eigenvalues are the wanted ones. If so, their vectors stand
-        first.
-        """
+        """Whether the converged eigenvalues are the wanted ones; then their vectors come first."""
         wanted, rank, converged = self.wanted, self.wanted.rank, look.converged
         floor = ROUNDING_RESIDUAL * self.scale
         found = look.values[:converged]
@@ -151,8 +149,8 @@ class _Iteration:
         return True
 
     def _challenged(self, look: Look, worst: float, meanwhile: Callable[..., Any] | None) -> bool:
-        """Search again, from random vectors, for a missed eigenvalue better than `worst`; True if
-        none is found.
+        """Search from random vectors for an eigenvalue better than `worst`; True if there is
+        none.
         """
         wanted, basis, aside = self.wanted, self.basis, look.converged
         if self.limits.challenge:
@@ -271,12 +269,12 @@ def _better(
     tol: float,
     floor: float,
 ) -> bool:
-    r"""Whether ranks have risen by more than their uncertainty :math:`r \kappa`, residual times
-    condition.
+    r"""Whether ranks have risen by more than their uncertainty, residual times condition.
 
-    A pair of residual r is exact for a matrix A + E, |E| = r, and :math:`\kappa = |x| |y| / |y^*
-    x|` with the left eigenvector y nearest to x. For defective eigenvalues :math:`\kappa` is
-    infinite: their error is estimated by the cube root of r, as for Jordan blocks of order three.
+    A pair of residual r is exact for a matrix A + E, |E| = r, and the condition is :math:`\kappa =
+    |x| |y| / |y^* x|` with the left eigenvector y nearest to x. For defective eigenvalues
+    :math:`\kappa` is infinite: their error is estimated by the cube root of r, as for Jordan blocks
+    of order three.
     """
     slack = 1e-9 * np.abs(ranks)
     if not np.any(ranks > champions + slack + floor):
@@ -320,13 +318,12 @@ Array = np.ndarray
 
 
 def shifted_qr(H: Array, beta: float, values: Array, keep: int) -> tuple[Array, Array, Array]:
-    r"""Reduce ``A V = V H + \beta v e_m^T`` to `keep` columns by QR steps with unwanted shifts
-    (Sorensen 1992).
+    r"""Reduce ``A V = V H + \beta v e_m^T`` to `keep` columns by shifted QR steps (Sorensen 1992).
 
-    A pair of a real H takes :math:`H^2 - 2 \mathrm{Re}(\mu) H + |\mu|^2 I = Q R`. Returns Q, the
-    projected matrix and the coefficients of v in the residual; its other term, ``V Q[:, keep]
-    H[keep, keep-1]``, is rounding for exact shifts and neglected, which is why Krylov-Schur is the
-    default.
+    The shifts are the unwanted values; a pair of a real H takes :math:`H^2 - 2 \mathrm{Re}(\mu) H +
+    |\mu|^2 I = Q R`. Returns Q, the projected matrix and the coefficients of v in the residual; its
+    other term, ``V Q[:, keep] H[keep, keep-1]``, is rounding for exact shifts and neglected, which
+    is why Krylov-Schur is the default.
     """
     m = len(H)
     H, Q, unit = H.copy(), np.eye(m, dtype=H.dtype), np.eye(m)

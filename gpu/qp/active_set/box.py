@@ -104,9 +104,7 @@ class BoxQP:
         return SUM_ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
 
     def row_errors(self, x: np.ndarray) -> tuple[float, float]:
-        """Largest residual of a row relative to its terms: the whole, and what exceeds the rounding
-        of q.
-        """
+        """Largest residual of a row relative to its terms: whole, and beyond the rounding of q."""
         terms = np.abs(self.A) @ np.abs(x) + np.abs(self.b)
         residual = np.abs(self.A @ x - self.b)
         beyond = np.maximum(residual - self.row_rounding(), 0.0)
@@ -186,9 +184,7 @@ class ActiveSet:
         return np.flatnonzero(violation > 0)
 
     def exchange(self, i: np.ndarray, order: np.ndarray) -> None:
-        """Free the held variables among i, and hold the free ones at the bound with the lower
-        `order`.
-        """
+        """Free the held variables of i; hold the free ones at the bound with the lower `order`."""
         side = np.where(order[0] < order[1], -1, 1)
         self.state[i] = np.where(self.state[i] == 0, side, 0)
 

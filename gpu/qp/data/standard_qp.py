@@ -187,12 +187,11 @@ SIDE_ROUNDING = 1e-14
 class Residuals:
     r"""Relative residuals of an approximate solution of a `StandardQP`; bounds hold exactly.
 
-    Sizes of x are at least a millionth of `StandardQP.lengths`. `gap` is :math:`|x^TPx + q^Tx +
-    y^Tr + z_\mathrm{box}^Tb|`, r and b the sides that multipliers point to, over the larger of the
-    first two terms (large multipliers that cancel excuse no error); rounding
-    :math:`16\epsilon|x|^T|P||x|` of confined variables is subtracted. `pairing` is no residual: if
-    a multiplier and its distance both vanish at the solution, it is the square root of their
-    product, which `gap` bounds.
+    `gap` is :math:`|x^TPx + q^Tx + y^Tr + z_\mathrm{box}^Tb|`, with the sides r, b that multipliers
+    point to, over the larger of the first two terms, less the rounding
+    :math:`16\epsilon|x|^T|P||x|` of confined variables. `pairing` does not count as a residual: if
+    multiplier and distance both vanish at the solution, it is the square root of their product,
+    which `gap` bounds.
     """
 
     primal: float  # largest violation of a row over the largest of |Cx|, |r|
@@ -298,9 +297,7 @@ def _pairs(
 
 
 def _over(value: float, size: float, terms: Callable[[], float]) -> float:
-    """`value` over `size`, or over `terms` if these are larger; they are computed only if it
-    matters.
-    """
+    """`value` over the larger of `size` and `terms`, which are computed only if it matters."""
     if not np.isfinite(size):
         return np.nan
     if not value or value <= SHARP_RESIDUAL * size:

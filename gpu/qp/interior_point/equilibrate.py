@@ -68,9 +68,7 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
 
 
 def _length(p: StandardQP, D: Array, E: Array, curvature: _Sizes) -> Any:
-    """The unit of length; solutions far below it would be lost in the rounding of the first
-    iterates.
-    """
+    """The unit of length; what is far below it would be lost in rounding of the first iterates."""
     xp = p.xp
     side = largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D)
     columns, force = curvature.columns(D, D), 0.0

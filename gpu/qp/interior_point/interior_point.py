@@ -269,9 +269,7 @@ class InteriorPoint:
         return (ap, ad) if self.linear else (min(ap, ad),) * 2
 
     def _off_centre(self, d: Step, ap: float, ad: float, target: float) -> tuple[Array, Array]:
-        """Corrections that bring products, after a longer step, to within .1 and 10 times the
-        target.
-        """
+        """Corrections that bring products, after a longer step, to .1 to 10 times the target."""
         s, xp = self.s, self.xp
         bp, bd = min(1.0, 1.5 * ap + 0.1), min(1.0, 1.5 * ad + 0.1)
 
@@ -424,9 +422,7 @@ def inside(
 
 
 def _factor(p: StandardQP, system: System, rows: Array, diagonal: Array, least: float) -> None:
-    """Factor, with a regularisation of equality rows that is raised until it succeeds for dependent
-    rows.
-    """
+    """Factor with a regularisation of equality rows that grows until dependent rows succeed."""
     while True:
         E = p.xp.full(p.row_low.size, least)
         E[rows] = 1.0

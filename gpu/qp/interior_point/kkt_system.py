@@ -233,9 +233,7 @@ def kkt_system(program: StandardQP, solver: str = "auto") -> System:
 
 
 def safe_system(program: StandardQP) -> IndefiniteSystem | None:
-    """The slower, safer system to try after that of `kkt_system` failed; None if it is too
-    large.
-    """
+    """The slower, safer system if that of `kkt_system` failed; None if it is too large."""
     few = program.q.size + program.row_low.size <= MOST_STORED_DENSELY
     if program.xp is np and (few or not program.is_sparse):
         return IndefiniteSystem(program)

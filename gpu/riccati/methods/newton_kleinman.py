@@ -21,11 +21,10 @@ from gpu.riccati.proof.refinement import finished, refine
 def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: float = 1e-12) -> Found:
     """Improve a stabilising gain `start`, shape (m, n), until the value changes by less than `tol`.
 
-    With :math:`A_k = A - B K_k`, solve :math:`A_k^T X_k + X_k A_k + Q + K_k^T K_k = 0` for
-    :math:`K_{k+1} = B^T X_k` (Kleinman 1968): every gain stabilises, the :math:`X_k` decrease and
-    converge, in the end quadratically. The first step may overshoot by orders of magnitude; in the
-    following ones the step length minimises the residual (Benner and Byers 1998). By default the
-    start is zero if A is stable, else Bass' gain (Armstrong 1975).
+    With :math:`A_k = A - B K_k` solve :math:`A_k^T X_k + X_k A_k + Q + K_k^T K_k = 0`,
+    :math:`K_{k+1} = B^T X_k` (Kleinman 1968): every gain stabilises, convergence is quadratic in
+    the end. The first step may overshoot; in later ones the step length minimises the residual
+    (Benner and Byers 1998). Default start: zero if A is stable, else Bass' gain (Armstrong 1975).
     """
     if problem.state.kind == "operator" or (not problem.dense and problem.n > ALL_POLES):
         raise NotSupported(

@@ -16,8 +16,7 @@ class DenseProblem(NamedTuple):
 
 
 def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
-    r"""Scale factors s, powers of two, shape (n,), that balance the Hamiltonian (James, Langou,
-    Lowery 2014).
+    r"""Powers of two s, shape (n,), that balance the Hamiltonian (James, Langou and Lowery 2014).
 
     :math:`x = \mathrm{diag}(s) x'` is a symplectic similarity: the blocks become :math:`a_{ij} s_j
     / s_i`, :math:`g_{ij} / (s_i s_j)`, :math:`q_{ij} s_i s_j`, with nearly equal sums of moduli of

@@ -95,9 +95,7 @@ class DenseLoop:
 
     @cached_property
     def bound(self) -> float:
-        """A number right of which no pole lies, proved if not all poles are known; infinity without
-        a proof.
-        """
+        """A number right of which no pole lies, proved if not all are known; else infinity."""
         if self.whole:
             return self.abscissa
         likely = float(self.poles[0].real) if len(self.poles) else -np.inf
@@ -136,9 +134,7 @@ class DenseLoop:
 
     @cached_property
     def newton(self) -> tuple[float, float]:
-        """Size of Newton's next step relative to the value, and of the following step relative to
-        this one.
-        """
+        """Relative size of Newton's next step, and the ratio of the step after it to this one."""
         if self.doubt is None or len(self.matrix) > SCHUR:
             return np.nan, 0.0
         return self._step(self.doubt[1])
@@ -158,9 +154,7 @@ class DenseLoop:
         return self._near() and not self.newton[1] <= SQUARES
 
     def is_sensitive(self) -> bool:
-        """Whether rounding of the data may put a pole on the axis, however accurate the value
-        is.
-        """
+        """Whether rounding of the data may put a pole on the axis, even for an exact value."""
         return self._near() and not self._step(EPS * self.doubt[2])[1] <= SQUARES
 
     def _near(self) -> bool:
@@ -240,12 +234,10 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW_POLES) ->
 
 
 def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex | None:
-    r"""A pole of the loop right of the axis, by more than rounding can move it, if a few Arnoldi
-    steps find one.
-
-    The eigenvalues :math:`(\lambda + s) / (\lambda - s)` of :math:`(A_c + s E)(A_c - s E)^{-1}`, s
-    > 0, outside the unit circle belong to poles right of the axis, and are large for poles near s.
-    `nearest` is the modulus of a slow pole.
+    r"""A pole of the loop right of the axis, by more than rounding can move it, if Arnoldi steps
+    find one. Eigenvalues :math:`(\lambda + s) / (\lambda - s)` of :math:`(A_c + s E)(A_c - s
+    E)^{-1}`, s > 0, outside the unit circle belong to such poles; `nearest` is the modulus of a
+    slow pole.
     """
     xp, n = state.xp, state.n
     x = xp.asarray(np.random.default_rng(1).standard_normal(n))
@@ -269,9 +261,7 @@ def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex
 
 
 def _outermost(inverse: Any, s: float, x: Any) -> complex | None:
-    """The eigenvalue of largest modulus of ``I + 2 s inverse``, if it converges within two
-    restarts.
-    """
+    """The eigenvalue of largest modulus of ``I + 2 s inverse``, if it converges at once."""
     from gpu.eigenvalues.eigs import eigs
 
     try:

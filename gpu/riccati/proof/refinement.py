@@ -41,12 +41,11 @@ class Verdict(NamedTuple):
 
 
 def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
-    r"""Add solutions D of :math:`E^T D A_c + A_c^T D E = -\mathrm{res}(S)` to S while they shrink;
-    return S and the number of steps.
+    r"""Newton steps :math:`E^T D A_c + A_c^T D E = -\mathrm{res}(S)` while they shrink; S, count.
 
-    Residuals of twice the digits take them to the rounding of S, also for ill-conditioned equations
-    (Higham 2002, chapter 12). Where slow poles stand beside a fast loop, its gain needs more digits
-    of S than a double has: S is kept in extended precision where residuals are.
+    Residuals of twice the digits lead to the rounding of S (Higham 2002, chapter 12). If slow poles
+    stand beside a fast loop, the gain needs more digits of S than a double has, so S is kept in
+    extended precision wherever the residuals are.
     """
     standard = problem.standard()
     unit = problem.unit

@@ -45,12 +45,10 @@ def explain(problem: LQRProblem) -> RiccatiError | None:
 
 
 def named(problem: LQRProblem) -> RiccatiError | None:
-    r"""The error that names an uncontrollable or unobservable mode; None if there is none (Hautus
-    1969).
+    r"""The error that names an uncontrollable or unobservable mode, or None (Hautus 1969).
 
-    For eigenvalues of (A, E): a mode with :math:`\mathrm{Re}\,\lambda \ge 0` for which :math:`(A -
-    \lambda E, B)` loses rank is not stabilisable; one on the imaginary axis for which :math:`(A -
-    \lambda E; Q)` does is not detectable, and stays a pole of every candidate.
+    A mode with :math:`\mathrm{Re}\,\lambda \ge 0` is not stabilisable if :math:`(A - \lambda E, B)`
+    loses rank, one on the imaginary axis not detectable if :math:`(A - \lambda E; Q)` does.
     """
     standard = _standard(problem)
     if standard is None:
@@ -104,9 +102,7 @@ def _not_detectable(problem: LQRProblem, A: np.ndarray, Q: np.ndarray) -> Riccat
 
 
 def _balanced(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A in units that balance A alone; units that also balance Q and B B^T could hide an
-    eigenvalue.
-    """
+    """A in units that balance A alone; those that balance Q and B B^T could hide a mode."""
     own = np.diag(linalg.matrix_balance(A, permute=False)[1])
     return A * own / own[:, None], own
 

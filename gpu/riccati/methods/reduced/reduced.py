@@ -39,8 +39,7 @@ def solve(
     rank: int | None = None,
     refine: bool | None = None,
 ) -> Found:
-    """The gain :math:`K = R^{-1} B^T W P W^T E`, P of the equation projected on W, given or grown
-    (Krylov).
+    """The gain :math:`K = R^{-1} B^T W P W^T E` on a basis W, given or grown, P of the projection.
 
     For Q of low rank W spans the space of :math:`A^T` and the factor of Q, up to a residual of
     `tol`; for full rank that of A and B, until the gain changes by less than `tol`, and unless A is
@@ -268,9 +267,7 @@ def _difference(new: Any, old: Any) -> float:
 
 
 def _multiple(problem: LQRProblem) -> float | None:
-    """q if A and E are symmetric and ``Q = q E``, else None. With such data the space of A and B
-    suffices for the gain.
-    """
+    """q if A and E are symmetric and ``Q = q E``: the space of A and B suffices then. Else None."""
     state, Q = problem.state, problem.weight.Q
     n, xp = state.n, state.xp
     probe = xp.asarray(np.random.default_rng(4).standard_normal((n, 2)))
@@ -381,12 +378,8 @@ DROP = 1e-11  # a new unit vector whose part outside the space is smaller counts
 
 class RationalKrylov:
     r"""The space of :math:`G,\ (A - s_1 E)^{-1} G,\ (A - s_2 E)^{-1} E (A - s_1 E)^{-1} G,\ \dots`
-    (Ruhe 1984).
-
-    G is `seed`, shape (n, p); `shifts`, the factors of A - s E, are used cyclically. The
-    orthonormal basis grows by a block at a time; it is `exhausted` if a block adds no direction or
-    fills the space.
-    """
+    (Ruhe 1984), by orthonormal blocks from `seed` G, shape (n, p), with `shifts` (factors) used
+    cyclically; `exhausted` if a block adds no direction or fills the space."""
 
     def __init__(
         self, state: StateMatrix, seed: Any, shifts: list[Factors], transposed: bool = False
