@@ -10,18 +10,7 @@ from cip.errors import NotSupported
 
 
 def plot_identified(found: Any, ax: Any = None) -> Any:
-    """Draw a velocity with two standard deviations.
-
-    Parameters
-    ----------
-    found : IdentifiedVelocity
-    ax : matplotlib Axes, optional
-
-    Raises
-    ------
-    NotSupported
-        A velocity in three dimensions.
-    """
+    """Draw an `IdentifiedVelocity` with two standard deviations, in one or two dimensions."""
     grid = found.grid
     if grid.dim == 3:
         raise NotSupported("plot: velocities in three dimensions are not drawn; draw found.values")

@@ -20,19 +20,8 @@ _PER_CELL = 4
 def plot_states(
     states: Sequence[State], ax: Any = None, places: Sequence[int] | None = None
 ) -> Any:
-    """Draw snapshots by their profiles: curves in one dimension, a colour map of one in two.
-
-    Parameters
-    ----------
-    states : sequence of State
-        All on the same grid.
-    ax : matplotlib Axes, optional
-    places : sequence of int, optional
-        Indices of the states to draw; default all. In two dimensions only the last is drawn.
-
-    Returns
-    -------
-    matplotlib Axes
+    """Draw snapshots on one grid by their profiles: curves in one dimension, in two a colour map of
+    the last of `places`, which are indices of states (default all). Returns the Axes.
     """
     grid = states[0].grid
     if grid.dim == 3:
@@ -58,20 +47,7 @@ def plot_states(
 
 
 def animate_states(states: Sequence[State], path: str | Path | None = None, fps: int = 20) -> Any:
-    """Animate the snapshots.
-
-    Parameters
-    ----------
-    states : sequence of State
-        All on the same grid, in one or two dimensions.
-    path : path, optional
-        Where to write it, ending in .gif.
-    fps : int
-
-    Returns
-    -------
-    matplotlib.animation.FuncAnimation
-    """
+    """A matplotlib animation of snapshots in one or two dimensions, written to `path` (.gif)."""
     import matplotlib.pyplot as plt
     from matplotlib.animation import FuncAnimation
 
