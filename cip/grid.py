@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError
-from cip.reals import real_array
+from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
 # Widths whose relative difference is below this count as equal: not above the error of the feet.
@@ -62,12 +62,12 @@ class Grid:
         self, bounds: ArrayLike, shape: int | Sequence[int], periodic: bool | Sequence[bool] = False
     ) -> None:
         try:
-            counts = np.atleast_1d(real_array(shape, "shape"))
+            counts = np.atleast_1d(real_array("shape", shape))
         except InputError as error:
             raise InputError(f"shape: expected whole numbers of cells, got {shape!r}") from error
         if counts.ndim != 1 or counts.size not in (1, 2, 3) or counts.dtype.kind not in "iu":
             raise InputError(f"shape: expected 1 to 3 whole numbers of cells, got {shape!r}")
-        box = real_array(bounds, "bounds: expected pairs (low, high)").astype(float)
+        box = real_array("bounds: expected pairs (low, high)", bounds).astype(float)
         if box.shape == (2,):
             box = np.tile(box, (counts.size, 1))
         if box.shape != (counts.size, 2):
@@ -127,7 +127,7 @@ class Grid:
         for name, value in zip(AXES, (x, y, z), strict=True):
             if value is None:
                 continue
-            line = real_array(value, name).astype(float)
+            line = real_array(name, value).astype(float)
             if line.ndim != 1 or line.size < 5 or not np.isfinite(line).all():
                 raise InputError(
                     f"{name}: expected at least 5 finite coordinates in one row, got shape "
@@ -146,7 +146,7 @@ class Grid:
 
     def _set(self, lines: list[Array], periodic: bool | Sequence[bool]) -> None:
         try:
-            flags = np.atleast_1d(real_array(periodic, "periodic"))
+            flags = np.atleast_1d(real_array("periodic", periodic))
         except InputError as error:
             raise InputError(f"periodic: expected True or False, got {periodic!r}") from error
         if flags.dtype != bool or flags.shape not in ((1,), (len(lines),)):

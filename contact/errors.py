@@ -1,15 +1,9 @@
-"""Warnings of the package, the exceptions that it shares with the others; readers of arguments."""
+"""Warnings of the package, and the exceptions that it shares with the others."""
 
 from __future__ import annotations
 
-import inspect
 import sys
 import warnings
-from collections.abc import Callable
-from typing import Any
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.ground.errors import (  # noqa: F401
     AdiniError,
@@ -79,46 +73,3 @@ def warn(message: str, category: type[ContactWarning] = ContactWarning) -> None:
     while frame.f_back is not None and frame.f_globals["__name__"].startswith("contact."):
         depth, frame = depth + 1, frame.f_back
     warnings.warn(message, category, stacklevel=depth)
-
-
-def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Real numbers as an array of floats, a copy, or an `InputError` that names the argument."""
-    try:
-        if np.ma.is_masked(value):
-            raise TypeError("masked values have no number; fill them")
-        array = np.asarray(value)
-        if array.dtype.kind not in "biuf":
-            raise TypeError(f"{array.dtype} is not a real number")
-        return array.astype(np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}={value!r}: expected real numbers ({error})") from error
-
-
-def function_of_places(name: str, function: Any) -> Callable[..., Any]:
-    """A caller's function of places x; `InputError` where it does not take one argument."""
-    try:
-        if not callable(function):
-            raise TypeError("it cannot be called")
-        inspect.signature(function).bind(None)
-    except TypeError as error:
-        raise InputError(
-            f"{name}: expected a function of one argument, the places x of shape (dim, ...), got "
-            f"{function!r} ({error})"
-        ) from None
-    except ValueError:  # compiled functions may have no signature
-        pass
-    checked: Callable[..., Any] = function
-    return checked
-
-
-def evaluated(name: str, value: Any, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Numbers that a caller gives, or a function of the places x that returns them."""
-    return numbers(name, function_of_places(name, value)(x) if callable(value) else value)
-
-
-def array_of(name: str, value: Any) -> NDArray[Any]:
-    """An array of any kind, or an `InputError` where nested sequences have no shape."""
-    try:
-        return np.asarray(value)
-    except ValueError as error:
-        raise InputError(f"{name}={value!r}: {error}") from None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.laws.status import Status
 from contact.output.contact_runs import arc_length
 from contact.output.drawn import Drawn, DrawnBody
@@ -20,6 +20,7 @@ from contact.output.pictures import (
     triangulated,
 )
 from contact.output.sides import drawn_bodies, pair_name
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from scipy import sparse
 from skfem import CellBasis
 from skfem.refdom import RefQuad
 
-from skfem_adini.arguments.finite_numbers import finite_numbers
 from skfem_adini.curved.adini_extension import AdiniExtension
 from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.elements.vertex_dofs import scalar_element
 from skfem_adini.errors import InputError, MissingDependency
+from skfem_adini.ground.arguments import finite_numbers
 
 _SURFACE_POINTS = 25  # points of a surface in each direction: a cubic looks smooth
 _LATTICE = 6  # points of a cell in each direction between which a field is drawn linearly

@@ -15,10 +15,10 @@ from cip.assimilation.sensors import Reports, Sensors
 from cip.characteristics.feet import check_step
 from cip.errors import InputError
 from cip.output.trajectory import Trajectory
-from cip.reals import real_number
 from cip.solver.derivatives import derivative
 from cip.solver.solver import Solver
 from cip.stages.state import State, state_of
+from skfem_adini.ground.arguments import real_number
 
 Array = NDArray[np.float64]
 # Reports this close to the start, as a fraction of dt, are of the start.
@@ -170,7 +170,7 @@ def _parameters(given: Any, solver: Solver) -> tuple[list[str], Array]:
     if unknown:
         raise InputError(f"parameters: the solver has no parameter {unknown[0]!r}")
     names = [name for name in solver.parameters if name in given]
-    spreads = np.array([real_number(given[n], f"parameters: {n!r}") for n in names])
+    spreads = np.array([real_number(f"parameters: {n!r}", given[n]) for n in names])
     if not (np.isfinite(spreads).all() and np.all(spreads > 0.0)):
         raise InputError(f"parameters: expected positive prior deviations, got {given!r}")
     return names, spreads.astype(float)

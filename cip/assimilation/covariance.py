@@ -18,8 +18,8 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 from cip.errors import InputError
 from cip.grid import Grid
 from cip.profiles.catalogue import moments
-from cip.reals import real_array, real_number
 from cip.stages.state import State, state_of
+from skfem_adini.ground.arguments import real_array, real_number
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class Covariance:
         if isinstance(root, LinearOperator):
             operator = root
         else:
-            matrix = real_array(root, "root").astype(float)
+            matrix = real_array("root", root).astype(float)
             if matrix.ndim != 2 or not np.isfinite(matrix).all():
                 raise InputError(f"root: expected a finite matrix, got shape {matrix.shape}")
             operator = aslinearoperator(matrix)
@@ -83,7 +83,7 @@ class Covariance:
                 f"root: expected {size} rows, the moments of {profile!r}, got {operator.shape[0]}"
             )
         self.grid, self.profile, self.root = grid, profile, operator
-        self.deviations = real_array(deviations, "deviations").astype(float)
+        self.deviations = real_array("deviations", deviations).astype(float)
         if self.deviations.shape != grid.nodes:
             raise InputError(
                 f"deviations: expected shape {grid.nodes}, got {self.deviations.shape}"
@@ -135,7 +135,7 @@ class Covariance:
             Deviations or lengths that are not positive, an order too small for errors with
             gradients of finite variance.
         """
-        power = real_number(order, "order")
+        power = real_number("order", order)
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
         if not (np.isfinite(power) and 2.0 * power > grid.dim + 2.0):
@@ -211,7 +211,7 @@ class Covariance:
 
 
 def _positive(given: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    found = real_array(given, name).astype(float)
+    found = real_array(name, given).astype(float)
     if found.shape not in ((), shape):
         raise InputError(f"{name}: expected one number or shape {shape}, got shape {found.shape}")
     if not (np.isfinite(found).all() and np.all(found > 0.0)):

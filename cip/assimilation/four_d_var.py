@@ -20,9 +20,9 @@ from cip.assimilation.covariance import Covariance
 from cip.assimilation.data_combinations import Combined, combined_analysis
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
-from cip.reals import real_number
 from cip.solver.solver import Solver
 from cip.stages.state import State
+from skfem_adini.ground.arguments import real_number
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -125,7 +125,7 @@ def four_d_var(
         solver, background, covariance, sensors, dt, parameters, model_error
     )
     most, outer, least = _counts(max_iterations, max_outer, vectors)
-    accuracy = real_number(tol, "tol")
+    accuracy = real_number("tol", tol)
     if not 0.0 < accuracy < 1.0:
         raise InputError(f"tol: expected a number in (0, 1), got {tol!r}")
     if not window.reports.values or not sum(v.size for v in window.reports.values):

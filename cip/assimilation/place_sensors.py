@@ -16,9 +16,9 @@ from cip.assimilation.linearised import Linearised
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError
 from cip.grid import Grid
-from cip.reals import real_array, real_number
 from cip.solver.solver import Solver
 from cip.stages.state import State
+from skfem_adini.ground.arguments import real_array, real_number
 
 Array = NDArray[np.float64]
 _GOALS = ("start", "parameters", "amplitudes")
@@ -170,7 +170,7 @@ def place_sensors(
             f"budget: expected 1 to {np.count_nonzero(allowed)} sensors, the candidates that are "
             f"allowed, got {budget!r}"
         )
-    distance = real_number(apart, "apart")
+    distance = real_number("apart", apart)
     if not (np.isfinite(distance) and distance >= 0.0):
         raise InputError(f"apart: expected a distance >= 0, got {apart!r}")
     linear = window.linearised(window.path(np.zeros(window.layout.size)))
@@ -194,7 +194,7 @@ def place_sensors(
 def _allowed(excluded: Any, points: Array) -> NDArray[np.bool_]:
     if excluded is None:
         return np.ones(points.shape[1], dtype=bool)
-    mask = real_array(excluded(*points) if callable(excluded) else excluded, "excluded")
+    mask = real_array("excluded", excluded(*points) if callable(excluded) else excluded)
     if mask.shape != points.shape[1:] or mask.dtype != bool:
         raise InputError(
             f"excluded: expected True or False for each of {points.shape[1]} candidates, got "

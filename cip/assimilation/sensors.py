@@ -19,8 +19,8 @@ from cip.output.sample import sample
 from cip.output.sample_rows import sample_rows
 from cip.output.state_dataset import xarray_module
 from cip.output.trajectory import Trajectory
-from cip.reals import masked_array, real_array, real_number
 from cip.stages.state import State
+from skfem_adini.ground.arguments import masked_array, real_array, real_number
 from skfem_adini.ground.files import write_text
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ class Sensors:
         values: ArrayLike | None = None,
         deviations: ArrayLike = 1.0,
     ) -> None:
-        place = real_array(points, "points").astype(float)
+        place = real_array("points", points).astype(float)
         place = place[None] if place.ndim == 1 else place
         if place.ndim != 2 or place.shape[0] not in (1, 2, 3) or not place.size:
             raise InputError(
@@ -267,7 +267,7 @@ class Sensors:
         InputError
             A probability outside [0, 1), a seed that is no whole number.
         """
-        share = real_number(dropouts, "dropouts")
+        share = real_number("dropouts", dropouts)
         if not 0.0 <= share < 1.0:
             raise InputError(f"dropouts: expected a probability in [0, 1), got {dropouts!r}")
         if not isinstance(seed, int | np.integer) or seed < 0:
@@ -294,7 +294,7 @@ class Sensors:
         InputError
             No point is chosen, or one that does not exist.
         """
-        places = real_array(chosen, "chosen")
+        places = real_array("chosen", chosen)
         if not places.size:
             raise InputError("chosen: expected at least one point, got none")
         try:
@@ -391,7 +391,7 @@ class Sensors:
 
 def checked_times(times: ArrayLike) -> Array:
     """Increasing finite times."""
-    found = np.atleast_1d(real_array(times, "times").astype(float))
+    found = np.atleast_1d(real_array("times", times).astype(float))
     if found.ndim != 1 or not found.size or not np.isfinite(found).all():
         raise InputError(f"times: expected finite times, shape (k,), got {times!r}")
     if np.any(np.diff(found) <= 0.0):
@@ -403,7 +403,7 @@ def checked_values(values: ArrayLike | None, shape: tuple[int, int]) -> Array:
     """Reports, NaN where none arrived; all 0 without any."""
     if values is None:
         return np.zeros(shape)
-    given, hidden = masked_array(values, "values")
+    given, hidden = masked_array("values", values)
     found = given.astype(float)
     if hidden is not None:
         found[hidden] = np.nan
@@ -419,7 +419,7 @@ def checked_values(values: ArrayLike | None, shape: tuple[int, int]) -> Array:
 
 def checked_deviations(deviations: ArrayLike, shape: tuple[int, int]) -> Array:
     """Positive deviations of this shape."""
-    given = real_array(deviations, "deviations").astype(float)
+    given = real_array("deviations", deviations).astype(float)
     try:
         found = np.broadcast_to(given, shape).copy()
     except ValueError:

@@ -13,7 +13,7 @@ from cip.characteristics.flow_derivatives import Jet, System
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
 from cip.formulas.formula import Formula
 from cip.grid import Grid
-from cip.reals import real_number
+from skfem_adini.ground.arguments import real_number
 
 Array = NDArray[np.float64]
 
@@ -329,7 +329,7 @@ def _stack(rates: list[Array], like: Array) -> Array:
 
 def check_step(dt: float, name: str = "dt") -> float:
     """The time step as a float; raises `InputError` unless it is positive and finite."""
-    value = real_number(dt, f"{name}: expected a positive number")
+    value = real_number(f"{name}: expected a positive number", dt)
     if not np.isfinite(value) or value <= 0.0:
         raise InputError(f"{name}: expected a positive, finite time, got {dt!r}")
     return value

@@ -16,7 +16,7 @@ from cip.formulas.parsing import parse
 from cip.formulas.pointwise_check import Box, Samples, alike, check_pointwise
 from cip.formulas.straight_line_code import numpy_function
 from cip.grid import Grid
-from cip.reals import real_array, real_number
+from skfem_adini.ground.arguments import real_array, real_number
 
 Array = NDArray[np.float64]
 Orders = tuple[int, int, int, int]
@@ -63,7 +63,7 @@ class Formula:
                 return formula
         else:
             kinds = f"{name}: expected a number, a text or a callable"
-            expression = parse(repr(real_number(value, kinds)), name)
+            expression = parse(repr(real_number(kinds, value)), name)
         unknown = expression.variables() - {*COORDINATES[:dim], "t"}
         if unknown:
             raise InputError(f"{name}: {sorted(unknown)} occur, but the grid has {dim} directions")
@@ -87,7 +87,7 @@ class Formula:
                 point = (*point[:dim], *(point[3:] if time else ()))
                 try:
                     with np.errstate(all="ignore"):
-                        result = real_array(original(*point), name)
+                        result = real_array(name, original(*point))
                 except InputError:
                     raise
                 except Exception as error:  # whatever a user's function raises
@@ -203,7 +203,7 @@ def agree(
             try:
                 called = function(*point)
                 found = [called] if len(formulas) == 1 and np.ndim(called) < 2 else list(called)
-                found = [real_array(one, "") for one in found]
+                found = [real_array("", one) for one in found]
             except Exception:  # whatever a user's function raises
                 return False
         if len(found) != len(formulas):
@@ -238,7 +238,7 @@ def spline(values: Any, grid: Grid, name: str) -> Formula:
     """
     from scipy.interpolate import NdBSpline, make_interp_spline
 
-    array = real_array(values, name)
+    array = real_array(name, values)
     if array.dtype.kind not in "fiu" or array.shape != grid.nodes:
         raise InputError(
             f"{name}: expected real values at the nodes, shape {grid.nodes}, got {array.dtype} of "

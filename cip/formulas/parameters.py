@@ -11,7 +11,7 @@ import numpy as np
 
 from cip.errors import InputError
 from cip.formulas.expression import COORDINATES, RULES, Expression, ordered, variable
-from cip.reals import real_number
+from skfem_adini.ground.arguments import real_number
 
 # Put before a parameter's name in code, so that it is no coordinate and no unknown of a path.
 _PREFIX = "p_"
@@ -99,7 +99,7 @@ def checked(values: Any) -> dict[str, float]:
             )
         if name in _TAKEN:
             raise InputError(f"parameters: {name!r} has a meaning in formulas; take another name")
-        number = real_number(value, f"parameters: {name!r}")
+        number = real_number(f"parameters: {name!r}", value)
         if not np.isfinite(number):
             raise InputError(f"parameters: {name!r} must be finite, got {value!r}")
         found[name] = float(number)

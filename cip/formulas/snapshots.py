@@ -20,7 +20,7 @@ from cip.errors import InputError
 from cip.formulas.expression import opaque
 from cip.formulas.formula import Formula, Orders
 from cip.grid import Grid
-from cip.reals import real_array
+from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
 _DEGREES = (3, 5)
@@ -173,7 +173,7 @@ def snapshots_of(formulas: Sequence[Formula]) -> Snapshots | None:
 
 
 def _times(times: Any) -> Array:
-    found = real_array(times, "times").astype(float)
+    found = real_array("times", times).astype(float)
     if found.ndim != 1 or found.size < 2:
         raise InputError(f"times: expected at least 2 times in one row, got shape {found.shape}")
     if not np.isfinite(found).all() or np.any(np.diff(found) <= 0.0):
@@ -183,7 +183,7 @@ def _times(times: Any) -> Array:
 
 def _values(arrays: Any, times: Array, grid: Grid, components: int) -> Array:
     """The arrays, checked, of shape (times, components, nodes)."""
-    found = real_array(arrays, "arrays").astype(float)
+    found = real_array("arrays", arrays).astype(float)
     shape = (times.size, components, *grid.nodes)
     if components == 1 and found.shape == (times.size, *grid.nodes):
         found = found[:, None]

@@ -18,7 +18,7 @@ from cip.formulas.pointwise_check import Box
 from cip.formulas.snapshots import SnapshotFormula, Snapshots
 from cip.formulas.traced_function import portable
 from cip.grid import Grid
-from cip.reals import own_array, real_number
+from skfem_adini.ground.arguments import own_array, real_number
 
 
 class Source(Parametrised):
@@ -60,10 +60,10 @@ class Source(Parametrised):
             parse(s, self._name)
         elif not callable(s):
             if not isinstance(s, Mapping):
-                self._value = own_array(s, "source")
+                self._value = own_array("source", s)
             if not np.ndim(self._value):
                 kinds = "source: expected a number, a text, a callable or an array"
-                self._value = real_number(s, kinds)
+                self._value = real_number(kinds, s)
                 if not np.isfinite(self._value):
                     raise InputError(f"source: expected a finite number, got {s!r}")
 

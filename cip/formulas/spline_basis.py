@@ -14,7 +14,7 @@ from cip.formulas.expression import Expression, constant, linear, ordered
 from cip.formulas.formula import Formula, Orders
 from cip.formulas.parameters import parameter
 from cip.grid import Grid
-from cip.reals import real_array
+from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
 # Begins the names of sums and (with a number) of functions in formulas. Formulas of one shape share
@@ -179,7 +179,7 @@ class SplineFormula(Formula):
 def check_pieces(pieces: Any, grid: Grid, degree: int) -> tuple[int, ...]:
     """The argument `pieces` as a number for each direction."""
     try:
-        found = np.atleast_1d(real_array(pieces, "pieces"))
+        found = np.atleast_1d(real_array("pieces", pieces))
     except InputError as error:
         raise InputError(f"pieces: expected whole numbers, got {pieces!r}") from error
     if found.dtype.kind not in "iu" or found.shape not in ((1,), (grid.dim,)):

@@ -11,7 +11,7 @@ from cip.formulas.formula import Formula, Orders
 from cip.formulas.spline_basis import SplineBasis, SplineFormula, check_pieces
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
-from cip.reals import real_array
+from skfem_adini.ground.arguments import real_array
 
 _DEGREES = (3, 5)
 _VALUE: Orders = (0, 0, 0, 0)
@@ -123,7 +123,7 @@ def _start(start: Any, grid: Grid, fields: int) -> list[np.ndarray[Any, Any]]:
         raise InputError(f"start: expected {fields} fields, got {len(parts)}")
     found = []
     for part in parts:
-        values = real_array(part(*grid.mesh()) if callable(part) else part, "start").astype(float)
+        values = real_array("start", part(*grid.mesh()) if callable(part) else part).astype(float)
         if values.shape not in ((), grid.nodes):
             raise InputError(
                 f"start: expected a number or values of shape {grid.nodes}, got {values.shape}"

@@ -19,7 +19,7 @@ from cip.formulas.seconds import seconds
 from cip.formulas.snapshots import Snapshots
 from cip.formulas.traced_function import portable
 from cip.grid import Grid
-from cip.reals import own_array, real_array, real_number
+from skfem_adini.ground.arguments import own_array, real_array, real_number
 
 
 class Velocity(Parametrised):
@@ -378,13 +378,13 @@ _ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
 def given_components(c: Any) -> list[Any]:
     """The components of a velocity given by numbers, arrays (copied), callables or several."""
     if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
-        return [real_number(c, "c")]
+        return [real_number("c", c)]
     if isinstance(c, np.ndarray):
-        values = own_array(c, "c")
+        values = own_array("c", c)
         return [values] if values.ndim == 1 or values.ndim != len(values) + 1 else list(values)
     if isinstance(c, Sequence):
         if len(c) > 3 and all(np.ndim(part) == 0 and not callable(part) for part in c):
-            return [own_array(c, "c")]
+            return [own_array("c", c)]
         if not 1 <= len(c) <= 3:
             raise InputError(f"c: expected 1 to 3 components, got {len(c)}")
         return [
@@ -396,8 +396,8 @@ def given_components(c: Any) -> list[Any]:
 
 def _part(value: Any, name: str) -> Any:
     """A component as a number or as an array of its own."""
-    values = own_array(value, name)
-    return values if values.ndim else real_number(value, name)
+    values = own_array(name, value)
+    return values if values.ndim else real_number(name, value)
 
 
 def formulas_by_values(
@@ -513,4 +513,4 @@ def _closed(periodic: Any, count: int) -> list[bool]:
 
 def _reals(data: Any, name: str, *dims: str) -> Array:
     """A variable or coordinate as real numbers."""
-    return real_array(data[name].transpose(*dims).values, f"winds: {name!r}").astype(float)
+    return real_array(f"winds: {name!r}", data[name].transpose(*dims).values).astype(float)

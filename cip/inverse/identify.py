@@ -22,8 +22,8 @@ from cip.inverse.identifiability import (
 )
 from cip.inverse.identified import IdentifiedVelocity, MisfitWarning
 from cip.inverse.problem import Problem, bounds_of, linearised, problem_of, rule_of
-from cip.reals import real_number
 from cip.solver.solver import Solver
+from skfem_adini.ground.arguments import real_number
 
 Array = NDArray[np.float64]
 # The weight has settled when it changes by less than this factor: far less than its uncertainty.
@@ -129,7 +129,7 @@ def identify_velocity(
     problem = problem_of(solver, start, data, dt, noise, regularization)
     low, high = bounds_of(bounds, problem)
     choice = rule_of(weight, problem)
-    runs = real_number(max_runs, "max_runs")
+    runs = real_number("max_runs", max_runs)
     if not 1.0 <= runs < np.inf:
         raise InputError(f"max_runs: expected a positive number, got {max_runs!r}")
     estimate = _iterated(problem, (low, high), choice, int(runs))

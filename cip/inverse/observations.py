@@ -12,7 +12,7 @@ from scipy.sparse import csr_array, issparse
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError
 from cip.grid import Grid
-from cip.reals import masked_array, real_array, real_number
+from skfem_adini.ground.arguments import masked_array, real_array, real_number
 
 Array = NDArray[np.float64]
 _ENTRIES = "data: entries of the operators"
@@ -54,7 +54,7 @@ class Data:
         sizes = [one.size for one in self.values]
         if not sum(sizes):
             raise InputError("data: every value is masked or missing")
-        several = noise is not None and real_array(noise, "noise").ndim > 0
+        several = noise is not None and real_array("noise", noise).ndim > 0
         if isinstance(given, Mapping) and several and list(given) != sorted(given):
             raise InputError(
                 "noise: with one for each time give the data in the order of time, too"
@@ -85,13 +85,13 @@ def _snapshots(
 ) -> tuple[list[float], list[Array], list[Any]]:
     if not given:
         raise InputError("data: expected at least one snapshot")
-    keys = sorted((real_number(key, "data: times"), key) for key in given)
+    keys = sorted((real_number("data: times", key), key) for key in given)
     times, values, operators = [t for t, _ in keys], [], []
     if not np.isfinite(times).all():
         raise InputError("data: expected finite times")
     for t, key in keys:
         name = f"data: snapshot at t = {t:.6g}"
-        array, hidden = masked_array(given[key], name)
+        array, hidden = masked_array(name, given[key])
         array = array.astype(float)
         if array.shape != grid.nodes:
             raise InputError(
@@ -107,13 +107,13 @@ def _snapshots(
 
 
 def _observed(given: Observations, size: int) -> tuple[list[float], list[Array], list[Any]]:
-    times = real_array(given.times, "data: times").astype(float)
+    times = real_array("data: times", given.times).astype(float)
     if times.ndim != 1 or not times.size or np.any(np.diff(times) <= 0.0):
         raise InputError("data: expected increasing times")
     for one in (given.values, given.operators):
         if not (hasattr(one, "__len__") and len(one) == times.size):
             raise InputError("data: expected values and an operator for each time")
-    values = [real_array(one, "data: values").astype(float) for one in given.values]
+    values = [real_array("data: values", one).astype(float) for one in given.values]
     for one, operator in zip(values, given.operators, strict=True):
         shape = getattr(operator, "shape", None)
         if shape != (one.size, size) or one.ndim != 1:
@@ -122,7 +122,7 @@ def _observed(given: Observations, size: int) -> tuple[list[float], list[Array],
                 f"{one.shape} and {shape or type(operator).__name__}"
             )
         entries = getattr(operator, "data", None) if issparse(operator) else operator
-        if isinstance(entries, np.ndarray) and not np.isfinite(real_array(entries, _ENTRIES)).all():
+        if isinstance(entries, np.ndarray) and not np.isfinite(real_array(_ENTRIES, entries)).all():
             raise InputError(f"{_ENTRIES}: NaN or infinity among them")
         if not np.isfinite(one).all():
             raise InputError("data: NaN or infinity among the values; leave missing ones out")
@@ -133,7 +133,7 @@ def _own(given: Any, sizes: list[int]) -> Array:
     """Standard deviations that the data bring with them, flat."""
     if not (hasattr(given, "__len__") and len(given) == len(sizes)):
         raise InputError(f"data: expected deviations for each of {len(sizes)} times")
-    found = [real_array(one, "data: deviations").astype(float) for one in given]
+    found = [real_array("data: deviations", one).astype(float) for one in given]
     if [one.shape for one in found] != [(n,) for n in sizes]:
         raise InputError("data: expected deviations of the shapes of the values")
     flat = np.concatenate(found)
@@ -147,7 +147,7 @@ def _deviations(noise: Any, sizes: list[int]) -> Array:
     times = len(sizes)
     if noise is None:
         return np.zeros(sum(sizes))
-    found = real_array(noise, "noise: expected standard deviations").astype(float)
+    found = real_array("noise: expected standard deviations", noise).astype(float)
     if found.ndim and found.shape != (times,):
         raise InputError(f"noise: expected one number, or one for each of {times} times")
     found = np.broadcast_to(found, (times,))

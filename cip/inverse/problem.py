@@ -16,9 +16,9 @@ from cip.formulas.velocity import Velocity
 from cip.inverse.observations import Data
 from cip.inverse.roughness import ORDERS, Roughness, field, field_slopes
 from cip.inverse.weight import Linearised, by_discrepancy, by_l_curve
-from cip.reals import real_array, real_number
 from cip.solver.solver import Solver
 from cip.stages.state import State, on_host
+from skfem_adini.ground.arguments import real_array, real_number
 
 Array = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def bounds_of(bounds: Any, problem: Problem) -> tuple[Array, Array]:
     for name, pair in pairs.items():
         if name not in problem.names:
             raise InputError(f"bounds: {name!r} is no parameter; known: {', '.join(problem.names)}")
-        found = real_array(pair, "bounds: expected (low, high)")
+        found = real_array("bounds: expected (low, high)", pair)
         if found.shape != (2,) or not found[0] < found[1]:
             raise InputError(f"bounds: expected (low, high) with low < high, got {pair!r}")
         if not found[0] < values[name] < found[1]:
@@ -128,7 +128,7 @@ def rule_of(weight: Any, problem: Problem) -> Any:
                 f"weight: expected 'discrepancy', 'l-curve' or a number, got {weight!r}"
             )
         return rules[weight]
-    number = real_number(weight, "weight")
+    number = real_number("weight", weight)
     if not (np.isfinite(number) and number >= 0.0):
         raise InputError(f"weight: expected a number >= 0, got {weight!r}")
     return number

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError
 from cip.grid import Grid
-from cip.reals import real_array
 from cip.stages.state import State
+from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -35,7 +35,7 @@ def sample(state: State, points: ArrayLike) -> Array:
 
 def points_of(points: ArrayLike, dim: int) -> Array:
     """Points as coordinates of shape (dim, ...); on lines the first axis may be missing."""
-    place = real_array(points, "points").astype(float)
+    place = real_array("points", points).astype(float)
     if dim == 1 and (place.ndim == 0 or place.shape[0] != 1 or place.ndim == 1):
         place = place[None]
     if place.ndim == 0 or place.shape[0] != dim:

@@ -9,8 +9,8 @@ import numpy as np
 from cip.errors import InputError
 from cip.grid import Grid
 from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
-from cip.reals import real_array
 from cip.stages.state import State
+from skfem_adini.ground.arguments import real_array
 
 Form = Literal["transport", "advection"]
 _FORMS: dict[Any, Form] = {
@@ -65,7 +65,7 @@ def form_of(form: Any) -> Form:
 
 def bounds_of(bounds: Any) -> tuple[float, float]:
     """The argument `bounds` as two numbers."""
-    pair = real_array(bounds, "bounds: expected (low, high)")
+    pair = real_array("bounds: expected (low, high)", bounds)
     if pair.shape != (2,):
         raise InputError(f"bounds: expected (low, high), got {bounds!r}")
     low, high = map(float, pair)

@@ -23,7 +23,6 @@ from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.output.trajectory import Trajectory
 from cip.profiles.catalogue import LINE
-from cip.reals import real_number
 from cip.solver.choices import (
     Form,
     bounds_of,
@@ -41,6 +40,7 @@ from cip.sources.wall_data import reacted
 from cip.stages.stage import Stage, StageFeet, stages
 from cip.stages.state import State, _real, default_profile, state_of
 from cip.stages.walls import check_split, portable_boundary, walls
+from skfem_adini.ground.arguments import real_number
 
 # Times at which data on walls are compared with the bounds of the limiter in a run or a step.
 _INFLOW_TIMES = 65
@@ -187,7 +187,7 @@ class Solver(Parametrised):
         self.dtype, self.backend = _real(dtype), backend
         check_choices(grid, self.form, self.profile, limiter, splitting, backend)
         self.bounds = bounds_of(bounds)
-        self.bounds_tolerance = real_number(bounds_tolerance, "bounds_tolerance")
+        self.bounds_tolerance = real_number("bounds_tolerance", bounds_tolerance)
         if not self.bounds_tolerance >= 0.0:
             raise InputError(f"bounds_tolerance: expected >= 0, got {bounds_tolerance!r}")
         self._formulas = self.velocity.on(grid)
@@ -326,7 +326,7 @@ class Solver(Parametrised):
             finished step and is marked ``interrupted``.
         """
         self._accept(state)
-        self._check_times(state.t, real_number(t_end, "t_end"))
+        self._check_times(state.t, real_number("t_end", t_end))
         length = step_length(dt, cfl, self.grid, self._formulas, state.t)
 
         def record(states: Sequence[State], interrupted: bool) -> Trajectory:

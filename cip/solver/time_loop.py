@@ -13,8 +13,8 @@ from cip.characteristics.feet import check_step, time_scale
 from cip.errors import CipError, InputError
 from cip.formulas.formula import Formula
 from cip.grid import Grid
-from cip.reals import real_array, real_number
 from cip.stages.state import State, state_of
+from skfem_adini.ground.arguments import real_array, real_number
 
 Record = TypeVar("Record")
 
@@ -109,7 +109,7 @@ def checked_callback(
 
 def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None) -> list[float]:
     """The times after t at which the run stores a snapshot, `t_end` the last."""
-    end = real_number(t_end, "t_end")
+    end = real_number("t_end", t_end)
     if not np.isfinite(end) or end <= t:
         raise InputError(f"t_end: expected a time after t = {t:.6g}, got {t_end!r}")
     if snapshots is None:
@@ -118,7 +118,7 @@ def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None
         if snapshots < 1:
             raise InputError(f"snapshots: expected at least 1 interval, got {snapshots}")
         return [float(time) for time in np.linspace(t, end, int(snapshots) + 1)[1:]]
-    times = real_array(snapshots, "snapshots").astype(float)
+    times = real_array("snapshots", snapshots).astype(float)
     if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
         raise InputError(f"snapshots: expected increasing times, got {snapshots!r}")
     if times.size and not (t <= times[0] and times[-1] <= end):

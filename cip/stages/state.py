@@ -16,7 +16,7 @@ from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Formula, spline
 from cip.grid import Grid, node_name
 from cip.profiles.catalogue import Moment, moments
-from cip.reals import real_number
+from skfem_adini.ground.arguments import real_number
 
 Array = NDArray[Any]
 # Gauss points per cell and direction for means: exact for polynomials of degree 7.
@@ -111,7 +111,7 @@ class State:
                 f"derivatives: {sorted(unknown)} are no derivatives that {profile!r} carries"
             )
         array = isinstance(f, np.ndarray) and f.ndim > 0
-        t = real_number(t, "t")
+        t = real_number("t", t)
         formula = spline(f, grid, "f") if array else Formula.of(f, grid.bounds, "f", sparse=True)
         steps = (*grid.spacing, *([1.0] * (4 - grid.dim)))
         data = np.zeros((len(wanted), *grid.nodes), dtype=_real(dtype))
@@ -193,7 +193,7 @@ class State:
             )
         if self.data.dtype not in (np.float64, np.float32):
             raise InputError(f"{name}: expected float64 or float32, got {self.data.dtype}")
-        if not np.isfinite(real_number(self.t, f"{name}: t")):
+        if not np.isfinite(real_number(f"{name}: t", self.t)):
             raise InputError(f"{name}: expected a finite time, got t = {self.t}")
         where = self.first_not_finite()
         if where is not None:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # place of each tensor component

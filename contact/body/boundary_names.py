@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from skfem import Mesh
 
-from contact.errors import InputError, array_of
+from contact.errors import InputError
+from skfem_adini.ground.arguments import array_of
 
 _AXES = "xyz"
 

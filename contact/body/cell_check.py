@@ -18,8 +18,8 @@ from contact.body.deferred_basis import DeferredBasis
 from contact.body.jacobians import is_straight, jacobians, measures
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
-from skfem_adini.arguments.kept_functions import functions_of_another_mesh
 from skfem_adini.ground.jit import compiled
+from skfem_adini.kept_functions import functions_of_another_mesh
 
 FLAT = 1e-12  # thickness over size: less is rounding of the vertices' places
 

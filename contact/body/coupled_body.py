@@ -17,7 +17,8 @@ from contact.body.facet_dofs import dofs_on_facets
 from contact.body.material import MaterialBody
 from contact.body.multipoint import Coupling
 from contact.body.rigid_modes import dof_kinds, dof_lengths, rigid_field
-from contact.errors import InputError, numbers
+from contact.errors import InputError
+from skfem_adini.ground.arguments import flag, numbers
 
 Boundary = str | Sequence[str] | ArrayLike
 
@@ -123,9 +124,7 @@ class CoupledBody(MaterialBody):
         -8
         """
         facets, chosen = select_facets(self.mesh, boundary), select_components(self.dim, components)
-        if not isinstance(rigid, bool):
-            raise InputError(f"rigid={rigid!r}: expected True or False")
-        if rigid and self.is_ring:
+        if flag("rigid", rigid) and self.is_ring:
             raise InputError(
                 "rigid=True: a rigid part of an axisymmetric body moves along its axis only; take "
                 "fix(boundary, 'x') and tie(boundary, 'y')"

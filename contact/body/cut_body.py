@@ -16,7 +16,7 @@ from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.cell_finder import find_cells
 from contact.body.cut_arc import CutArc
 from contact.body.elastic_body import ElasticBody, Field
-from contact.errors import InputError, array_of, evaluated, function_of_places, numbers
+from contact.errors import InputError
 from contact.settled import settled
 from skfem_adini import (
     AdiniExtension,
@@ -26,7 +26,14 @@ from skfem_adini import (
     LevelSet,
     Polygon,
 )
-from skfem_adini.arguments.pointwise_function import pointwise
+from skfem_adini.ground.arguments import (
+    array_of,
+    evaluated,
+    function_of_places,
+    numbers,
+    pointwise,
+    positive_number,
+)
 
 Array = NDArray[np.float64]
 _LATTICE = 4  # intervals along a cell's edge, as many as pictures have by default
@@ -183,9 +190,7 @@ class CutBody(ElasticBody):
         InputError
             No boundary there, or a spacing that is not positive.
         """
-        distance = numbers("spacing", spacing)
-        if distance.shape != () or not 0 < distance < np.inf:
-            raise InputError(f"spacing={spacing!r}: expected a positive number")
+        positive_number("spacing", spacing)
         if where is not None:
             where = function_of_places("where", where)
         listed: Any = None if parts is None else array_of("parts", parts)

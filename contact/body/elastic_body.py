@@ -27,11 +27,12 @@ from contact.body.rigid_modes import dof_lengths
 from contact.body.supports import in_order
 from contact.body.thermal_strain import HeatedBody
 from contact.body.vector_element import DEFAULT_ELEMENT, GRADIENT_DOFS, vector_element
-from contact.errors import InputError, evaluated, function_of_places, numbers
+from contact.errors import InputError
 from contact.facet_basis import facet_basis
 from contact.portable import PortableBasis
 from contact.settled import settled
 from skfem_adini import essential_constraints
+from skfem_adini.ground.arguments import evaluated, function_of_places, numbers
 
 _OF_RADII = 2  # degrees of quadrature for r and 1 / r, beside those of the plane
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]

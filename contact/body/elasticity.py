@@ -56,8 +56,9 @@ from contact.body.local_stiffness import (
     tensor_classes,
     tensor_matrices,
 )
-from contact.errors import InputError, numbers, warn
+from contact.errors import InputError, warn
 from skfem_adini import AffineCells
+from skfem_adini.ground.arguments import numbers
 
 if TYPE_CHECKING:
     from skfem import Basis

@@ -12,8 +12,9 @@ from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.basis_solid import BasisSolid
 from contact.body.constitutive import IsotropicLaw, StressLaw, TensorLaw
 from contact.body.elasticity import check_locking, checked_dilatation, lame
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.settled import settled
+from skfem_adini.ground.arguments import numbers
 
 
 def _property(name: str, text: str) -> Any:

@@ -13,8 +13,9 @@ from scipy import sparse
 from contact.body.axisymmetry import AXISYMMETRIC, circumference
 from contact.body.constitutive import StressLaw, total_stress
 from contact.body.surface import Surface
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.portable import Portable
+from skfem_adini.ground.arguments import numbers
 
 if TYPE_CHECKING:
     pass

@@ -20,7 +20,8 @@ from contact.body.axisymmetry import forces_of_stress
 from contact.body.cell_finder import places_in
 from contact.body.constitutive import thermal_stress
 from contact.body.material import MaterialBody
-from contact.errors import InputError, evaluated, numbers
+from contact.errors import InputError
+from skfem_adini.ground.arguments import evaluated, numbers
 
 Array = NDArray[np.float64]
 _QUADRATIC = {  # by the number of vertices and the dimension of a cell

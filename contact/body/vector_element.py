@@ -10,7 +10,7 @@ from skfem.element import Element, ElementVector
 
 from contact.errors import InputError
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
-from skfem_adini.arguments.kept_functions import without_functions
+from skfem_adini.kept_functions import without_functions
 
 _OURS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
 GRADIENT_DOFS = (*_OURS, skfem.ElementQuadBFS)  # elements with u and its gradient at the vertices

@@ -6,10 +6,11 @@ import numpy as np
 
 from contact.checks.paired_bodies import paired_body
 from contact.checks.paired_residuals import PairedResiduals
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.laws.options import default_tolerance
 from contact.result.certify import refuse_residuals
 from contact.result.contact_result import ContactResult
+from skfem_adini.ground.arguments import numbers
 
 
 def recheck(result: ContactResult, tol: float | None = None) -> dict[str, float]:

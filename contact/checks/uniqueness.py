@@ -39,6 +39,7 @@ from contact.errors import InputError, NotConverged, Unbounded
 from contact.laws.options import Options
 from contact.problem.contact_problem import ContactProblem
 from contact.result.contact_result import ContactResult
+from skfem_adini.ground.arguments import whole
 
 Array = NDArray[np.float64]
 DISTINCT = 1e-6  # relative distance beyond which two certified solutions count as different
@@ -135,8 +136,7 @@ def uniqueness(
             "as it is now"
         )
     for name, count in (("starts", starts), ("seed", seed)):
-        if isinstance(count, bool) or not isinstance(count, int) or count < 0:
-            raise InputError(f"{name}={count!r}: expected a whole number from 0")
+        whole(name, count, 0)
     system = result.system
     condensed = problem.condense().under(system.body)
     boundary = condensed.boundary_problem(

@@ -22,7 +22,7 @@ from scipy.linalg import LinAlgError, lu_factor, lu_solve
 from contact.body.basis_solid import BasisSolid
 from contact.condensation.boundary_problem import Forces
 from contact.condensation.condensed_contact import CondensedContact
-from contact.errors import InputError, NotConverged, numbers
+from contact.errors import InputError, NotConverged
 from contact.laws.friction import Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.methods import INNER
@@ -39,6 +39,7 @@ from contact.rows.interfaces import Interfaces
 from contact.rows.mortar.mortar_rows import Interface
 from contact.rows.mortar.solid_interface import SolidInterface
 from contact.rows.outline import Outline
+from skfem_adini.ground.arguments import numbers
 
 if TYPE_CHECKING:
     from contact.laws.options import Options

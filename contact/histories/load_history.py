@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.histories.history_folder import HistoryFolder
 from contact.output.vtk import block_sets, body_grid, boundary_grids
+from skfem_adini.ground.arguments import numbers
 from skfem_adini.output.vtk_files import write_series
 
 if TYPE_CHECKING:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.body.thermal_strain import HeatedBody
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.histories.history_folder import fingerprint
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
+from skfem_adini.ground.arguments import numbers
 
 if TYPE_CHECKING:
     from contact.body.elastic_body import Field

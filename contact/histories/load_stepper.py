@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.body.distributed_body import DistributedBody
-from contact.errors import ContactError, InputError, NotConverged, numbers
+from contact.errors import ContactError, InputError, NotConverged
 from contact.histories.finite_sliding import FiniteSliding
 from contact.histories.history_folder import HistoryFolder, same_conditions
 from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
@@ -27,6 +27,7 @@ from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
 from contact.result.stored_result import state_arrays
 from contact.settled import settled
+from skfem_adini.ground.arguments import finite_number, whole
 
 if TYPE_CHECKING:
     from contact.problem.contact_problem import ContactProblem
@@ -117,8 +118,7 @@ class LoadStepper(LoadProgram):
 
         if not isinstance(problem, ContactProblem):
             raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
-        if isinstance(halvings, bool) or not isinstance(halvings, int) or halvings < 0:
-            raise InputError(f"halvings={halvings!r}: expected a whole number from 0")
+        whole("halvings", halvings, 0)
         if sliding not in ("small", "finite"):
             raise InputError(f"sliding={sliding!r}: expected 'small' or 'finite'")
         if largest_rotation is not None and sliding == "small":
@@ -168,8 +168,7 @@ class LoadStepper(LoadProgram):
                 "body: it was fixed elsewhere after the LoadStepper was made; make a new one"
             )
         times = self.history.times
-        if numbers("time", time).shape != () or not np.isfinite(time):
-            raise InputError(f"time={time!r}: expected a finite number")
+        finite_number("time", time)
         if times.size and time <= times[-1]:
             raise InputError(f"time={time!r}: the history has reached {times[-1]} already")
         last = self.history.results[-1] if times.size else None

@@ -7,7 +7,8 @@ from typing import Self
 
 import numpy as np
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
+from skfem_adini.ground.arguments import numbers
 
 _OFFERED: dict[str | None, tuple[str, ...]] = {
     None: ("newton", "pdas"),

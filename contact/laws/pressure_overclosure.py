@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 _STEPS = 100  # of Newton's method for one scalar equation, at most; it needs less than twenty

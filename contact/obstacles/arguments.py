@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 GRAZING = 0.0175  # sine of 1 degree: contact along normals at smaller angles would press sideways
@@ -19,28 +20,6 @@ def vector(name: str, value: ArrayLike) -> Array:
     if array.ndim != 1 or array.size not in (2, 3) or not np.all(np.isfinite(array)):
         raise InputError(f"{name}={value!r}: expected 2 or 3 finite numbers")
     return array
-
-
-def finite_number(name: str, value: float) -> float:
-    """One finite number."""
-    number = numbers(name, value)
-    if number.shape != () or not np.isfinite(number):
-        raise InputError(f"{name}={value!r}: expected a finite number")
-    return float(number)
-
-
-def positive_number(name: str, value: float) -> float:
-    """One positive number."""
-    if not finite_number(name, value) > 0:
-        raise InputError(f"{name}={value!r}: expected a positive number")
-    return float(value)
-
-
-def flag(name: str, value: bool) -> bool:
-    """True or False."""
-    if not isinstance(value, bool | np.bool_):
-        raise InputError(f"{name}={value!r}: expected True or False")
-    return bool(value)
 
 
 def keep_vectors(obstacle: Any, *names: str) -> None:

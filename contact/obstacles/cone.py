@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError
-from contact.obstacles.arguments import column, finite_number, keep_vectors, vector
+from contact.obstacles.arguments import column, keep_vectors, vector
 from contact.obstacles.rigid_motion import RigidMotion, turn_between
+from skfem_adini.ground.arguments import finite_number
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from contact.errors import InputError, array_of, numbers
+from contact.errors import InputError
 from contact.obstacles.facet_rays import facet_normals
+from skfem_adini.ground.arguments import array_of, numbers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

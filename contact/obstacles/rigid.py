@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.errors import InputError, array_of, numbers
+from contact.errors import InputError
+from skfem_adini.ground.arguments import array_of, numbers
 
 _ACROSS = 1e-12  # relative to the largest: a tangential displacement that is rounding
 

@@ -14,8 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.obstacles.rigid import Rigid
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 

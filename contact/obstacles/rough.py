@@ -14,10 +14,11 @@ import scipy
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, array_of, evaluated, numbers
-from contact.obstacles.arguments import GRAZING, column, flag, positive_number, vector
+from contact.errors import InputError
+from contact.obstacles.arguments import GRAZING, column, vector
 from contact.obstacles.rigid_motion import RigidMotion, turn_of
 from contact.obstacles.signed_distance import SignedDistance
+from skfem_adini.ground.arguments import array_of, evaluated, flag, numbers, positive_number
 
 Array = NDArray[np.float64]
 

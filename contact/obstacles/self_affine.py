@@ -9,8 +9,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from contact.errors import InputError, numbers
-from contact.obstacles.arguments import finite_number, positive_number
+from contact.errors import InputError
+from skfem_adini.ground.arguments import finite_number, numbers, positive_number
 
 Array = NDArray[np.float64]
 

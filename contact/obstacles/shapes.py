@@ -16,16 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.errors import InputError, evaluated, numbers
-from contact.obstacles.arguments import (
-    GRAZING,
-    column,
-    finite_number,
-    flag,
-    keep_vectors,
-    positive_number,
-    vector,
-)
+from contact.errors import InputError
+from contact.obstacles.arguments import GRAZING, column, keep_vectors, vector
 from contact.obstacles.cone import Cone
 from contact.obstacles.rigid import ObstacleLike as ObstacleLike
 from contact.obstacles.rigid_motion import (
@@ -38,6 +30,7 @@ from contact.obstacles.rigid_motion import (
 from contact.obstacles.rough import Rough
 from contact.obstacles.signed_distance import SignedDistance
 from contact.obstacles.surface_mesh import SurfaceMesh
+from skfem_adini.ground.arguments import evaluated, finite_number, flag, numbers, positive_number
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, evaluated, numbers
+from contact.errors import InputError
 from contact.obstacles.rigid_motion import RigidMotion
+from skfem_adini.ground.arguments import evaluated, numbers
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.obstacles.box_tree import BoxTree
 from contact.obstacles.facet_checks import (
     check_facets,
@@ -26,6 +26,7 @@ from contact.obstacles.facet_checks import (
 from contact.obstacles.facet_rays import coordinates, facet_normals, gap_to_facets
 from contact.obstacles.rigid_motion import RigidMotion, fitted
 from contact.obstacles.surface_files import polydata, read_surface
+from skfem_adini.ground.arguments import flag, numbers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -97,8 +98,7 @@ class SurfaceMesh:
 
     def __post_init__(self) -> None:
         for name in ("hollow", "sheet"):
-            if not isinstance(getattr(self, name), bool | np.bool_):
-                raise InputError(f"{name}={getattr(self, name)!r}: expected True or False")
+            flag(name, getattr(self, name))
         points = read_points(self.points)
         points, facets = merged(points, read_facets(self.facets, points))
         check_facets(points, facets)

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from contact.body.cut_body import CutBody
-from contact.errors import InputError, MissingDependency, numbers
+from contact.errors import InputError, MissingDependency
 from contact.output.contact_runs import Run, contact_runs
 from contact.output.drawn import Drawn, DrawnBody
 from contact.output.sides import drawn_bodies, is_elastic, meshed, pair_name
 from skfem_adini import to_pyvista, von_mises
+from skfem_adini.ground.arguments import numbers
 
 
 def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from contact.body.constitutive import IsotropicLaw, total_stress
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.vector_element import GRADIENT_DOFS
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.output.vtk import body_grid
 from skfem_adini import nodal_stress as stress_of_dofs
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from contact.body.axisymmetry import refuse_motions
 from contact.body.cut_arc import CutArc
 from contact.body.elastic_body import ElasticBody
 from contact.body.rigid_modes import rigid_field
-from contact.errors import InputError, evaluated
+from contact.errors import InputError
 from contact.obstacles.placement import check_placement, outward_normals
 from contact.obstacles.rigid import ObstacleMotion, Rigid
 from contact.obstacles.rigid_motion import (
@@ -30,6 +30,7 @@ from contact.rows.arc_rows import ArcGap, arc_rows
 from contact.rows.contact_rows import ContactRows
 from contact.rows.discretise import contact_boundary
 from contact.rows.gap_rule import GapRule
+from skfem_adini.ground.arguments import evaluated
 
 Array = NDArray[np.float64]
 

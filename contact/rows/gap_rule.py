@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.obstacles.shapes import ObstacleLike, evaluate_gap, within_reach
 from contact.rows.shares import Shares
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 # A gap is smooth if the polynomial through its points errs between them by less, over the amount by

@@ -12,16 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from contact.arrays.namespace import host
-from contact.errors import (
-    CHANGED,
-    Infeasible,
-    InputError,
-    LargeMotionWarning,
-    NotConverged,
-    evaluated,
-    numbers,
-    warn,
-)
+from contact.errors import CHANGED, Infeasible, InputError, LargeMotionWarning, NotConverged, warn
 from contact.laws.iteration import Iteration, Report
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import (
@@ -40,6 +31,7 @@ from contact.spectral.grid_case import GridCase
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import Grid, GridProblem
 from contact.spectral.grid_result import GridResult, certified
+from skfem_adini.ground.arguments import evaluated, numbers
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import scipy
 
-from contact.errors import InputError, array_of, numbers
+from contact.errors import InputError
 from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.real_symbol import RealSymbol
+from skfem_adini.ground.arguments import array_of, numbers
 
 _RANGE = 1e100  # determinants of three components are products of three stiffnesses
 

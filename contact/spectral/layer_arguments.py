@@ -12,7 +12,8 @@ from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import Sides
 from contact.body.layers.layers import Layer
 from contact.body.rigid_modes import dof_kinds
-from contact.errors import InputError, array_of
+from contact.errors import InputError
+from skfem_adini.ground.arguments import array_of
 
 
 def node_kinds(body: ElasticBody) -> NDArray[np.int64]:

@@ -17,7 +17,7 @@ from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import adrift, odd_unknowns, read_sides
 from contact.body.layers.layers import Layer, read_layers, refuse_rings
 from contact.body.layers.meshed_layers import meshed, supported
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.spectral.condensed_layers import CondensedLayers
 from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.half_space import HalfSpace
@@ -32,6 +32,7 @@ from contact.spectral.layer_arguments import (
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import cell
 from contact.spectral.wave_cells import parities
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 _AXES = "xyz"

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, MissingDependency, numbers
+from contact.errors import InputError, MissingDependency
 from contact.spectral.grid_compliance import GridCompliance
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 

@@ -11,13 +11,14 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.laws.iteration import Iteration
 from contact.output.archive import named_archive, read_arrays, reading, write_arrays
 from contact.spectral.grid_case import GridCase
 from contact.spectral.half_space import HalfSpace
 from contact.spectral.periodic_layers import PeriodicLayers
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 KIND, _FORMAT = "GridResult", 1

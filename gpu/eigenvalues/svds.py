@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from gpu.arguments import choice, flag, unmasked, whole
 from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
 from gpu.eigenvalues.operator import real_products
 from gpu.errors import InputError, NotConverged
+from skfem_adini.ground.arguments import choice, flag, unmasked, whole
 
 # Largest |A v - s u| and |A^* u - s v| over |A| of a certified triplet: more than rounding, because
 # the vectors come from the square of A and have lost some digits.
@@ -89,8 +89,7 @@ def svds(
     """
     factors = _Factors(A)
     small = min(factors.shape)
-    if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= small:
-        raise InputError(f"k={k!r}: expected a whole number from 1 to {small}")
+    whole("k", k, 1, small)
     choice("which", which, ("LM", "SM"))
     for name, value in (("ncv", ncv), ("maxiter", maxiter)):
         if value is not None:

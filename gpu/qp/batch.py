@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from gpu.arguments import flag, shown, unmasked
 from gpu.errors import GpuError, InputError
 from gpu.qp.data.qp_problem import QPFactor
 from gpu.qp.data.qp_result import QPResult
 from gpu.qp.solve_qp import solve_qp
+from skfem_adini.ground.arguments import flag, shown, unmasked
 
 
 def batch_solve_qp(

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpu.arguments import unmasked, whole
 from gpu.arrays.dense import symmetric_product
 from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
@@ -20,6 +19,7 @@ from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem, power_of_
 from gpu.qp.data.qp_result import QPResult, Status, boxes_only
 from gpu.qp.interior_point.equilibrate import largest_side
 from gpu.qp.interior_point.presolve import ACTIVITY_ROUNDING, nonempty
+from skfem_adini.ground.arguments import unmasked, whole
 
 logger = logging.getLogger(__name__)
 # Relative to the diagonal of P: enough for a Cholesky factor, tiny beside the curvature.

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arguments import choice
 from gpu.arrays.namespace import to_host
 from gpu.errors import GpuError, InputError, NotConverged, NotSupported, RiccatiError
 from gpu.riccati.lqr_result import LQRResult, certified, in_given_units
@@ -21,6 +20,7 @@ from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.problem.units import in_moderate_units
 from gpu.riccati.proof.closed_loop import ALL_POLES
 from gpu.riccati.proof.unmovable_modes import explain, named
+from skfem_adini.ground.arguments import choice
 
 # Modules with a function ``solve(problem, **options) -> Found``.
 METHODS = {

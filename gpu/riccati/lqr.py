@@ -9,13 +9,13 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from gpu.arguments import choice, flag
 from gpu.arrays.namespace import to_host
 from gpu.errors import GpuError, InputError, NotConverged
 from gpu.riccati.choice import solve_problem
 from gpu.riccati.lqr_result import LQRResult
 from gpu.riccati.problem.lqr_problem import LQRProblem, check_lqr, columns, numbers
 from gpu.riccati.problem.state_matrix import stored
+from skfem_adini.ground.arguments import choice, flag
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")

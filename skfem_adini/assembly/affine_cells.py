@@ -25,11 +25,11 @@ from scipy import sparse
 from skfem import CellBasis, ElementH1, ElementVector
 from skfem.mapping import MappingAffine
 
-from skfem_adini.arguments.real_numbers import real_array
 from skfem_adini.assembly import affine_kernels
 from skfem_adini.assembly.csr_scatter import index_type, row_kernel
 from skfem_adini.assembly.row_shares import in_threads, shares_of
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import real_part
 from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]
@@ -149,7 +149,7 @@ class AffineCells:
     def _geometry(self, tensor: Array) -> Array:
         """Return G, shape (cells, k, k, dim, dim)."""
         k, (cells, dim, _) = self.components, self.inverse.shape
-        tensor = real_array("tensor", tensor)
+        tensor = real_part("tensor", tensor)
         if tensor.shape not in ((k, dim, k, dim), (k, dim, k, dim, cells)):
             raise InputError(
                 f"tensor: expected shape {(k, dim, k, dim)} or {(k, dim, k, dim, cells)}, got "

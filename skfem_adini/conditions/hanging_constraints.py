@@ -10,12 +10,12 @@ import numpy as np
 import scipy
 import scipy.sparse as sp
 
-from skfem_adini.arguments.finite_numbers import finite_numbers
 from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices, refuse_periodic
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, derivatives
 from skfem_adini.elements.vertex_dofs import full_name, scalar_element, vertex_dofs
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import finite_numbers
 
 _ON_EDGE = 1e-9  # in lengths of an edge: a vertex nearer to the edge, or to its end, lies on it
 _SQUARINGS = 60  # each doubles the number of levels of hanging edges that are resolved

@@ -11,12 +11,12 @@ from skfem import BilinearForm, Dofs, InteriorFacetBasis, asm
 from skfem.element import DiscreteField, ElementVector
 from skfem.helpers import dot
 
-from skfem_adini.arguments.positive_number import positive_number
 from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.curved.unresolved_features import warn_of_unresolved_features
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.vertex_dofs import full_name
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import positive_number
 
 _MASS_SHARE = 1e-3  # weight gamma of a mass matrix over that of a stiffness matrix
 # Highest derivative whose jump is penalised: functions are cubics across an edge.

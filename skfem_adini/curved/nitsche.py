@@ -13,8 +13,6 @@ from skfem import Basis, BilinearForm, CellBasis, FacetBasis, LinearForm
 from skfem.element import DiscreteField, ElementVector
 from skfem.helpers import div, dot, grad, mul, sym_grad
 
-from skfem_adini.arguments.pointwise_function import pointwise
-from skfem_adini.arguments.positive_number import positive_number
 from skfem_adini.conditions.boundary_edges import Value, sample
 from skfem_adini.curved.adini_extension import AdiniExtension
 from skfem_adini.curved.boundary_basis import BoundaryBasis
@@ -22,6 +20,7 @@ from skfem_adini.curved.trace_inequality import trace_constants
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.vertex_dofs import scalar_element
 from skfem_adini.errors import InputError, UnresolvedWarning
+from skfem_adini.ground.arguments import pointwise, positive_number
 
 Array = NDArray[np.float64]
 Coefficient = float | Callable[[Array], Any]

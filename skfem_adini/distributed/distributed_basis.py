@@ -13,12 +13,12 @@ from skfem import Basis, Mesh
 from skfem.assembly import Dofs
 from skfem.element import Element
 
-from skfem_adini.arguments.kept_functions import without_functions
 from skfem_adini.assembly.assemble import assemble
 from skfem_adini.distributed.communicator import Communicator, total, world
 from skfem_adini.distributed.distributed_matrix import DistributedMatrix
 from skfem_adini.distributed.pieces import Piece, TensorGrid, own_piece, strip_of, whole_mesh
 from skfem_adini.errors import InputError
+from skfem_adini.kept_functions import without_functions
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

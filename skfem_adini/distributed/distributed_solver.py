@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from skfem_adini.arguments.dof_numbers import dof_numbers
 from skfem_adini.distributed.communicator import any_of, has_petsc, largest, petsc
 from skfem_adini.distributed.distributed_matrix import DistributedMatrix, to_petsc
 from skfem_adini.distributed.krylov_options import precondition
 from skfem_adini.distributed.smooth_modes import smooth_modes
 from skfem_adini.errors import InputError, NotConverged
+from skfem_adini.ground.arguments import dof_numbers
 from skfem_adini.solvers.factorize import factorize
 
 Array = NDArray[np.float64]

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skfem_adini.arguments.dof_numbers import dof_numbers
 from skfem_adini.distributed.communicator import INSTALLING, any_of, petsc, total
 from skfem_adini.distributed.distributed_matrix import DistributedMatrix, to_petsc
 from skfem_adini.errors import InputError, MissingDependency, NotConverged
+from skfem_adini.ground.arguments import dof_numbers
 from skfem_adini.solvers.lowest_eigenpairs import lowest_eigenpairs as on_one_process
 from skfem_adini.solvers.lowest_eigenpairs import warn_of_negative
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from skfem import Mesh, MeshHex, MeshQuad
 
-from skfem_adini.arguments.finite_numbers import finite_numbers
 from skfem_adini.distributed.communicator import Communicator
 from skfem_adini.distributed.partition import partition
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import finite_numbers
 
 Indices = NDArray[np.int64]
 

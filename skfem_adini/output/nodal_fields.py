@@ -8,9 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skfem_adini.arguments.finite_numbers import finite_numbers
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import finite_numbers
 
 Array = NDArray[np.float64]
 

@@ -28,6 +28,7 @@ from skfem_adini.elements.element_hex_adini import ElementHexAdini
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.element_quad_bfs import ElementQuadBFS
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import whole
 
 Array = NDArray[np.float64]
 
@@ -103,9 +104,7 @@ def lagrange_pattern(refdom: Any, degree: int) -> CellPattern | None:
 def linear_pattern(refdom: Any, steps: int) -> CellPattern:
     """Return linear cells that divide each edge into `steps` intervals, a power of two for
     simplices."""
-    if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
-        raise InputError(f"subdivide: expected a positive whole number, got {steps!r}")
-    steps = int(steps)
+    steps = whole("subdivide", steps, 1)
     if refdom in (RefTri, RefTet):
         if steps & (steps - 1):
             raise InputError(f"subdivide: simplices need a power of two, got {steps}")

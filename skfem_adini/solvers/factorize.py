@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from skfem_adini.arguments.real_numbers import real_array, real_matrix
 from skfem_adini.errors import InputError, MissingDependency, SolverError
+from skfem_adini.ground.arguments import real_matrix, real_part
 from skfem_adini.solvers.cudss import Cudss
 from skfem_adini.solvers.multigrid import Multigrid, NearNullSpace
 from skfem_adini.solvers.pardiso import DEFINITE, INDEFINITE, Pardiso, has_pardiso
@@ -275,7 +275,7 @@ class _Scaled:
         b = np.asarray(b)
         if np.iscomplexobj(b):
             return np.asarray(self.solve(b.real) + 1j * self.solve(b.imag))
-        b = real_array("b", b)
+        b = real_part("b", b)
         if b.ndim not in (1, 2) or len(b) != len(self._scale):
             raise InputError(f"b: expected {len(self._scale)} rows, got shape {b.shape}")
         if not np.isfinite(b).all():

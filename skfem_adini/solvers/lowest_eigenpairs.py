@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from skfem_adini.arguments.dof_numbers import dof_numbers
-from skfem_adini.arguments.real_numbers import real_matrix
 from skfem_adini.errors import IndefiniteWarning, InputError, NotConverged
+from skfem_adini.ground.arguments import dof_numbers, real_matrix
 from skfem_adini.solvers.factorize import Factorization, Solver, factorize, require_definite
 
 Array = NDArray[np.float64]

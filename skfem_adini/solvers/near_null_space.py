@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_adini.arguments.finite_numbers import finite_numbers
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import finite_numbers
 from skfem_adini.solvers.factorize import factorize
 from skfem_adini.solvers.multigrid import NearNullSpace
 

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from skfem import CellBasis, ElementVector
 
-from skfem_adini.arguments.dof_numbers import dof_numbers
-from skfem_adini.arguments.real_numbers import real_array
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import dof_numbers, real_part
 from skfem_adini.solvers.exact_matrices import exact_matrix
 
 Array = NDArray[np.float64]
@@ -111,7 +110,7 @@ def refine_eigenpair(
         raise InputError(f"basis: expected a skfem.Basis of cells, got {type(basis).__name__}")
     if not (isinstance(tol, Real) and float(tol) > 0):
         raise InputError(f"tol: expected a positive number, got {tol!r}")
-    x = real_array("x", x)
+    x = real_part("x", x)
     if x.shape != (basis.N,) or not np.isfinite(x).all() or not x.any():
         raise InputError(f"x: expected a finite vector of shape ({basis.N},) that is not zero")
     dim = basis.mesh.dim()

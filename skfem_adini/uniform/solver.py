@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from skfem_adini.arguments.dof_numbers import dof_numbers
-from skfem_adini.arguments.real_numbers import real_array
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import dof_numbers, real_part
 from skfem_adini.uniform.symbols import continuous_eigenvalue, extended_eigenvalue
 from skfem_adini.uniform.transforms import BlockDiagonalGrid
 
@@ -203,7 +202,7 @@ class UniformSolver:
         InputError
             Another shape, or no real numbers.
         """
-        x = real_array("x", x)
+        x = real_part("x", x)
         if x.shape != (self.size,):
             raise InputError(f"x: expected shape ({self.size},), got {x.shape}")
         return np.moveaxis(x.reshape(self._nodes.size, -1)[self._nodes], -1, 0)
@@ -226,7 +225,7 @@ class UniformSolver:
         InputError
             Another shape, or no real numbers.
         """
-        values = real_array("values", values)
+        values = real_part("values", values)
         if values.shape != self._blocks.shape:
             raise InputError(f"values: expected shape {self._blocks.shape}, got {values.shape}")
         x = np.empty((self._nodes.size, len(values)))

@@ -12,7 +12,8 @@ from skfem import MeshQuad
 from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.elasticity import lame
 from contact.body.material import checked_plane
-from contact.errors import InputError, numbers
+from contact.errors import InputError
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 PER_NODE = 6  # u, v, u_x, v_x, u_y, v_y

@@ -17,8 +17,9 @@ from contact.body.layers.layers import (
     refuse_rings,
 )
 from contact.body.layers.meshed_layers import SIDES, meshed, supported
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from skfem_adini import ElementQuadAdini
+from skfem_adini.ground.arguments import numbers
 
 
 class MeshedBlock(ElasticBody):

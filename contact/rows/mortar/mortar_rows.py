@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from contact.body.elastic_body import ElasticBody
-from contact.errors import InputError, evaluated
+from contact.errors import InputError
 from contact.rows.functionals import facet_functional
 from contact.rows.mortar.facet_curves import FacetCurves
 from contact.rows.mortar.facet_trace import facet_trace
@@ -21,6 +21,7 @@ from contact.rows.mortar.positive_basis import PositiveBasis
 from contact.rows.mortar.segments import interface_quadrature, opposite
 from contact.rows.mortar.solid_interface import SolidInterface
 from contact.rows.outline import Outline
+from skfem_adini.ground.arguments import evaluated
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

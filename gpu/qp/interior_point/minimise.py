@@ -88,8 +88,8 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
 @np.errstate(all="ignore")  # what overflows shows in the residuals
 def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = True) -> Point:
     """The solution, with residuals of at most `tol` and polished to the accuracy of the arithmetic,
-    else raise `Infeasible`, `Unbounded` or `NotConverged`. `solver` of sparse systems: "auto", "pardiso"
-    or "superlu". Without `proofs` the best point is returned, whatever its residuals."""
+    else raise `Infeasible`, `Unbounded` or `NotConverged`. `solver` of sparse systems: "auto",
+    "pardiso" or "superlu". Without `proofs` the best point is returned, whatever its residuals."""
     if not bool(p.q.any()):
         nothing = certified(p, p.xp.zeros_like(p.q), p.xp.zeros_like(p.row_low))
         if nothing.residuals.worst == 0.0:

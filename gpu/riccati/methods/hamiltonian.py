@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arguments import choice
 from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.krylov.krylov_schur import krylov_schur
 from gpu.eigenvalues.krylov.restart import Limits, Wanted
@@ -20,6 +19,7 @@ from gpu.riccati.problem.cross_term import without_cross_term
 from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, factor
 from gpu.riccati.problem.weights import Weight
+from skfem_adini.ground.arguments import choice, whole
 
 PI = ("printed", "symmetric")
 STARTS = ("random", "inputs")
@@ -52,8 +52,7 @@ def solve(
     choice("pi", pi, PI)
     default = "random" if pi == "printed" else "inputs"
     start = default if start is None else choice("start", start, STARTS)
-    if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or modes < 2:
-        raise InputError(f"modes={modes!r}: expected a whole number from 2")
+    whole("modes", modes, 2)
     if inner is not None and pi != "printed":
         raise InputError('inner: only pi="printed" has an inner product')
     if state.E is not None and factor(state.E) is None:

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skfem_adini.arguments.finite_numbers import finite_numbers
 from skfem_adini.curved.quadrature.level_set import LevelSet, TruthTable, as_level_set
 from skfem_adini.curved.quadrature.polygon import Polygon, cut_polygon
 from skfem_adini.curved.quadrature.polynomial_boxes import AccurateBoxes, accurate_boxes
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import finite_numbers
 from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem.assembly.basis.abstract_basis import AbstractBasis
 
-from skfem_adini.arguments.finite_numbers import finite_numbers
 from skfem_adini.curved.quadrature.polygon import Polygon
 from skfem_adini.elements.reference_points import reference_points
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import finite_numbers
 
 Array = NDArray[np.float64]
 
