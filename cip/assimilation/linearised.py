@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator
 from cip.assimilation.covariance import Covariance
 from cip.assimilation.sensors import Reports
 from cip.sensitivities.window import Window
-from cip.stages.state import on_host
+from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Readings:
 
     def of(self, state: Any) -> Array:
         """The reports, shape (m,), from all moments of a state."""
-        return np.asarray(self._rows @ on_host(state[self._read]))
+        return np.asarray(self._rows @ host(state[self._read]))
 
     def add_to(self, weight: Any, reports: Array) -> None:
         """Add the transpose of `of` to the weights of all moments."""
@@ -142,8 +142,8 @@ class Linearised:
                 break
             error = self._errors[k - 1]
             if error is not None:
-                found[self._layout.errors[k - 1]] = error.root.rmatvec(on_host(back))
+                found[self._layout.errors[k - 1]] = error.root.rmatvec(host(back))
             back = self._xp.asarray(self._runs[k - 1].rmatvec(back))
-        found[self._layout.background] = self._background.root.rmatvec(on_host(back))
+        found[self._layout.background] = self._background.root.rmatvec(host(back))
         found[self._layout.parameters] = self.by_parameters.T @ weights
         return found

@@ -17,8 +17,9 @@ from cip.inverse.observations import Data
 from cip.inverse.roughness import ORDERS, Roughness, field, field_slopes
 from cip.inverse.weight import Linearised, by_discrepancy, by_l_curve
 from cip.solver.solver import Solver
-from cip.stages.state import State, on_host
+from cip.stages.state import State
 from skfem_adini.ground.arguments import real_array, real_number
+from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
 
@@ -209,7 +210,7 @@ class Prediction:
         for operator, run in zip(self._data.operators, runs, strict=True):
             tangent, columns = solver.tangent(run), np.vstack([change, given]).T
             moved = [tangent.matvec(solver._kernels.xp.asarray(column)) for column in columns]
-            change = np.stack([on_host(one) for one in moved], axis=1)
+            change = np.stack([host(one) for one in moved], axis=1)
             found.append(operator @ change)
         return np.concatenate(found)
 

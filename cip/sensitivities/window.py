@@ -30,7 +30,8 @@ from cip.sensitivities.path_tangent import PathTangent
 from cip.sensitivities.wall_derivatives import WallDerivatives
 from cip.sources.half_step import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
-from cip.stages.state import State, on_host, state_of
+from cip.stages.state import State, state_of
+from skfem_adini.ground.arrays import host
 
 Array = Any  # arrays of NumPy or CuPy
 # Most bytes of a window's states by default: with checkpoints another run is needed, a quarter of a
@@ -175,7 +176,7 @@ class Window:
         x = self._given(x)
         state, size = self._start, self._start.data.size
         change = state_of(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
-        given = on_host(x[size:])
+        given = host(x[size:])
         varies = self._varies and given.any()
         known: dict[Any, Array] = {}
         for n in range(len(self._moves)):
@@ -301,7 +302,7 @@ class Window:
             if columns and feet.bounded and not held:
                 for wall in self._walls(n):
                     own = weight.ravel()[xp.asarray(wall.places)]
-                    found[columns] += wall.values @ on_host(own)
+                    found[columns] += wall.values @ host(own)
             for correction in stage.corrections(feet):
                 if not correction.add:
                     weight.reshape(-1)[xp.asarray(correction.places)] = 0.0

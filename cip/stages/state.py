@@ -17,6 +17,7 @@ from cip.formulas.formula import Formula, spline
 from cip.grid import Grid, node_name
 from cip.profiles.catalogue import Moment, moments
 from skfem_adini.ground.arguments import real_number
+from skfem_adini.ground.arrays import host
 
 Array = NDArray[Any]
 # Gauss points per cell and direction for means: exact for polynomials of degree 7.
@@ -168,7 +169,7 @@ class State:
         """
         if isinstance(self.data, np.ndarray):
             return self
-        return state_of(self.grid, self.profile, on_host(self.data), self.t, self._bounded)
+        return state_of(self.grid, self.profile, host(self.data), self.t, self._bounded)
 
     def check(self, name: str = "state") -> None:
         """Raise `InputError` unless the moments are real, finite and of the right shape.
@@ -271,14 +272,8 @@ def _real(dtype: DTypeLike) -> np.dtype[Any]:
     return kind
 
 
-def on_host(values: Any) -> Array:
-    """An array of NumPy, from one of NumPy or CuPy."""
-    found: Array = values if isinstance(values, np.ndarray) else values.get()
-    return found
-
-
 def _sum(values: Any, weights: Array) -> float:
-    return float(np.sum(on_host(values) * weights, dtype=np.float64))
+    return float(np.sum(host(values) * weights, dtype=np.float64))
 
 
 @cache

@@ -6,17 +6,16 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from scipy.linalg.blas import dgemm, dsyrk, dtrsm
-from scipy.linalg.lapack import dgesv, dpotrf
+from scipy.linalg.blas import dgemm, dsyrk
+from scipy.linalg.lapack import dgesv
 
 from contact.arrays.sparse_rows import DeviceRows, SparseRows
 from contact.errors import InputError, MissingDependency
+from skfem_adini.ground.arrays import cholesky, lower_solve
 
 
 class HostArrays:
-    """NumPy arrays in column-major order, SciPy's BLAS.
-    NumPy has its own BLAS; calls that alternate between both make their threads wait for each
-    other."""
+    """NumPy arrays in column-major order, SciPy's BLAS (see `ground.arrays`)."""
 
     xp: Any = np
 
@@ -51,18 +50,11 @@ class HostArrays:
     def cholesky(self, A: Any) -> Any:
         """Lower factor of a symmetric A, which is overwritten; the upper triangle is undefined.
         Raises LinAlgError if a pivot is not positive."""
-        if not A.size:
-            return A
-        L, info = dpotrf(A, lower=1, clean=0, overwrite_a=1)
-        if info:
-            raise np.linalg.LinAlgError(f"leading minor {info} is not positive")
-        return L
+        return cholesky(A)
 
     def solve(self, L: Any, B: Any, transposed: bool = False) -> Any:
         """Solve ``L X = B`` or ``L^T X = B`` for a matrix B, which is overwritten if it can be."""
-        if not B.size:
-            return B
-        return dtrsm(1.0, L, B, side=0, lower=1, trans_a=int(transposed), overwrite_b=1)
+        return lower_solve(L, B, transposed, overwrite=True)
 
     def product(self, A: Any, B: Any, transposed: bool = False) -> Any:
         """``A B`` or ``A^T B`` for column-major matrices."""

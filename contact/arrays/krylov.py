@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.arrays.namespace import host, namespace
+from skfem_adini.ground.arrays import host, namespace
 
 Operator = Callable[[Any], Any]
 _ROWS = 8  # vectors of the basis multiplied at once

@@ -13,6 +13,7 @@ from scipy import sparse
 from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import ForwardCache, Vector, not_definite
 from contact.errors import InputError, MissingDependency
+from skfem_adini.ground.arrays import host
 from skfem_adini.solvers.cudss_library import (
     SolverError,
     device_arrays,
@@ -54,7 +55,7 @@ class DeviceSchur(ForwardCache):
     def reduce(self, load: Any) -> Vector:
         """Reduce a load, on host or device, to the boundary: f_b - S_bI S_II^-1 f_I."""
         carried = self._forward(load)[load.size - self._boundary.size :]
-        return np.array(self._cudss.on_host(carried))
+        return np.array(host(carried))
 
     def expand(self, load: Any, z_b: Vector) -> Any:
         """Return all unknowns from the boundary's, where the load lies."""
@@ -62,7 +63,7 @@ class DeviceSchur(ForwardCache):
         halfway[load.size - z_b.size :] = given
         z = self._cudss.backward(halfway)
         z[self._boundary] = given
-        return self._cudss.on_host(z) if isinstance(load, np.ndarray) else z
+        return host(z) if isinstance(load, np.ndarray) else z
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the eliminated loads, which are in the order of these factors."""

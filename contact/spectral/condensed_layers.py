@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.arrays.namespace import namespace
 from contact.body.elastic_body import ElasticBody
 from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import Stack, real_slab
 from contact.spectral.wave_cells import Column, cell_table, functions, parities
 from contact.spectral.wave_condensation import condensed, phases_of
+from skfem_adini.ground.arrays import namespace
 
 Array = NDArray[np.float64]
 _HELD = 1e9  # bytes of slabs inside that are kept, or made for one block of waves at a time

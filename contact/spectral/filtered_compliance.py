@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from contact.arrays.namespace import namespace
 from contact.errors import InputError
 from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.normal_filter import NormalFilter
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.transforms import filtered
+from skfem_adini.ground.arrays import namespace
 
 
 class FilteredCompliance:

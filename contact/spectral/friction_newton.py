@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from contact.arrays.krylov import gmres
-from contact.arrays.namespace import host
 from contact.errors import NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.spectral.grid_problem import Grid, GridProblem, project
+from skfem_adini.ground.arrays import host
 
 _NEAR = 0.1  # residual below which radial return is used, as in `contact.laws.progress`
 _FORCING = 1e-3

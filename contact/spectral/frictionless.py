@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from contact.arrays.namespace import host, namespace
 from contact.errors import Infeasible, NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.spectral.grid_problem import Grid, GridProblem
 from contact.spectral.normal_filter import NormalFilter
+from skfem_adini.ground.arrays import host, namespace
 
 _LOOSEST = 1e-2  # accuracy of conjugate gradients on the first sets
 _COARSE = 0.1  # what may be off on coarser grids

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.arrays.namespace import host
 from contact.laws.friction import UNMOVED
 from contact.portable import carried
 from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
+from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
 

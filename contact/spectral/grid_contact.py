@@ -11,7 +11,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from contact.arrays.namespace import host
 from contact.errors import CHANGED, Infeasible, InputError, LargeMotionWarning, NotConverged, warn
 from contact.laws.iteration import Iteration, Report
 from contact.obstacles.rigid import Rigid
@@ -32,6 +31,7 @@ from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import Grid, GridProblem
 from contact.spectral.grid_result import GridResult, certified
 from skfem_adini.ground.arguments import evaluated, numbers
+from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
 

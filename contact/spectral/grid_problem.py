@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from contact.arrays.namespace import namespace
 from contact.errors import InputError
 from contact.spectral.grid_compliance import GridCompliance
+from skfem_adini.ground.arrays import namespace
 
 Grid = Any  # an array of NumPy or CuPy
 _UNMOVED = 1e-14  # motion over the largest displacement: rounding

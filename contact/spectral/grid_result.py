@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.arrays.namespace import host
 from contact.errors import InputError, NotConverged
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
@@ -20,6 +19,7 @@ from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import Grid, GridProblem, residuals
 from contact.spectral.slices import FieldsInside, image_data
 from contact.spectral.stored_grid import GridState, read, write
+from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
 

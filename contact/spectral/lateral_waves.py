@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.arrays.namespace import namespace
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.transforms import fft_of
+from skfem_adini.ground.arrays import namespace
 
 Grid = Any  # an array of NumPy or CuPy, shape (m, nx[, ny]) or (nx[, ny])
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from contact.arrays.namespace import namespace
 from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.transforms import filtered
+from skfem_adini.ground.arrays import namespace
 
 _FEWEST = 32  # cells of the coarsest grid
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from skfem import MeshHex, MeshQuad
 from skfem.element import Element
 
-from contact.arrays.namespace import host
 from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import adrift, odd_unknowns, read_sides
@@ -33,6 +32,7 @@ from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import cell
 from contact.spectral.wave_cells import parities
 from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
 _AXES = "xyz"

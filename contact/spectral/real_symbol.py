@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from contact.arrays.namespace import namespace
+from skfem_adini.ground.arrays import namespace
 
 _TURNS = np.array([1, 1j, -1, -1j])
 

@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from skfem import MeshHex, MeshQuad
 
-from contact.arrays.namespace import namespace
 from contact.body.elastic_body import ElasticBody
+from skfem_adini.ground.arrays import namespace
 
 Waves = Any  # arrays of NumPy or CuPy, shape (waves, r, r) or (waves, r) with r unknowns a node
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from contact.arrays.namespace import namespace
 from contact.arrays.ranges import cores
+from skfem_adini.ground.arrays import namespace
 
 _THREADED = 1 << 17
 

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.arrays.namespace import namespace
 from contact.body.elastic_body import ElasticBody
+from skfem_adini.ground.arrays import namespace
 
 Array = NDArray[np.float64]
 _STEPS: dict[int, list[tuple[int, ...]]] = {1: [(1,)], 2: [(1, 0), (0, 1), (1, 1), (1, -1)]}

@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from contact.arrays.namespace import namespace
 from contact.arrays.ranges import cores
 from contact.spectral import wave_kernel
 from contact.spectral.wave_cells import Column, functions
+from skfem_adini.ground.arrays import namespace
 
 Waves = Any  # array of NumPy or CuPy, shape (n, n, waves), of which the upper triangle counts
 _NUMBERS = 1 << 20  # in the largest matrices of a block of waves, by CuPy 64 times as many

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.arrays.namespace import host, namespace
 from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.slab_symbols import Slab, joined
+from skfem_adini.ground.arrays import host, namespace
 
 Array = NDArray[np.float64]
 Waves = Any  # arrays of NumPy or CuPy, shape (waves, r, ...)

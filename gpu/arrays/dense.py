@@ -1,9 +1,7 @@
-"""Dense kernels on either side: SciPy's BLAS and LAPACK, or cuBLAS and cuSOLVER.
+"""Dense kernels on either side: SciPy's (see `ground.arrays`), or cuBLAS and cuSOLVER.
 
-NumPy has a BLAS of its own. If calls alternate between the two, their thread pools wait for each
-other, which costs more than a product with a matrix of a thousand rows. On a device the libraries
-are called directly: `cupy.linalg.cholesky` copies the matrix, clears the other triangle and waits
-for the device, which takes twice the time of the factorisation.
+On a device the libraries are called directly: `cupy.linalg.cholesky` copies the matrix, clears the
+other triangle and waits for the device, which takes twice the time of the factorisation.
 """
 
 from __future__ import annotations
@@ -14,10 +12,11 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg.blas import dsymv
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
+from scipy.linalg.lapack import dpotrs
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
 from gpu.cuda.symmetric import SOURCE as SYMMETRIC
+from skfem_adini.ground import arrays
 
 Array = Any  # numpy.ndarray or cupy.ndarray
 # On a device a triangular solve with 2 to FEW_COLUMNS columns goes by blocks of SOLVE_BLOCK rows.
@@ -48,16 +47,14 @@ def cholesky_begun(M: Array) -> tuple[Array, Callable[[], None]]:
     if not M.size:
         return M, lambda: None
     if isinstance(M, np.ndarray):
-        L, minor = dpotrf(M.T, lower=1, clean=0, overwrite_a=1)
-        _positive(minor)
-        return L, lambda: None
+        return arrays.cholesky(M.T), lambda: None
     L, minor = _device_cholesky(M)
-    return L, lambda: _positive(int(minor))
 
+    def check() -> None:
+        if int(minor):
+            raise np.linalg.LinAlgError(f"leading minor {int(minor)} is not positive")
 
-def _positive(minor: int) -> None:
-    if minor:
-        raise np.linalg.LinAlgError(f"leading minor {minor} is not positive")
+    return L, check
 
 
 def cholesky_solve(L: Array, r: Array) -> Array:
@@ -73,7 +70,7 @@ def lower_solve(L: Array, r: Array, transposed: bool = False) -> Array:
         return r
     if not isinstance(L, np.ndarray):
         return _device_lower_solve(L, r, transposed)
-    return dtrtrs(L, r, lower=1, trans=int(transposed))[0]
+    return arrays.lower_solve(L, r, transposed)
 
 
 def _device_cholesky(M: Array) -> tuple[Array, Array]:

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
-from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.iteration_operator import EigenProblem, even_units, shifts, told_apart
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
 from gpu.eigenvalues.krylov.krylov_schur import ROUNDING_RESIDUAL, krylov_schur
@@ -20,6 +19,7 @@ from gpu.eigenvalues.schur.order import ORDERS, best_first, edge_of, rank_of
 from gpu.eigenvalues.schur.ordered_schur import Rank
 from gpu.errors import GpuError, InputError, NotConverged
 from skfem_adini.ground.arguments import choice, flag, is_finite_number, shown, unmasked, whole
+from skfem_adini.ground.arrays import namespace, to_host
 
 logger = logging.getLogger(__name__)
 DENSE = 256  # up to this order all eigenvalues are computed: it is fast, and none can be missed

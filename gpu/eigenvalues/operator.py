@@ -13,11 +13,11 @@ from scipy.linalg.blas import dasum
 from scipy.sparse import linalg as sparse_linalg
 
 from gpu.arrays.device_lu import device_lu
-from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.arrays.sparse_factor import structurally_regular
 from gpu.cuda.modulus import SOURCE as MODULUS
 from gpu.errors import InputError
 from skfem_adini.ground.arguments import unmasked
+from skfem_adini.ground.arrays import cupy, namespace, to_host
 
 MOST_COUNTED = 1 << 30  # most entries for one call: the library counts them in 32 bits
 # Relative to the largest entry of a product: smaller imaginary parts are rounding of zero.

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
 from gpu.eigenvalues.operator import real_products
 from gpu.errors import InputError, NotConverged
 from skfem_adini.ground.arguments import choice, flag, unmasked, whole
+from skfem_adini.ground.arrays import cupy, namespace, to_host
 
 # Largest |A v - s u| and |A^* u - s v| over |A| of a certified triplet: more than rounding, because
 # the vectors come from the square of A and have lost some digits.

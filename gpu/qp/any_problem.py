@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpu.arrays.dense import symmetric_product
-from gpu.arrays.namespace import to_host
 from gpu.errors import InputError, NotConverged
 from gpu.qp.active_set.whitened import WhitenedActiveSet
 from gpu.qp.data.kkt import general_residuals, kkt_residuals
@@ -21,6 +20,7 @@ from gpu.qp.interior_point.extended_precision import PrimalDual
 from gpu.qp.interior_point.minimise import Point, certified, minimise, polished
 from gpu.qp.interior_point.polish import Sides
 from gpu.qp.last_digits import last_digits
+from skfem_adini.ground.arrays import to_host
 
 # Most nonzeros of P and C, in sparse and in dense storage, for absolute residuals: they take a few
 # sparse factorisations.

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpu.arrays.dense import symmetric_product
-from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.active_set.box import ActiveSet, BoxQP
 from gpu.qp.any_problem import solve_any_problem
@@ -20,6 +19,7 @@ from gpu.qp.data.qp_result import QPResult, Status, boxes_only
 from gpu.qp.interior_point.equilibrate import largest_side
 from gpu.qp.interior_point.presolve import ACTIVITY_ROUNDING, nonempty
 from skfem_adini.ground.arguments import unmasked, whole
+from skfem_adini.ground.arrays import namespace, to_host
 
 logger = logging.getLogger(__name__)
 # Relative to the diagonal of P: enough for a Cholesky factor, tiny beside the curvature.

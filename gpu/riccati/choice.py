@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arrays.namespace import to_host
 from gpu.errors import GpuError, InputError, NotConverged, NotSupported, RiccatiError
 from gpu.riccati.lqr_result import LQRResult, certified, in_given_units
 from gpu.riccati.methods.reduced import reduced
@@ -21,6 +20,7 @@ from gpu.riccati.problem.units import in_moderate_units
 from gpu.riccati.proof.closed_loop import ALL_POLES
 from gpu.riccati.proof.unmovable_modes import explain, named
 from skfem_adini.ground.arguments import choice
+from skfem_adini.ground.arrays import to_host
 
 # Modules with a function ``solve(problem, **options) -> Found``.
 METHODS = {

@@ -9,13 +9,13 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from gpu.arrays.namespace import to_host
 from gpu.errors import GpuError, InputError, NotConverged
 from gpu.riccati.choice import solve_problem
 from gpu.riccati.lqr_result import LQRResult
 from gpu.riccati.problem.lqr_problem import LQRProblem, check_lqr, columns, numbers
 from gpu.riccati.problem.state_matrix import stored
 from skfem_adini.ground.arguments import choice, flag
+from skfem_adini.ground.arrays import to_host
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -340,7 +340,7 @@ def _noise_factor(W: Any, G: Any, factored: bool) -> Any:
     if values[0] < -1e-12 * q * max(values[-1], 0.0):
         raise InputError(f"W is not positive semidefinite: an eigenvalue is {values[0]:.3g}")
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    from gpu.arrays.namespace import namespace
+    from skfem_adini.ground.arrays import namespace
 
     return namespace(G).asarray(root)
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arrays.namespace import namespace
 from gpu.errors import GpuError, InputError, NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found, LowRankValue
@@ -16,6 +15,7 @@ from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.units import in_moderate_units, power_of_two
 from gpu.riccati.proof.closed_loop import ALL_POLES, dense_loop, nearest_poles, unstable_pole
 from gpu.riccati.proof.refinement import judge
+from skfem_adini.ground.arrays import namespace
 
 LEAST = 2.0**-1000  # numbers below are about to lose digits
 PROVED = 600  # up to this order all poles are computed although stability is proved without

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from skfem_adini.errors import AdiniError, InputError
+from skfem_adini.ground.arrays import host
 from skfem_adini.solvers.cudss_handles import CudssHandles, on_device, permutation
 from skfem_adini.solvers.cudss_library import (
     chosen_devices,
@@ -165,11 +166,6 @@ class CudssMatrix:
         """Return an array of the device, or a copy there of one on the host."""
         return self._cudss.xp.asarray(array)
 
-    @staticmethod
-    def on_host(array: Any) -> Any:
-        """Return an array of the host, or a copy there of one on a device."""
-        return array.get() if hasattr(array, "get") else array
-
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the matrix: a copy factors it again."""
         return type(self), self._given
@@ -213,7 +209,7 @@ class Cudss(CudssMatrix):
                 whole = xp.zeros((len(part), self._n))
                 whole[:, chosen] = part
                 x = self._corrected(whole, _CORRECTIONS if corrected else 0)
-                found[:, i : i + _TOGETHER] = self.on_host(x[:, chosen]).T
+                found[:, i : i + _TOGETHER] = host(x[:, chosen]).T
         return found.reshape(loads.shape)
 
     def _solutions(self, b: Array, corrections: int) -> Array:
@@ -223,7 +219,7 @@ class Cudss(CudssMatrix):
         with self._factors():
             for i in range(0, loads.shape[1], _TOGETHER):
                 some = xp.asarray(np.ascontiguousarray(loads[:, i : i + _TOGETHER].T))
-                found[i : i + _TOGETHER] = self.on_host(self._corrected(some, corrections))
+                found[i : i + _TOGETHER] = host(self._corrected(some, corrections))
         return np.ascontiguousarray(found.T).reshape(b.shape)
 
     def _corrected(self, loads: Any, corrections: int) -> Any:

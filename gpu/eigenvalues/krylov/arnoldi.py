@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg.blas import dtrsm
 
-from gpu.arrays.namespace import to_host
+from skfem_adini.ground.arrays import to_host
 
 ONE_LAUNCH = 10_000  # up to this order a sweep in one launch is faster than library products
 TINY = np.finfo(float).tiny  # avoids division by zero where a norm is zero

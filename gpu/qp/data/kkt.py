@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays.dense import symmetric_product
-from gpu.arrays.namespace import namespace
 from gpu.qp.data.qp_problem import QPProblem
 from gpu.qp.data.standard_qp import Residuals, StandardQP, largest, one_sided, residuals
+from skfem_adini.ground.arrays import namespace
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from gpu.arrays.dense import cholesky, scaled_symmetric, symmetric_and_finite
-from gpu.arrays.namespace import cupy, namespace
 from gpu.arrays.sparse_factor import is_positive_definite
 from gpu.errors import InputError, NotSupported
 from gpu.qp.data.standard_qp import StandardQP, is_sparse
 from skfem_adini.ground.arguments import flag, unmasked
+from skfem_adini.ground.arrays import cupy, namespace
 
 # Largest |P_ij - P_ji| / sqrt(P_ii P_jj) that is taken for rounding of whoever computed P.
 HESSIAN_ASYMMETRY = 1e-10

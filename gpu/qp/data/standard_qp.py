@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from gpu.arrays.namespace import namespace, to_host
+from skfem_adini.ground.arrays import namespace, to_host
 
 Array = Any  # numpy.ndarray or cupy.ndarray
 Matrix = Any  # the same, or a SciPy sparse array

@@ -8,7 +8,6 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arrays.denormals import filled
-from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found
@@ -18,6 +17,7 @@ from gpu.riccati.problem.standard_form import DenseProblem, scaled_hamiltonian
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.lyapunov import cayley_shift
 from gpu.riccati.proof.refinement import finished, refine
+from skfem_adini.ground.arrays import namespace, to_host
 
 ITERATIONS = 60  # doublings: 2^60 steps of the transformed loop
 BEST_SHIFT = 100  # up to this order the shift is chosen from all eigenvalues of the Hamiltonian

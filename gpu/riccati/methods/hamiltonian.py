@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.krylov.krylov_schur import krylov_schur
 from gpu.eigenvalues.krylov.restart import Limits, Wanted
 from gpu.eigenvalues.schur.order import best_first
@@ -20,6 +19,7 @@ from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, factor
 from gpu.riccati.problem.weights import Weight
 from skfem_adini.ground.arguments import choice, whole
+from skfem_adini.ground.arrays import namespace, to_host
 
 PI = ("printed", "symmetric")
 STARTS = ("random", "inputs")

@@ -8,11 +8,11 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
-from gpu.arrays.namespace import to_host
 from gpu.errors import InputError, RiccatiError
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, as_sparse, factor, vanishing
 from gpu.riccati.problem.weights import Weight, scaled_input
 from skfem_adini.ground.arguments import is_finite_number
+from skfem_adini.ground.arrays import to_host
 
 # Relative residuals of the inverse: above the first, refine by two more solves; above the second,
 # factor the whole Hamiltonian; above the third, report a mode at zero that no feedback moves; above

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.schur.ordered_schur import ordered_schur
 from gpu.errors import InputError, NotConverged, NotSupported
 from gpu.riccati.problem.candidate import Found
@@ -16,6 +15,7 @@ from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.closed_loop import ALL_POLES, DenseLoop
 from gpu.riccati.proof.lyapunov import lyapunov_solver
 from gpu.riccati.proof.refinement import finished, refine
+from skfem_adini.ground.arrays import namespace, to_host
 
 
 def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: float = 1e-12) -> Found:

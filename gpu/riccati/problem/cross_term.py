@@ -13,7 +13,6 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse.linalg import LinearOperator
 
-from gpu.arrays.namespace import to_host
 from gpu.errors import InputError, NotSupported
 from gpu.riccati.problem.lqr_problem import (
     NOT_SEMIDEFINITE,
@@ -30,6 +29,7 @@ from gpu.riccati.problem.state_matrix import (
     woodbury,
 )
 from gpu.riccati.problem.weights import Weight, low_rank_factor
+from skfem_adini.ground.arrays import to_host
 
 # Relative: rounding of the part of N outside the range of Q, and of a negative joint weight.
 OUTSIDE_RANGE = 1e-9

@@ -10,13 +10,13 @@ import numpy as np
 from scipy import linalg, sparse
 
 from gpu.arrays.device_lu import device_solver
-from gpu.arrays.namespace import namespace, to_host
 from gpu.arrays.sparse_factor import is_positive_definite, structurally_regular
 from gpu.errors import InputError
 from gpu.riccati.problem.standard_form import DenseProblem, balance
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.riccati.problem.weights import Weight
 from skfem_adini.ground.arguments import is_finite_number, shown, unmasked
+from skfem_adini.ground.arrays import namespace, to_host
 
 # Asymmetry of R or Q, relative to the largest entry, that counts as rounding.
 WEIGHT_ASYMMETRY = 1e-12

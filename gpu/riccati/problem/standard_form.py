@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from gpu.arrays.namespace import namespace
+from skfem_adini.ground.arrays import namespace
 
 
 class DenseProblem(NamedTuple):

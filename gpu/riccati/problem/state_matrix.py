@@ -11,10 +11,10 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
 from gpu.arrays.device_lu import device_lu
-from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.arrays.sparse_factor import structurally_regular
 from gpu.errors import InputError
 from skfem_adini.ground.arguments import unmasked
+from skfem_adini.ground.arrays import cupy, namespace, to_host
 
 EPS = float(np.finfo(float).eps)
 

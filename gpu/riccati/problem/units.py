@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays.namespace import namespace
 from gpu.riccati.problem.lqr_problem import FactoredWeight, LQRProblem
 from gpu.riccati.problem.state_matrix import StateMatrix
 from gpu.riccati.problem.weights import Weight
+from skfem_adini.ground.arrays import namespace
 
 # Largest exponent of two of a moderate number: its square is far from overflow and underflow.
 MODERATE = 150

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import InputError
 from gpu.riccati.problem.state_matrix import StateMatrix, stored, symmetric, times
 from skfem_adini.ground.arguments import is_finite_number
+from skfem_adini.ground.arrays import namespace, to_host
 
 LOW_RANK = 64  # up to so many rows of a factor of Q the value is computed as a low-rank matrix
 

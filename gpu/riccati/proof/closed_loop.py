@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays.dense import cholesky
-from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import GpuError, NotConverged
 from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.standard_form import DenseProblem
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix
 from gpu.riccati.proof.lyapunov import SCHUR, LyapunovSolver, cayley_shift, lyapunov_solver
+from skfem_adini.ground.arrays import namespace, to_host
 
 ALL_POLES = 1500  # up to this order all poles are computed
 FEW_POLES = 12  # nearest to zero, where not all are computed

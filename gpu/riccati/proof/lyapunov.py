@@ -10,10 +10,10 @@ from scipy import linalg
 
 from gpu.arrays.denormals import filled
 from gpu.arrays.device_lu import device_solver
-from gpu.arrays.namespace import namespace
 from gpu.eigenvalues.schur.ordered_schur import eigenvalues_of
 from gpu.riccati.problem.lqr_problem import solve
 from gpu.riccati.problem.state_matrix import EPS
+from skfem_adini.ground.arrays import namespace
 
 SCHUR = 600  # up to this order the Schur form on the host is the quicker way
 SQUARINGS = 60  # 2^60 steps of Smith's series: a loop that needs more is stable by rounding alone

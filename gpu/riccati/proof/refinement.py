@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gpu.arrays.namespace import to_host
 from gpu.riccati.problem.candidate import Found
 from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.closed_loop import DenseLoop, closed_loop_of
+from skfem_adini.ground.arrays import to_host
 
 # Largest relative residual, in balanced units, that is certified.
 RESIDUAL = 1e-9

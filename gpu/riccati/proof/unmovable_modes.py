@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays.namespace import to_host
 from gpu.errors import InputError, RiccatiError
 from gpu.riccati.problem.lqr_problem import LQRProblem, solve
 from gpu.riccati.problem.standard_form import DenseProblem, balance
 from gpu.riccati.problem.state_matrix import EPS
+from skfem_adini.ground.arrays import to_host
 
 EXAMINED = 1500  # up to this order modes are examined
 WORST = 24  # how many modes, beginning with the least stable

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays.namespace import to_host
 from gpu.errors import RiccatiError
 from gpu.riccati.problem.lqr_problem import LQRProblem
+from skfem_adini.ground.arrays import to_host
 
 
 @dataclass(frozen=True)

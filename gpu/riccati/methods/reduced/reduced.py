@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
 from gpu.riccati.methods.hamiltonian import low_rank_value
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
@@ -20,6 +19,7 @@ from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, factor, stored, symmetric
 from gpu.riccati.problem.weights import Weight, low_rank_factor
 from skfem_adini.ground.arguments import choice
+from skfem_adini.ground.arrays import namespace, to_host
 
 COMPRESSIONS = ("galerkin", "printed")
 START = 8  # blocks in the basis before the first Newton step

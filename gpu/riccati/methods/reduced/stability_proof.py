@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arrays.namespace import to_host
 from gpu.arrays.sparse_factor import SuperLUFactor
 from gpu.riccati.methods.reduced.galerkin_riccati import Projected
 from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.state_matrix import EPS, Factors, factor, sparse_of, vanishing
+from skfem_adini.ground.arrays import to_host
 
 # Required least eigenvalue of the matrix that must be definite, scaled so that for the exact
 # solution it is at least one: far above rounding.
