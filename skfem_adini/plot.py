@@ -12,8 +12,9 @@ from skfem.refdom import RefQuad
 from skfem_adini.curved.adini_extension import AdiniExtension
 from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.elements.vertex_dofs import scalar_element
-from skfem_adini.errors import InputError, MissingDependency
+from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import finite_numbers
+from skfem_adini.ground.errors import optional
 
 _SURFACE_POINTS = 25  # points of a surface in each direction: a cubic looks smooth
 _LATTICE = 6  # points of a cell in each direction between which a field is drawn linearly
@@ -165,13 +166,7 @@ def _grouped_dofs(basis: Any) -> tuple[list[str], Any]:
 
 
 def _pyplot() -> Any:
-    try:
-        import matplotlib.pyplot as plt
-    except ImportError as error:
-        raise MissingDependency(
-            "plots need matplotlib: pip install 'matplotlib>=3.10.7'"
-        ) from error
-    return plt
+    return optional("matplotlib.pyplot", "plots need matplotlib: pip install 'matplotlib>=3.10.7'")
 
 
 def plot_cut_domain(

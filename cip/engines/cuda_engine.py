@@ -12,10 +12,11 @@ from cip.engines.cuda_source import prelude, translate
 from cip.engines.engine import Engine
 from cip.engines.path_kernel import COARSE, FOOT_ROOM, LEFT, SPLINE_ROOM, box_of, path_source
 from cip.engines.setting import Setting
-from cip.errors import InputError, MissingDependency
+from cip.errors import InputError
 from cip.formulas.snapshots import snapshots_of
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, state_of
+from skfem_adini.ground.errors import optional
 
 # Options for NVRTC.
 OPTIONS = ("--std=c++14",)
@@ -211,13 +212,11 @@ class CudaEngine(Engine):
 
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
-        try:
-            import cupy
-        except ImportError as error:
-            raise MissingDependency(
-                "backend='cupy' needs CuPy: pip install 'skfem-adini[cuda13]' (or [cuda12]), by "
-                "the CUDA version of the driver"
-            ) from error
+        cupy = optional(
+            "cupy",
+            "backend='cupy' needs CuPy: pip install 'skfem-adini[cuda13]' (or [cuda12]), by the "
+            "CUDA version of the driver",
+        )
         try:
             cupy.cuda.runtime.getDeviceCount()
         except cupy.cuda.runtime.CUDARuntimeError as error:

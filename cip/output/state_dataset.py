@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from cip.errors import MissingDependency
 from cip.profiles.catalogue import moments
 from cip.stages.state import State
+from skfem_adini.ground.errors import optional
 
 
 def state_dataset(states: Sequence[State]) -> Any:
@@ -34,7 +33,4 @@ def state_dataset(states: Sequence[State]) -> Any:
 
 def xarray_module() -> Any:
     """The module xarray, or `MissingDependency`."""
-    try:
-        return importlib.import_module("xarray")
-    except ImportError as error:
-        raise MissingDependency("to_xarray needs xarray: pip install 'skfem-adini[io]'") from error
+    return optional("xarray", "to_xarray needs xarray: pip install 'skfem-adini[io]'")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
@@ -13,8 +12,8 @@ from scipy import sparse
 from scipy.linalg import cholesky, eigh, qr, solve_triangular
 
 from contact.checks.surface_slacks import SurfaceSlacks
-from contact.errors import MissingDependency
 from contact.laws.qp_peers import solve_with
+from skfem_adini.ground.errors import optional
 
 if TYPE_CHECKING:
     from contact.condensation.condensed_contact import CondensedContact
@@ -302,10 +301,7 @@ def solve_cones(
     r"""Minimise ``z^T S z / 2 - f^T z + sum_i g_i |R_i z + o_i|`` with ``G z <= d``, ``E z = e``.
     Clarabel, cones :math:`s_i \ge |R_i z + o_i|`. Returns z, mu (m,), t (k, dim_t) and r (l,) of
     ``S z + G^T mu + R^T t + E^T r = f``, and seconds, converged or not: check the residuals."""
-    try:
-        clarabel = importlib.import_module("clarabel")
-    except ImportError as error:
-        raise MissingDependency("cones need Clarabel: pip install clarabel") from error
+    clarabel = optional("clarabel", "cones need Clarabel: pip install clarabel")
     S, f = unit.P, unit.f
     n, m, e, (k, dim_t) = f.size, gap.size, closed.size, offset.shape
     scale = float(abs(S).max()) or 1.0

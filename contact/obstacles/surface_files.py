@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.errors import InputError, MissingDependency
+from contact.errors import InputError
+from skfem_adini.ground.errors import optional
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -31,7 +32,7 @@ def read_surface(path: str | PathLike[str]) -> tuple[Array, Index]:
         raise InputError(f"path={path!r}: surfaces are read from {', '.join(FORMATS)} files")
     if not place.is_file():
         raise InputError(f"path={path!r}: there is no such file")
-    pyvista = _import_pyvista()
+    pyvista = _pyvista()
     try:
         if place.suffix.lower() == ".vtp":
             _check_claims(place.read_bytes())
@@ -58,7 +59,7 @@ def read_surface(path: str | PathLike[str]) -> tuple[Array, Index]:
 
 def polydata(points: Array, facets: Index, normals: Array) -> Any:
     """Facets as a pyvista.PolyData with the cell data ``normal``."""
-    pyvista = _import_pyvista()
+    pyvista = _pyvista()
     dim, count = facets.shape
     places, upright = np.zeros((points.shape[1], 3)), np.zeros((count, 3))
     places[:, :dim], upright[:, :dim] = points.T, normals.T
@@ -236,11 +237,5 @@ def _ply_record(
 _READERS = {".obj": _obj, ".ply": _ply}
 
 
-def _import_pyvista() -> Any:
-    try:
-        import pyvista
-    except ImportError as error:
-        raise MissingDependency(
-            "surfaces in files need pyvista: pip install 'pyvista>=0.47'"
-        ) from error
-    return pyvista
+def _pyvista() -> Any:
+    return optional("pyvista", "surfaces in files need pyvista: pip install 'pyvista>=0.47'")

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from contact.body.cut_body import CutBody
-from contact.errors import InputError, MissingDependency
+from contact.errors import InputError
 from contact.output.contact_runs import Run, contact_runs
 from contact.output.drawn import Drawn, DrawnBody
 from contact.output.sides import drawn_bodies, is_elastic, meshed, pair_name
 from skfem_adini import to_pyvista, von_mises
 from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.errors import optional
 
 
 def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
@@ -60,7 +61,7 @@ def block_sets(results: Iterable[Drawn], subdivide: int | None = None) -> Iterat
     """Bodies and contact surfaces of several results, a pyvista.MultiBlock each.
     Blocks: bodies by name, "contact 0" or "tie 0" as `boundary_grid`, and "contact 0 opposite": the
     points moved by the gap onto the other body, with its normals and tractions."""
-    pyvista = _import_pyvista()
+    pyvista = optional("pyvista", "VTK export needs pyvista: pip install 'pyvista>=0.47'")
     for result, runs in _joined(results):
         blocks = pyvista.MultiBlock()
         for k, one in enumerate(drawn_bodies(result)):
@@ -120,7 +121,7 @@ def _fields(result: Drawn) -> dict[str, Any]:
 
 def _grid(x: np.ndarray[Any, Any], runs: list[Run], fields: dict[str, Any]) -> Any:
     """Points x of shape (dim, m), joined along runs, with point data."""
-    pyvista = _import_pyvista()
+    pyvista = optional("pyvista", "VTK export needs pyvista: pip install 'pyvista>=0.47'")
     points = _vectors(x.T)
     cloud = pyvista.PolyData(points)
     if len(x) == 2:
@@ -130,14 +131,6 @@ def _grid(x: np.ndarray[Any, Any], runs: list[Run], fields: dict[str, Any]) -> A
     for name, values in fields.items():
         cloud.point_data[name] = values
     return cloud
-
-
-def _import_pyvista() -> Any:
-    try:
-        import pyvista
-    except ImportError as error:  # pragma: no cover - a core dependency
-        raise MissingDependency("VTK export needs pyvista: pip install 'pyvista>=0.47'") from error
-    return pyvista
 
 
 def _vectors(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

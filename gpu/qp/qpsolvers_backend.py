@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from gpu.errors import Infeasible, InputError, MissingDependency, NotConverged, Unbounded
+from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.solve_qp import solve_qp
+from skfem_adini.ground.errors import optional
 
 OPTIONS = ("h_low", "host_below", "start", "tol")
 
@@ -59,10 +60,8 @@ def register_qpsolvers() -> None:
     >>> qpsolvers.solve_problem(problem, "pdas").x
     array([1., 0.])
     """
-    try:
-        from qpsolvers import solvers
-    except ImportError as error:
-        raise MissingDependency("qpsolvers is not installed: pip install qpsolvers") from error
+    needed = "qpsolvers is not installed: pip install qpsolvers"
+    solvers = optional("qpsolvers", needed).solvers
     for table in (solvers.solve_function, getattr(solvers, "available_function", None)):
         if table is not None:
             table["pdas"] = pdas_solve_problem

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
-from skfem_adini.ground.errors import InputError, MissingDependency
+from skfem_adini.ground.errors import InputError, optional
 
 
 def namespace(*values: Any) -> Any:
@@ -37,13 +37,9 @@ def on_device(value: Any) -> bool:
 
 def cupy() -> Any:
     """The module, or a `MissingDependency`."""
-    try:
-        import cupy as module
-    except ImportError as error:
-        raise MissingDependency(
-            "the device needs CuPy: pip install 'skfem-adini[cuda12]' or 'skfem-adini[cuda13]'"
-        ) from error
-    return module
+    return optional(
+        "cupy", "the device needs CuPy: pip install 'skfem-adini[cuda12]' or 'skfem-adini[cuda13]'"
+    )
 
 
 def host(array: Any) -> Any:

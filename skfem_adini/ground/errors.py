@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib import import_module
 from typing import Any
 
 # How NumPy shows its numbers, alone or in a tuple; what is said is the number.
@@ -201,3 +202,11 @@ class Unbounded(AdiniError):
     def mode(self) -> Any:
         """The free rigid motion of a body."""
         return self.ray
+
+
+def optional(name: str, message: str) -> Any:
+    """A module that need not be installed, or a `MissingDependency` with this message."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise MissingDependency(message) from error

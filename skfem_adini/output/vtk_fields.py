@@ -14,7 +14,8 @@ from skfem.assembly import CellBasis
 from skfem.assembly.basis.abstract_basis import AbstractBasis
 from skfem.element import ElementComposite, ElementVector
 
-from skfem_adini.errors import InputError, MissingDependency
+from skfem_adini.errors import InputError
+from skfem_adini.ground.errors import optional
 from skfem_adini.output.vtk_cells import (
     LINEAR_ELEMENT,
     CellPattern,
@@ -92,7 +93,7 @@ def to_pyvista(
     >>> grid.n_cells, grid.n_points, int(grid.celltypes[0])
     (4, 49, 70)
     """
-    pyvista = _import_pyvista()
+    pyvista = optional("pyvista", "VTK output needs pyvista: pip install 'pyvista>=0.47'")
     _refuse_other_bases(basis)
     fields = _named("x", x if isinstance(x, Mapping) else {name: x})
     pattern, continuous = _pattern(basis, subdivide)
@@ -232,14 +233,6 @@ def _refuse_other_bases(basis: Any) -> None:
         raise InputError(
             f"basis: expected a cell basis of a scalar or vector element, got {got}{of}"
         )
-
-
-def _import_pyvista() -> Any:
-    try:
-        import pyvista
-    except ImportError as error:
-        raise MissingDependency("VTK output needs pyvista: pip install 'pyvista>=0.47'") from error
-    return pyvista
 
 
 def _pattern(basis: Any, subdivide: int | None) -> tuple[CellPattern, bool]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from skfem_adini.errors import InputError, MissingDependency, SolverError
+from skfem_adini.ground.errors import optional
 
 _VERSION = 1  # major version whose numbers the bindings use; those of 0.x differ
 _STATUSES = (
@@ -83,10 +84,7 @@ def device_count(xp: Any) -> int | None:
 
 def device_arrays() -> Any:
     """Return CuPy, if there is a device."""
-    try:
-        cupy = importlib.import_module("cupy")
-    except ImportError as error:
-        raise MissingDependency(_MISSING) from error
+    cupy = optional("cupy", _MISSING)
     try:
         cupy.cuda.runtime.getDeviceCount()
     except cupy.cuda.runtime.CUDARuntimeError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import warnings
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
-from skfem_adini.errors import MissingDependency, NotConverged
+from skfem_adini.errors import NotConverged
+from skfem_adini.ground.errors import optional
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -75,7 +75,7 @@ class Multigrid:
         empty = np.ones(size)
         empty[self._place] = 0.0
         padded = filled.T @ A @ filled + sparse.diags_array(empty)
-        pyamg = _pyamg()
+        pyamg = optional("pyamg", "solver='amg' needs pyamg: pip install 'skfem-adini[amg]'")
         with warnings.catch_warnings():
             # There are six rigid motions for twelve dofs of a vertex; the smoother reduces errors
             # in the others.
@@ -156,12 +156,3 @@ def _slots(vertex: Indices) -> tuple[Indices, int, int]:
     rank[order] = np.arange(len(vertex)) - np.repeat(first, count)
     block = int(count.max())
     return block_of * block + rank, block, len(count)
-
-
-def _pyamg() -> Any:
-    try:
-        return importlib.import_module("pyamg")
-    except ImportError as error:
-        raise MissingDependency(
-            "solver='amg' needs pyamg: pip install 'skfem-adini[amg]'"
-        ) from error
