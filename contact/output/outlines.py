@@ -15,24 +15,12 @@ from contact.output.sides import drawn_bodies
 
 Array = NDArray[np.float64]
 BODIES = ("#3d3d3d", "#b0702a", "#4f7942", "#6a5acd")
-_ROOM = 0.3  # around the contact points, of their extent
+_ROOM = 0.3  # margin around the contact points, relative to their extent
 
 
 def draw_outlines(result: Drawn, ax: Any) -> Any:
-    """Outlines and cells of the deformed bodies around their contact, and the contact points.
-
-    Displacements are drawn as they are: larger ones would let bodies overlap that touch.
-
-    Parameters
-    ----------
-    result : ContactResult
-        In 2-D.
-    ax : matplotlib Axes
-
-    Returns
-    -------
-    matplotlib Axes
-    """
+    """Outlines and cells of the deformed bodies (2-D) around their contact, and the contact points.
+    Displacements are not magnified, which would let touching bodies overlap."""
     from matplotlib.collections import LineCollection
 
     for k, one in enumerate(drawn_bodies(result)):

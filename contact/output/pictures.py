@@ -1,4 +1,4 @@
-"""What pictures of bodies are drawn of: deformed cells, edges, and pressures on faces."""
+"""Geometry for pictures of bodies: deformed cells, edges, and pressures on faces."""
 
 from __future__ import annotations
 
@@ -29,15 +29,7 @@ COLOURS = {
 
 def triangulated(one: DrawnBody, per_cell: int, nodal: bool) -> tuple[Array, Array, Index]:
     """Places (n, 2), displacements (n, 2) and triangles (k, 3) of a body in 2-D.
-
-    Parameters
-    ----------
-    one : DrawnBody
-    per_cell : int
-        Parts of a cell's edge; simplices are cut into powers of two.
-    nodal : bool
-        Corners of the cells only.
-    """
+    `per_cell` parts an edge, of simplices powers of two; `nodal`: corners of the cells only."""
     body = one.body
     parts = per_cell if body.mesh.t.shape[0] == 4 else 2 ** int(np.ceil(np.log2(per_cell)))
     grid = to_pyvista(body.basis, {"u": one.u}, subdivide=1 if nodal else parts)
@@ -59,12 +51,8 @@ def deformed_cells(one: DrawnBody, magnification: float) -> tuple[list[Array], A
 
 
 def deformed_edges(one: DrawnBody, magnification: float, outline: bool) -> list[Array]:
-    """Edges of the deformed cells of a body in 2-D, or its boundary's, as the element bends them.
-
-    Returns
-    -------
-    list of ndarray, shape (points, 2)
-    """
+    """Edges of the deformed cells of a body in 2-D, or of its boundary, as the element bends them.
+    Each of shape (points, 2)."""
     body = one.body
     mesh = body.mesh
     s = np.linspace(0.0, 1.0, 7)[None]

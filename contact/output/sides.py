@@ -14,22 +14,15 @@ from contact.body.rigid_modes import rigid_field
 from contact.output.drawn import Drawn, DrawnBody
 
 Index = NDArray[np.int64]
-_ROUNDING = 1e-12  # of a row, if both sides of a pair move along
+_ROUNDING = 1e-12  # relative: normal displacement of a pair under a common translation
 
 
 @dataclass(frozen=True)
 class Side:
-    """The body on whose boundary contact points lie.
-
-    Attributes
-    ----------
-    body : Solid
-    G : csr_array, shape (n, ndofs)
-        Rows of the normal displacement of the n points, with the columns of this body.
-    """
+    """The body on whose boundary contact points lie."""
 
     body: Any
-    G: sparse.csr_array
+    G: sparse.csr_array  # rows of the normal displacement, columns of this body, shape (n, ndofs)
 
     @property
     def trace(self) -> Any:
@@ -50,10 +43,8 @@ def pair_name(result: Drawn, k: int) -> str:
 
 
 def is_elastic(result: Drawn, points: Index) -> bool:
-    """Whether a body is opposite to points of one contact boundary, and no rigid obstacle.
-
-    A translation of all bodies together then changes no gap.
-    """
+    """Whether a body, not a rigid obstacle, is opposite to points of one contact boundary.
+    A translation of all bodies together then changes no gap."""
     rows, bodies = result.system.rows, result.system.body
     if not rows.owner.size:
         return False
