@@ -15,7 +15,7 @@ from cip.output.sample import sample
 from cip.output.state_dataset import state_dataset
 from cip.profiles.catalogue import moments
 from cip.stages.state import State
-from skfem_adini.ground.files import write_text
+from skfem_adini.ground.vtk_files import write_series
 
 Array = NDArray[np.float64]
 
@@ -250,16 +250,7 @@ class Trajectory:
         if series.suffix != ".pvd":
             raise InputError(f"path: expected a name that ends in .pvd, got {series.name!r}")
         series.parent.mkdir(parents=True, exist_ok=True)
-        written = []
-        lines = ['<VTKFile type="Collection" version="0.1">', "  <Collection>"]
-        for place, state in enumerate(self.states):
-            name = f"{series.stem}_{place:04d}.vtr"
-            _written(self.to_pyvista(place), series.with_name(name))
-            written.append(series.with_name(name))
-            lines.append(f'    <DataSet timestep="{state.t!r}" file="{name}"/>')
-        lines += ["  </Collection>", "</VTKFile>", ""]
-        write_text(series, "\n".join(lines))
-        return [series, *written]
+        return write_series(series, ((s.t, self.to_pyvista(k)) for k, s in enumerate(self.states)))
 
     def plot(self, ax: Any = None, places: Sequence[int] | None = None) -> Any:
         """Draw snapshots: curves in one dimension, a map of the last one in two.
@@ -295,20 +286,6 @@ class Trajectory:
         from cip.output.plot import animate_states
 
         return animate_states(self.states, path, fps)
-
-
-def _written(mesh: Any, path: Path) -> None:
-    """Write a rectilinear grid; the file appears under its name only when it is complete. The text
-    is made in memory: VTK ends the process if the disk is full, here that is an OSError.
-    """
-    from vtkmodules.vtkIOXML import vtkXMLRectilinearGridWriter
-
-    writer = vtkXMLRectilinearGridWriter()
-    writer.SetInputData(mesh)
-    writer.SetDataModeToBinary()
-    writer.WriteToOutputStringOn()
-    writer.Write()
-    write_text(path, writer.GetOutputString())
 
 
 def total_variation(state: State) -> float:

@@ -14,7 +14,7 @@ from contact.errors import InputError
 from contact.histories.history_folder import HistoryFolder
 from contact.output.vtk import block_sets, body_grid, boundary_grids
 from skfem_adini.ground.arguments import numbers
-from skfem_adini.output.vtk_files import write_series
+from skfem_adini.ground.vtk_files import write_series
 
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult
@@ -186,7 +186,7 @@ class LoadHistory:
             if several
             else (body_grid(r, subdivide) for r in self.results)
         )
-        return write_series(path, zip(times, steps, strict=True))
+        return write_series(path, zip(times, steps, strict=True))[0]
 
     @classmethod
     def load(cls, path: str | Path) -> LoadHistory:

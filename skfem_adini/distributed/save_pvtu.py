@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from skfem_adini.distributed.distributed_basis import DistributedBasis
 from skfem_adini.errors import AdiniError, InputError
 from skfem_adini.ground.files import complete_file
+from skfem_adini.ground.vtk_files import write_grid
 from skfem_adini.output.vtk_fields import to_pyvista
-from skfem_adini.output.vtk_files import write_grid
 
 Array = NDArray[np.float64]
 

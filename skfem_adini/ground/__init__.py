@@ -1,6 +1,6 @@
 """What all four packages stand on; it knows NumPy and SciPy alone.
 
-In: arguments of any kind, array modules, functions to compile, files to write.
-Out: the same checked, an error that names the argument, machine code, files that are complete.
+In: arguments of any kind, arrays of NumPy or CuPy, functions to compile, data for files.
+Out: numbers as NumPy wants them or an error that names the argument, machine code, complete files.
 Start: `errors`, then `arguments`.
 """

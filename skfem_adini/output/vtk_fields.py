@@ -16,6 +16,7 @@ from skfem.element import ElementComposite, ElementVector
 
 from skfem_adini.errors import InputError
 from skfem_adini.ground.errors import optional
+from skfem_adini.ground.vtk_files import write_grid, write_series
 from skfem_adini.output.vtk_cells import (
     LINEAR_ELEMENT,
     CellPattern,
@@ -23,7 +24,6 @@ from skfem_adini.output.vtk_cells import (
     lagrange_pattern,
     linear_pattern,
 )
-from skfem_adini.output.vtk_files import write_grid, write_series
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -197,7 +197,7 @@ def save(
             of_step = {**options, "point_data": dict(point_data or {}) | dict(*data)}
             yield time, to_pyvista(basis, step, **of_step)
 
-    return write_series(path, grids())
+    return write_series(path, grids())[0]
 
 
 def _checked_steps(basis: Any, fields: Any) -> list[Any]:

@@ -129,7 +129,7 @@ def test_series(tmp_path):
 
 def test_list_of_blocks_appears_last(tmp_path, monkeypatch):
     """A disk that fills while a block is written leaves no list that names a missing file."""
-    from skfem_adini.output import vtk_files
+    from skfem_adini.ground import vtk_files
 
     written, whole = [], vtk_files.write_grid
 

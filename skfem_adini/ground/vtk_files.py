@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from skfem_adini.errors import AdiniError
+from skfem_adini.ground.errors import AdiniError
 from skfem_adini.ground.files import complete_file
 
 
 def write_grid(path: Path, grid: Any) -> None:
-    """Write a `pyvista.UnstructuredGrid` or `pyvista.PolyData`, in whole or not at all.
-    The name ends in `.vtu`, `.vtp` or, not for polygons, `.vtk`; missing folders are made."""
+    """Write an unstructured grid, polygons or a rectilinear grid, in whole or not at all.
+    The name ends in `.vtu` (or `.vtk`), `.vtp` or `.vtr`; missing folders are made."""
     from vtkmodules import vtkIOLegacy, vtkIOXML
 
     writer: Any
@@ -24,9 +24,8 @@ def write_grid(path: Path, grid: Any) -> None:
         writer = vtkIOLegacy.vtkUnstructuredGridWriter()
         writer.SetFileTypeToBinary()
     else:
-        polygons = path.suffix == ".vtp"
-        name = "vtkXMLPolyDataWriter" if polygons else "vtkXMLUnstructuredGridWriter"
-        writer = getattr(vtkIOXML, name)()
+        kinds = {".vtp": "PolyData", ".vtr": "RectilinearGrid"}
+        writer = getattr(vtkIOXML, f"vtkXML{kinds.get(path.suffix, 'UnstructuredGrid')}Writer")()
         writer.SetDataModeToBinary()
     writer.SetInputData(grid)
     writer.WriteToOutputStringOn()
@@ -53,8 +52,8 @@ def write_blocks(path: Path, blocks: Any) -> Path:
 
 def _write_beside(path: Path, number: str, data: Any) -> Path:
     """Write one data set of a list of them; its file has the list's name and a number."""
-    kinds = ("vtkMultiBlockDataSet", ".vtm"), ("vtkPolyData", ".vtp")
-    suffix = next((suffix for kind, suffix in kinds if data.IsA(kind)), ".vtu")
+    kinds = {"vtkMultiBlockDataSet": ".vtm", "vtkPolyData": ".vtp", "vtkRectilinearGrid": ".vtr"}
+    suffix = next((suffix for kind, suffix in kinds.items() if data.IsA(kind)), ".vtu")
     file = path.with_name(f"{path.stem}_{number}{suffix}")
     if suffix == ".vtm":
         return write_blocks(file, data)
@@ -69,13 +68,14 @@ def _write_list(path: Path, root: ElementTree.Element) -> Path:
     return path
 
 
-def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> Path:
+def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> list[Path]:
     """Write (time, data set) pairs as a `.pvd` collection, with one file for each step beside it.
-    Steps are `name_0000.vtu` (polygons: `.vtp`, several blocks: `.vtm`); the collection comes
-    last."""
+    Steps are `name_0000.vtu` (polygons: `.vtp`, several blocks: `.vtm`, rectilinear grids: `.vtr`);
+    the collection is written last. Returns it and the steps."""
+    files = []
     collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     listed = ElementTree.SubElement(collection, "Collection")
     for k, (time, grid) in enumerate(steps):
-        file = _write_beside(path, f"{k:04d}", grid)
-        ElementTree.SubElement(listed, "DataSet", timestep=repr(float(time)), file=file.name)
-    return _write_list(path, collection)
+        files.append(_write_beside(path, f"{k:04d}", grid))
+        ElementTree.SubElement(listed, "DataSet", timestep=repr(float(time)), file=files[-1].name)
+    return [_write_list(path, collection), *files]
