@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
-
+from skfem_adini.ground import errors
 from skfem_adini.ground.errors import (  # noqa: F401
     AdiniError,
     Infeasible,
@@ -69,7 +67,4 @@ class LargeMotionWarning(ContactWarning):
 
 def warn(message: str, category: type[ContactWarning] = ContactWarning) -> None:
     """Issue a warning that points at the line which called this package."""
-    depth, frame = 2, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith("contact."):
-        depth, frame = depth + 1, frame.f_back
-    warnings.warn(message, category, stacklevel=depth)
+    errors.warn(message, category)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ from cip.formulas.formula import Formula
 from cip.formulas.snapshots import SnapshotFormula
 from cip.formulas.spline_basis import SplineFormula
 from cip.grid import AXES, Array, Grid
+from skfem_adini.ground.errors import warn
 
 # Jumps relative to the largest value in the box: below the first, rounding (of difference quotients
 # too); above the second, the field is not periodic.
@@ -78,10 +78,9 @@ def _compare(formula: Formula, name: str, grid: Grid, axis: int) -> None:
             text = _text(name, axis, order, places, ends, high)
             if order == 0 and jump[worst] > _JUMP * size:
                 raise InputError(f"{text}; {_remedy(grid, axis)}")
-            warnings.warn(
+            warn(
                 f"{text}, and the field is less accurate near there; {_remedy(grid, axis)}",
                 PeriodicityWarning,
-                stacklevel=4,
             )
             return
 

@@ -6,7 +6,6 @@ p within their bounds, with the derivatives of the discrete scheme.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +23,7 @@ from cip.inverse.identified import IdentifiedVelocity, MisfitWarning
 from cip.inverse.problem import Problem, bounds_of, linearised, problem_of, rule_of
 from cip.solver.solver import Solver
 from skfem_adini.ground.arguments import real_number
+from skfem_adini.ground.errors import warn
 
 Array = NDArray[np.float64]
 # The weight has settled when it changes by less than this factor: far less than its uncertainty.
@@ -239,9 +239,9 @@ def _result(problem: Problem, estimate: _Estimate) -> IdentifiedVelocity:
         identifiability=seen,
     )
     if seen.unseen:
-        warnings.warn(seen.message(), IdentifiabilityWarning, stacklevel=3)
+        warn(seen.message(), IdentifiabilityWarning)
     if not explained:
-        warnings.warn(found.misfit_message(), MisfitWarning, stacklevel=3)
+        warn(found.misfit_message(), MisfitWarning)
     return found
 
 

@@ -11,6 +11,7 @@ from scipy.linalg.lapack import dgesv
 
 from contact.arrays.sparse_rows import DeviceRows, SparseRows
 from contact.errors import InputError, MissingDependency
+from skfem_adini.ground.arguments import choice
 from skfem_adini.ground.arrays import cholesky, lower_solve
 
 
@@ -290,8 +291,4 @@ def arrays_of(W: Any) -> HostArrays:
 def arrays_on(device: str) -> HostArrays:
     """The arrays of ``device="cpu"`` or ``"cuda"``.
     Raises InputError for another name or no CUDA device, MissingDependency without CuPy."""
-    if device == "cpu":
-        return HostArrays()
-    if device == "cuda":
-        return DeviceArrays()
-    raise InputError(f"device={device!r}: expected 'cpu' or 'cuda'")
+    return DeviceArrays() if choice("device", device, ("cpu", "cuda")) == "cuda" else HostArrays()

@@ -22,6 +22,7 @@ from contact.body.vector_element import DEFAULT_ELEMENT, vector_element
 from contact.errors import InputError
 from contact.settled import settled
 from skfem_adini.distributed import DistributedBasis, has_petsc
+from skfem_adini.ground.arguments import choice
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -113,10 +114,8 @@ class DistributedBody(SpreadSolid):
         intorder: int | None = None,
         comm: Any = None,
     ) -> None:
-        if backend not in ("auto", "mumps", "krylov"):
-            raise InputError(f"backend={backend!r}: expected 'auto', 'mumps' or 'krylov'")
-        if multigrid not in ("gamg", "hypre"):
-            raise InputError(f"multigrid={multigrid!r}: expected 'gamg' or 'hypre'")
+        choice("backend", backend, ("auto", "mumps", "krylov"))
+        choice("multigrid", multigrid, ("gamg", "hypre"))
         if plane == AXISYMMETRIC:
             raise InputError(
                 "plane='axisymmetric': a DistributedBody has no axis yet; take an ElasticBody"

@@ -58,7 +58,7 @@ from contact.body.local_stiffness import (
 )
 from contact.errors import InputError, warn
 from skfem_adini import AffineCells
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import choice, numbers
 
 if TYPE_CHECKING:
     from skfem import Basis
@@ -78,8 +78,8 @@ def lame(
     wrong = ratio[~((ratio > -1) & (ratio < 0.5))]
     if wrong.size:
         raise InputError(f"nu={wrong.flat[0]:.12g}: Poisson's ratio must lie in (-1, 1/2)")
-    if plane is not None and not (isinstance(plane, str) and plane in ("strain", "stress")):
-        raise InputError(f"plane={plane!r}: expected 'strain' or 'stress'")
+    if plane is not None:
+        choice("plane", plane, ("strain", "stress"))
     lame_mu = modulus / (2 * (1 + ratio))
     lame_lambda = modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
     if plane == "stress":
@@ -89,8 +89,7 @@ def lame(
 
 def checked_dilatation(dilatation: str, element: Any) -> str:
     """Check the name of the volumetric strain, "pointwise" or, for Q1 only, "mean"."""
-    if not isinstance(dilatation, str) or dilatation not in ("pointwise", "mean"):
-        raise InputError(f"dilatation={dilatation!r}: expected 'pointwise' or 'mean'")
+    choice("dilatation", dilatation, ("pointwise", "mean"))
     if dilatation == "mean" and not isinstance(element, ElementQuad1 | ElementHex1):
         raise InputError(
             f"dilatation='mean' is for ElementQuad1 and ElementHex1, not {type(element).__name__}: "

@@ -14,7 +14,7 @@ from contact.body.constitutive import IsotropicLaw, StressLaw, TensorLaw
 from contact.body.elasticity import check_locking, checked_dilatation, lame
 from contact.errors import InputError
 from contact.settled import settled
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import choice, numbers
 
 
 def _property(name: str, text: str) -> Any:
@@ -121,8 +121,7 @@ def checked_plane(plane: Any, dim: int) -> str | None:
     """The plane of a body in 2-D, "strain" by default, "stress" or "axisymmetric"; None in 3-D."""
     if dim == 2:
         plane = "strain" if plane is None else plane
-        if not isinstance(plane, str) or plane not in ("strain", "stress", AXISYMMETRIC):
-            raise InputError(f"plane={plane!r}: expected 'strain', 'stress' or 'axisymmetric'")
+        choice("plane", plane, ("strain", "stress", AXISYMMETRIC))
         return plane
     if plane is not None and not (isinstance(plane, str) and plane == "strain"):
         raise InputError(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.errors import ContactError, InputError, MissingDependency
+from skfem_adini.ground.arguments import choice
 from skfem_adini.solvers.pardiso import DEFINITE, Pardiso, SolverError, has_pardiso
 from skfem_adini.solvers.superlu import SuperLUFactor
 
@@ -41,8 +42,7 @@ def schur_factor(
     """Factor S once and keep the complement of the ascending unknowns `boundary`, shape (nb,).
     `order` gives a fill-reducing order to SuperLU; "auto" takes PARDISO where installed. Raises
     InputError (solver, not definite) or MissingDependency."""
-    if solver not in ("auto", "pardiso", "superlu"):
-        raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
+    choice("solver", solver, ("auto", "pardiso", "superlu"))
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
     # S may be singular (a floating body). A shift of the boundary block makes it definite; it

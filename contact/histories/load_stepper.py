@@ -27,7 +27,7 @@ from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
 from contact.result.stored_result import state_arrays
 from contact.settled import settled
-from skfem_adini.ground.arguments import finite_number, whole
+from skfem_adini.ground.arguments import choice, finite_number, whole
 
 if TYPE_CHECKING:
     from contact.problem.contact_problem import ContactProblem
@@ -119,8 +119,7 @@ class LoadStepper(LoadProgram):
         if not isinstance(problem, ContactProblem):
             raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
         whole("halvings", halvings, 0)
-        if sliding not in ("small", "finite"):
-            raise InputError(f"sliding={sliding!r}: expected 'small' or 'finite'")
+        choice("sliding", sliding, ("small", "finite"))
         if largest_rotation is not None and sliding == "small":
             raise InputError("largest_rotation: it belongs to sliding='finite'")
         super().__init__(problem)

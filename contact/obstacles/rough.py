@@ -18,7 +18,7 @@ from contact.errors import InputError
 from contact.obstacles.arguments import GRAZING, column, vector
 from contact.obstacles.rigid_motion import RigidMotion, turn_of
 from contact.obstacles.signed_distance import SignedDistance
-from skfem_adini.ground.arguments import array_of, evaluated, flag, numbers, positive_number
+from skfem_adini.ground.arguments import array_of, choice, evaluated, flag, numbers, positive_number
 
 Array = NDArray[np.float64]
 
@@ -95,11 +95,8 @@ class Rough:
     _frame: tuple[Array, Array, Array] = field(init=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.interpolation, str) or self.interpolation not in DEGREES:
-            raise InputError(
-                f"interpolation={self.interpolation!r}: expected one of {', '.join(DEGREES)}"
-            )
-        degree, periodic = DEGREES[self.interpolation], flag("periodic", self.periodic)
+        degree = DEGREES[choice("interpolation", self.interpolation, DEGREES)]
+        periodic = flag("periodic", self.periodic)
         heights = numbers("heights", self.heights)
         if heights.ndim not in (1, 2) or min(heights.shape) <= degree:
             raise InputError(

@@ -10,6 +10,7 @@ from contact.body.solid import Solid
 from contact.body.surface import Surface
 from contact.errors import InputError, warn
 from contact.portable import carried
+from skfem_adini.ground.arguments import choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +76,7 @@ class Pair:
         kind = type(self).__name__
         if not isinstance(self.body, Solid):
             raise InputError(f"{kind}: expected a body first, got {type(self.body).__name__}")
-        if self.multipliers not in ("first", "second"):
-            raise InputError(f"multipliers={self.multipliers!r}: expected 'first' or 'second'")
+        choice("multipliers", self.multipliers, ("first", "second"))
         if isinstance(self.opposite, Solid):
             if self.other is None:
                 raise InputError(f"{kind}: name the boundary of the other body as well")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -20,6 +19,7 @@ from gpu.eigenvalues.schur.ordered_schur import Rank
 from gpu.errors import GpuError, InputError, NotConverged
 from skfem_adini.ground.arguments import choice, flag, is_finite_number, shown, unmasked, whole
 from skfem_adini.ground.arrays import namespace, to_host
+from skfem_adini.ground.errors import warn
 
 logger = logging.getLogger(__name__)
 DENSE = 256  # up to this order all eigenvalues are computed: it is fast, and none can be missed
@@ -380,12 +380,11 @@ def _warn_of(condition: np.ndarray, values: np.ndarray, sigma: Any, full: np.nda
     moved = min(float(condition.max()) * EPS, 1.0) * size
     # Values that are sigma itself have no other digits.
     if moved > VISIBLE * reach > VISIBLE * 1e-10 * size:
-        warnings.warn(
+        warn(
             f"A is far from normal: its eigenvalues have condition numbers up to "
             f"{condition.max():.0e}, and its rounding alone moves them by up to {moved:.0e}; trust "
             "no digits below that, and measure unknowns in units that make A more nearly normal",
             RuntimeWarning,
-            stacklevel=5,
         )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +20,7 @@ from gpu.riccati.proof.closed_loop import ALL_POLES
 from gpu.riccati.proof.unmovable_modes import explain, named
 from skfem_adini.ground.arguments import choice
 from skfem_adini.ground.arrays import to_host
+from skfem_adini.ground.errors import warn
 
 # Modules with a function ``solve(problem, **options) -> Found``.
 METHODS = {
@@ -105,7 +105,7 @@ def _solved(
         )
         if unstable == "raise":
             raise NotConverged(message)
-        warnings.warn(message, RuntimeWarning, stacklevel=5)
+        warn(message, RuntimeWarning)
     return result
 
 

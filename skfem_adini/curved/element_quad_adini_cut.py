@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +14,7 @@ from skfem.refdom import RefQuad
 from skfem_adini.curved.cut_domain import axis_parallel_cells
 from skfem_adini.curved.quadrature.level_set import as_level_set
 from skfem_adini.errors import InputError
+from skfem_adini.ground.errors import warn
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -150,12 +150,11 @@ class ElementQuadAdiniCut(ElementH1):
             self._solve(cell, level_set)
         worst = np.nanmax(self.unisolvence, initial=0.0)
         if worst > _NEARLY_SINGULAR:
-            warnings.warn(
+            warn(
                 f"the matrix of a cut cell is nearly singular (1 / sigma_min = {worst:.1e}): the "
                 "boundary is almost straight between two vertices, or almost meets one; "
                 "AdiniExtension does not mind",
                 UnisolvenceWarning,
-                stacklevel=2,
             )
 
     def gbasis(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -11,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.errors import UnresolvedWarning
+from skfem_adini.ground.errors import warn
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -90,9 +89,8 @@ def _facing(points: Array, normals: Array, inside: bool) -> Array:
 
 
 def _warn(what: str) -> None:
-    warnings.warn(
+    warn(
         f"domain: {what}; the solution there is not to be trusted before the mesh is refined "
         "(refined_at_boundary)",
         UnresolvedWarning,
-        stacklevel=4,
     )

@@ -14,7 +14,7 @@ from skfem_adini.distributed.distributed_matrix import DistributedMatrix, to_pet
 from skfem_adini.distributed.krylov_options import precondition
 from skfem_adini.distributed.smooth_modes import smooth_modes
 from skfem_adini.errors import InputError, NotConverged
-from skfem_adini.ground.arguments import dof_numbers
+from skfem_adini.ground.arguments import choice, dof_numbers
 from skfem_adini.solvers.factorize import factorize
 
 Array = NDArray[np.float64]
@@ -81,8 +81,7 @@ class DistributedSolver:
         tol: float = 1e-10,
         max_iterations: int = 500,
     ) -> None:
-        if solver not in ("auto", "mumps", "gamg", "hypre"):
-            raise InputError(f"solver={solver!r}: expected 'auto', 'mumps', 'gamg' or 'hypre'")
+        choice("solver", solver, ("auto", "mumps", "gamg", "hypre"))
         self.space, self.matrix, self.tol = A.space, A, tol
         self.iterations, self.max_iterations = 0, max_iterations
         space = self.space

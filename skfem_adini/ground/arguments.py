@@ -39,7 +39,8 @@ def choice(name: str, value: Any, among: Iterable[str]) -> str:
     """One of some words."""
     among = tuple(among)
     if not isinstance(value, str) or value not in among:
-        raise InputError(f"{name}={shown(value)}: expected one of {', '.join(among)}")
+        words = ", ".join(map(repr, among[:-1]))
+        raise InputError(f"{name}={shown(value)}: expected {words} or {among[-1]!r}")
     return value
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import sys
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -210,3 +212,14 @@ def optional(name: str, message: str) -> Any:
         return import_module(name)
     except ImportError as error:
         raise MissingDependency(message) from error
+
+
+_PASSED = {"skfem_adini", "contact", "cip", "gpu", "contextlib", "functools"}
+
+
+def warn(message: str, category: type[Warning]) -> None:
+    """Issue a warning that points at the line which called one of our packages."""
+    depth, frame = 2, sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _PASSED:
+        depth, frame = depth + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=depth)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from numbers import Real
 from typing import Any
 
@@ -13,6 +12,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from skfem_adini.errors import IndefiniteWarning, InputError, NotConverged
 from skfem_adini.ground.arguments import dof_numbers, real_matrix
+from skfem_adini.ground.errors import warn
 from skfem_adini.solvers.factorize import Factorization, Solver, factorize, require_definite
 
 Array = NDArray[np.float64]
@@ -136,11 +136,10 @@ def lowest_eigenpairs(
 def warn_of_negative(lowest: float, unit: float) -> None:
     """Warn of an eigenvalue below zero beyond rounding; `unit` is about the largest of all."""
     if lowest < -_ROUNDING:
-        warnings.warn(
+        warn(
             f"K: the eigenvalue {unit * lowest:.6g} is negative, so K is not "
             "semidefinite; raise the penalty of its conditions, or check the signs of the form",
             IndefiniteWarning,
-            stacklevel=3,
         )
 
 
