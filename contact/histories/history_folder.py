@@ -30,10 +30,9 @@ from numpy.typing import NDArray
 
 from contact.body.distributed_body import DistributedBody
 from contact.errors import ContactError, InputError
-from contact.output.archive import DamagedFile, checksum, read_arrays, write_arrays
+from contact.output.archive import DamagedFile, checksum, read_arrays, words, write_arrays
 from contact.result.contact_result import ContactResult
-from contact.result.stored_result import problem_arrays, rebuild, state_arrays
-from contact.result.stored_rows import OWN, rows_arrays
+from contact.result.stored_result import OWN, problem_arrays, rebuild, rows_arrays, state_arrays
 from skfem_adini.output.complete_file import complete_file, remove_unfinished
 from skfem_adini.output.file_lock import try_lock
 
@@ -70,7 +69,7 @@ class HistoryFolder:
         comm = system.body.comm if isinstance(system.body, DistributedBody) else None
 
         def about() -> dict[str, Any]:
-            words = {
+            told = {
                 "format": _FORMAT,
                 "run": token_hex(16),
                 "times": times.tolist(),
@@ -82,12 +81,12 @@ class HistoryFolder:
                 if any(path.iterdir()):
                     raise FileExistsError(path)
                 with complete_file(path / "history.json", exclusive=True) as file:
-                    file.write(json.dumps(words | {"checksum": _digest(words)}).encode())
+                    file.write(json.dumps(told | {"checksum": _digest(told)}).encode())
             except (FileExistsError, NotADirectoryError) as error:
                 raise InputError(
                     f"path: {path} is not empty; resume it, or choose a new folder"
                 ) from error
-            return words
+            return told
 
         return cls(path, _on_first(comm, about), comm)
 
@@ -97,20 +96,20 @@ class HistoryFolder:
 
         def about() -> dict[str, Any]:
             try:
-                words: dict[str, Any] = json.loads((path / "history.json").read_text())
-                if words["format"] == 1:
+                told: dict[str, Any] = json.loads((path / "history.json").read_text())
+                if told["format"] == 1:
                     raise ValueError(
                         "format 1, of version 0.1.0, whose files do not show which run they are "
                         "of; run it again in a new folder"
                     )
-                if words["format"] != _FORMAT:
-                    raise ValueError(f"format {words['format']}, not {_FORMAT}")
-                if words.pop("checksum") != _digest(words):
+                if told["format"] != _FORMAT:
+                    raise ValueError(f"format {told['format']}, not {_FORMAT}")
+                if told.pop("checksum") != _digest(told):
                     raise ValueError("history.json was changed since it was written")
-                cls(path, words)
+                cls(path, told)
             except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
                 raise InputError(f"path: {path} holds no load history ({error})") from error
-            return words
+            return told
 
         comm = body.comm if isinstance(body, DistributedBody) else None
         return cls(path, _on_first(comm, about), comm)
@@ -149,7 +148,7 @@ class HistoryFolder:
         """Write the file that finishes step k, with its place in the run; return its checksum."""
         place = {"run": self._run, "number": k + 1, "time": float(self.times[k])}
         place |= {"before": self._before}
-        arrays = arrays | {"place": np.array(json.dumps(place))}
+        arrays = arrays | {"place": words(place)}
         try:
             write_arrays(self._step(k), arrays, compress=False, exclusive=True)
         except FileExistsError as error:
