@@ -48,10 +48,9 @@ logger = logging.getLogger(__name__)
 
 
 class HistoryFolder:
-    """The folder of a run; `fingerprint` is the checksum of problem, loads and motions.
+    """The folder of a run, to which the first of the processes `comm`, if any, writes for all.
 
-    `damage` is why `finished` ended before the last file. Of a body on many processes, the first
-    one of `comm` writes and reads for all.
+    `fingerprint` is the checksum of problem, loads and motions; `damage` is why `finished` ended.
     """
 
     def __init__(self, path: Path, about: dict[str, Any], comm: Any = None) -> None:
@@ -174,8 +173,7 @@ class HistoryFolder:
     def finished(self, system: ContactSystem | None = None) -> Iterator[ContactResult]:
         """The steps before the first one that is missing or cannot be read, which is logged.
 
-        They share body and rows of the system if it is given. `InputError` if a step is of another
-        run, position or time, was changed, or does not solve the problem.
+        `InputError` if one does not belong here; they share body and rows of a given system.
         """
         last = max(self._steps(), default=0)
         if last == 0:
@@ -209,10 +207,7 @@ class HistoryFolder:
         return arrays, found
 
     def prepare(self, count: int, system: ContactSystem) -> None:
-        """Prepare the folder for the steps after the first `count`, and write the problem.
-
-        Files of later steps, and a problem that cannot be read, are renamed; remnants are removed.
-        """
+        """Write the problem, and rename files of steps after the first `count`, or unreadable."""
         self._rows_of_problem = system.rows.T
         _on_first(self.comm, lambda: self._prepare(count, system))
 

@@ -99,7 +99,7 @@ def head(
 ) -> dict[str, Any]:
     """The JSON head of a file; `InputError` of another kind or format, which it names.
 
-    Results of bodies have no kind; `beside` tells of the checksum, `reads` of the known formats.
+    Results of bodies have no kind; `beside` tells of the checksum, `reads` of known formats.
     """
     about: dict[str, Any] = json.loads(str(arrays["about"])) if "about" in arrays else {}
     held = about.get("kind")
@@ -146,10 +146,7 @@ def checksum(arrays: Mapping[str, Any]) -> str:
 def write_arrays(
     path: Path, arrays: Mapping[str, Any], compress: bool = True, exclusive: bool = False
 ) -> Path:
-    """Write an archive with its `checksum`, which is complete or absent.
-
-    With `exclusive` an existing file is left, and `FileExistsError` raised.
-    """
+    """Write an archive with its `checksum`, complete or not; `exclusive`: over no existing file."""
     with complete_file(path, exclusive=exclusive) as file, uninterrupted():
         whole = {name: np.asarray(value) for name, value in arrays.items()}
         whole[_CHECKSUM] = np.array(checksum(whole))
@@ -159,10 +156,9 @@ def write_arrays(
 
 
 def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
-    """The arrays of an archive and their checksum, None if it has none, as formats 1 and 2.
+    """The arrays of an archive, and their checksum unless it has none, as formats 1 and 2.
 
-    `DamagedFile` if it is truncated or no archive of arrays; `InputError` if it is missing,
-    encrypted, implausibly large, or was changed after it was written.
+    `DamagedFile` if it is cut short or none; `InputError` if missing, encrypted or changed.
     """
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")

@@ -47,8 +47,7 @@ from contact.output.archive import (
     write_arrays,
 )
 from contact.result.certify import as_lines, certify, strained_bodies, take_strains
-from contact.result.contact_state import ContactState
-from contact.result.contact_system import ContactSystem
+from contact.result.contact_system import ContactState, ContactSystem
 from contact.rows.contact_rows import ContactRows
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
@@ -238,8 +237,7 @@ def rebuild(
 ) -> ContactState:
     """The state in the arrays of problem and state together, certified again.
 
-    `with_checksum`: the file had one, which was right. The body and rows of `near` are used
-    instead of new ones.
+    Body and rows of `near` are used instead of new ones; `with_checksum`: it was right.
     """
     with reading(path):
         state = _rebuild(arrays, with_checksum, near)
