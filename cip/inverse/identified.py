@@ -201,7 +201,7 @@ class IdentifiedVelocity:
         -------
         matplotlib Axes
         """
-        from cip.inverse.plot_identified import plot_identified
+        from cip.output.plot import plot_identified
 
         return plot_identified(self, ax)
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from contact.body.distributed_body import DistributedBody
 from contact.errors import InputError
 from contact.laws.status import Status
-from contact.output.outlines import draw_outlines, have_outlines
-from contact.output.sides import pair_name
+from contact.output.drawn import pair_name
+from contact.output.pictures import draw_outlines, have_outlines
 from contact.output.vtk import block_sets, body_grid, boundary_grid
 from contact.plot import plot_tractions
 from contact.result.body_result import BodyFields, BodyResult
