@@ -5,11 +5,11 @@ BIN := $(VENV)/bin
 # The tests run side by side, one process a core; more BLAS threads would only get in their way.
 # Each process takes neighbouring tests (worksteal), so that few kernels are compiled twice.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
-# Processes find what others compiled, of tests with their assertions above all: without, each compiles it anew.
+# Bytecode is kept: without it each process compiles all tests, with their rewritten assertions, anew.
 unexport PYTHONDONTWRITEBYTECODE
 EXAMPLES := $(addprefix run-,$(notdir $(wildcard examples/*.py)))
 
-# A part of a lane, and where the clock ends it: make test-slow PYTEST="--shard=0/12 --start-within=200"
+# Options of pytest, as a part of a lane and the seconds within which its tests begin: make test-slow PYTEST="--shard=0/12 --start-within=200"
 PYTEST ?=
 
 .PHONY: help demo test test-slow test-mpi test-processor test-oldest test-wheel lint doctest examples docs browser-check readme clean $(EXAMPLES)
@@ -54,7 +54,7 @@ test: $(VENV)/.test
 test-slow: $(VENV)/.test
 	$(ONE_THREAD) HYPOTHESIS_PROFILE=slow $(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST)
 
-# TURN chooses the processor; the clock does without it.
+# TURN chooses the processor; without it the clock does.
 test-processor: $(VENV)/.test
 	@$(BIN)/python .ci/other_processor.py $(TURN) | tee $(VENV)/processor
 	env $$(cat $(VENV)/processor) OMP_NUM_THREADS=2 OPENBLAS_NUM_THREADS=2 MKL_NUM_THREADS=2 \

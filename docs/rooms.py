@@ -1,4 +1,4 @@
-"""The map of rooms in CONTRIBUTING.md, made of the docstrings of the rooms.
+"""The map of rooms in docs/rooms.md, made of the docstrings of the rooms.
 
 `python docs/rooms.py` writes it anew; a test holds that it is what the docstrings say. The order is
 that in which data flow: the layers of import-linter's contracts from below, in pyproject.toml.
@@ -34,6 +34,7 @@ def entry(name: str, depth: int, order: dict[str, list[str]]) -> list[str]:
     module = place / "__init__.py" if is_room else place.with_suffix(".py")
     doc = ast.get_docstring(ast.parse(module.read_text())) or ""
     text = " ".join(doc.split()) if is_room and depth else doc.splitlines()[0]
+    text = re.sub(r":\w+:`", "`", text)  # roles of reStructuredText, on a page in Markdown
     indent = 2 * (depth - 1) * " "
     line = f"{indent}- `{name.split('.')[-1]}`: {text}" if depth else f"### {name}\n\n{text}\n"
     if depth:
@@ -65,5 +66,5 @@ def with_map(text: str) -> str:
 
 
 if __name__ == "__main__":
-    guide = ROOT / "CONTRIBUTING.md"
-    guide.write_text(with_map(guide.read_text()))
+    page = ROOT / "docs" / "rooms.md"
+    page.write_text(with_map(page.read_text()))

@@ -1,4 +1,4 @@
-"""The one door to numba: kernels are plain Python that this compiles when first used."""
+"""The one module that imports numba: kernels are plain Python, compiled when first used."""
 
 from __future__ import annotations
 
@@ -14,22 +14,8 @@ def compiled(
     function: Callable[..., Any], parts: Iterable[Callable[..., Any]] = (), **options: Any
 ) -> Callable[..., Any]:
     """Compile a function without the global interpreter lock; keep the code on disk if possible.
-
-    numba keeps machine code beside the package or in the user's folder and notices a change of the
-    function itself, but none of what it calls. So the name under which it is kept tells the state
-    of the whole package. Where no folder can be written, or what lies there cannot be used, every
-    process compiles for itself.
-
-    Parameters
-    ----------
-    function
-        Plain Python of numba's kind; it is left as it is.
-    parts
-        Plain functions that it calls, to be compiled into it: a call counts the references to each
-        array that is passed, which can take as long as the work of a small function.
-    **options
-        For `numba.njit`.
-    """
+    numba notices a change of the function, not of what it calls: the cached name holds the state
+    of the package. Its `parts` are inlined, as a call counts references to each array."""
     import numba
 
     inside = {part.__name__: numba.njit(inline="always")(part) for part in parts}
@@ -58,7 +44,7 @@ _STATE = _state_of_the_package()
 
 
 def _forgive(kept: Any) -> None:
-    """Take a full disk, or files that cannot be read, for an empty folder."""
+    """Treat a full disk, or cache files that cannot be read, as an empty cache."""
     load, save, clear = kept.load_overload, kept.save_overload, kept.flush
 
     def load_or_compile(signature: Any, target: Any) -> Any:

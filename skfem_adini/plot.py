@@ -15,12 +15,9 @@ from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.elements.vertex_dofs import scalar_element
 from skfem_adini.errors import InputError, MissingDependency
 
-# Points of a surface in each direction: a cubic looks smooth.
-_SURFACE_POINTS = 25
-# Points of a cell in each direction between which a field is drawn linearly.
-_LATTICE = 6
-# Of a matrix that is drawn entry by entry: a picture has no more pixels.
-_MOST_ROWS = 2000
+_SURFACE_POINTS = 25  # points of a surface in each direction: a cubic looks smooth
+_LATTICE = 6  # points of a cell in each direction between which a field is drawn linearly
+_MOST_ROWS = 2000  # rows of a matrix drawn entry by entry: a picture has no more pixels
 _LABELS = {"u": "$u$", **{f"u_{k}": f"$u_{{{k}}}$" for k in ("x", "y", "z", "xy")}}
 
 

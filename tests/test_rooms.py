@@ -1,26 +1,41 @@
-"""What is said of the rooms: the map in CONTRIBUTING.md, the files it names, the doors."""
+"""What is said of the rooms: the map on the site, the files that are named, the doors."""
 
 import re
 import runpy
 import tomllib
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "rooms.md").read_text()
 FOLDERS = ("skfem_adini", "contact", "cip", "gpu", "docs", "tests")
 
 
-def test_contributing_maps_the_rooms_as_their_docstrings_do() -> None:
-    text = (ROOT / "CONTRIBUTING.md").read_text()
+def test_the_page_maps_the_rooms_as_their_docstrings_do() -> None:
     with_map = runpy.run_path(str(ROOT / "docs" / "rooms.py"))["with_map"]
-    assert text == with_map(text), "run `python docs/rooms.py`, which writes the map anew"
+    assert with_map(PAGE) == PAGE, "run `python docs/rooms.py`, which writes the map anew"
 
 
-def test_contributing_names_files_that_exist() -> None:
-    files = [path for folder in FOLDERS for path in (ROOT / folder).glob("**/*.py")]
-    named = re.findall(r"`([\w/]+\.py)`", (ROOT / "CONTRIBUTING.md").read_text())
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/rooms.md"])
+def test_files_that_are_named_exist(page: str) -> None:
+    files = [f"/{path}" for folder in FOLDERS for path in (ROOT / folder).glob("**/*.py")]
+    named = re.findall(r"`([\w/]+\.py)`", (ROOT / page).read_text())
     assert named
-    known = [str(path) for path in files]
-    assert [name for name in named if not any(file.endswith(f"/{name}") for file in known)] == []
+    assert [name for name in named if not any(file.endswith(f"/{name}") for file in files)] == []
+
+
+def test_what_the_page_finds_is_there() -> None:
+    found = re.findall(r"`(\w+)` in `([\w/]+\.py)`", PAGE.split("\n## ")[1])
+    assert len(found) >= 5
+    for name, file in found:
+        assert re.search(rf"^(def|class) {name}\b", (ROOT / file).read_text(), re.MULTILINE), name
+
+
+def test_contributing_is_short_and_knows_the_rule_of_subjects() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    assert len(text.encode()) <= 5000
+    assert "at most 72 characters" in text
 
 
 def test_every_module_of_skfem_adini_and_gpu_is_entered_by_the_face_or_by_a_door() -> None:

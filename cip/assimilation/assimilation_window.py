@@ -27,30 +27,17 @@ _START = 1e-9
 
 @dataclass(frozen=True)
 class Path:
-    """The states that belong to a control vector.
+    """The states that belong to a control vector."""
 
-    Attributes
-    ----------
-    solver : Solver
-        With the parameters of this control.
-    states : tuple of State
-        At the start and at the end of each interval, where its model error has been added.
-    runs : tuple of Trajectory
-        One for each interval.
-    residuals : ndarray
-        Reports minus values, over deviations.
-    """
-
-    solver: Solver
-    states: tuple[State, ...]
-    runs: tuple[Trajectory, ...]
-    residuals: Array
+    solver: Solver  # with the parameters of this control
+    states: tuple[State, ...]  # at the start and at each interval's end, with its model error
+    runs: tuple[Trajectory, ...]  # one for each interval
+    residuals: Array  # reports minus values, over deviations
 
 
 class AssimilationWindow:
-    """The unknowns of a window with their prior, and the map from them to the sensors.
-
-    The arguments are those of `cip.four_d_var`, checked here.
+    """The unknowns of a window with their prior, and the map from them to the sensors. The
+    arguments are those of `cip.four_d_var`, checked here.
     """
 
     def __init__(

@@ -220,9 +220,8 @@ def _positive(given: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
 
 
 def _diffusion_modes(grid: Grid, axis: int) -> tuple[Array, Array]:
-    """Eigenvalues and vectors of K v = lambda W v, in which V^T W V = 1.
-
-    K is the matrix of -d^2/dx^2 by finite volumes, W holds the widths that belong to the nodes.
+    """Eigenvalues and vectors of K v = lambda W v, with V^T W V = 1: K is the matrix of -d^2/dx^2
+    by finite volumes, W holds the widths of the nodes' volumes.
     """
     n, width, periodic = grid.nodes[axis], grid.widths[axis], grid.periodic[axis]
     K, W = np.zeros((n, n)), np.zeros(n)
@@ -262,22 +261,13 @@ class _ModeRoot(LinearOperator):
         return np.asarray(self._in_modes(nodal * self._scale, True) * self._half).ravel()
 
 
-# Derivatives and means of the spline through nodal values, as one matrix for each direction.
-#
-# They are those that `State.from_function` takes of an array.
-
-
-# In the place of the order of a derivative.
+# Stands for the mean over a cell where the order of a derivative is expected.
 _MEAN = -1
 
 
 class SplineDerivatives:
-    """The moments of a field from its nodal values, and the transpose of that map.
-
-    Parameters
-    ----------
-    grid : Grid
-    profile : str
+    """The moments of a field from its nodal values, as `State.from_function` takes them of an
+    array, by one spline matrix for each direction; and the transpose of that map.
     """
 
     def __init__(self, grid: Grid, profile: str) -> None:
@@ -316,9 +306,8 @@ def along(matrix: Array, values: Array, axis: int) -> Array:
 
 
 def _matrix(grid: Grid, axis: int, order: int) -> Array:
-    """Columns: a derivative at the nodes of the spline that is 1 at one node and 0 at others.
-
-    Or its means over the cells that begin at the nodes; where none begins, 0.
+    """Columns: a derivative at the nodes (or for `_MEAN` the means over the cells that begin there,
+    0 where none begins) of the spline that is 1 at one node and 0 at the others.
     """
     from scipy.interpolate import make_interp_spline
 

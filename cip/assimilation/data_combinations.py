@@ -33,35 +33,17 @@ _EACH = 50
 
 @dataclass(frozen=True)
 class Combined:
-    """The mean, and the directions that the data have determined.
+    """The mean, and the directions that the data have determined."""
 
-    Attributes
-    ----------
-    solution : ndarray, shape (r,)
-    directions : ndarray, shape (k, r)
-        Orthonormal rows, by decreasing singular values.
-    singular_values : ndarray, shape (k,)
-        How many deviations of the data a unit along a direction changes.
-    residual : float
-        Estimate of the norm of A^T (b - A w) - w, relative to that of A^T b.
-    complete : bool
-        Whether the directions span all that the data can determine.
-    """
-
-    solution: Array
-    directions: Array
-    singular_values: Array
-    residual: float
-    complete: bool
+    solution: Array  # shape (r,)
+    directions: Array  # (k, r): orthonormal rows, by decreasing singular values
+    singular_values: Array  # (k,): change of the data, in deviations, per unit
+    residual: float  # estimate of |A^T (b - A w) - w| / |A^T b|
+    complete: bool  # the directions span all that the data can determine
 
     def variances(self, prior: Array, moved: Array) -> Array:
-        """What is left of variances when those along the directions have shrunk.
-
-        Parameters
-        ----------
-        prior : ndarray, shape (n,)
-        moved : ndarray, shape (k, n)
-            Each direction times a square root of the prior covariance.
+        """Prior variances, shape (n,), less what the data determine along the directions. `moved`,
+        shape (k, n), holds each direction times a square root of the prior covariance.
         """
         left = 1.0 / (1.0 + self.singular_values**2)
         if len(self.directions) == self.directions.shape[1]:  # a sum of what is left: no difference
@@ -114,9 +96,8 @@ class _Search:
 
     @property
     def exhausted(self) -> bool:
-        """Whether the data can determine nothing more: U spans the range of A.
-
-        A V lies in U and the next combination; while one stands, a full V is not enough.
+        """Whether the data can determine nothing more: U spans the range of A. A V lies in the span
+        of U and the next combination, so V of full rank is not enough while there is a next one.
         """
         full = self.V.count == self.A.shape[1] and self._next is None
         return self.U.count == self.A.shape[0] or full or self._rest_is_blind
@@ -170,21 +151,9 @@ def combined_analysis(
     vectors: int,
     progress: Callable[[int, float], Any],
 ) -> Combined:
-    """Mean and directions of the posterior.
-
-    Parameters
-    ----------
-    A : LinearOperator, shape (m, r)
-    b : ndarray, shape (m,)
-    tol : float
-        For `Combined.residual`.
-    most : int
-        Most steps for the mean.
-    vectors : int
-        Least number of directions, as far as the data determine as many.
-    progress : callable
-        ``progress(step, residual)``.
-    """
+    """Mean and directions of the posterior: at most `most` steps for the mean, until its
+    `Combined.residual` is below `tol`, and at least `vectors` directions, if the data determine as
+    many. Calls ``progress(step, residual)``."""
     search = _Search(A, np.asarray(b, dtype=float))
     y, residual = np.zeros(0), np.inf if search.running else 0.0
     while residual > tol and search.U.count < most and not search.exhausted:

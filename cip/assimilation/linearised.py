@@ -20,14 +20,8 @@ Array = NDArray[np.float64]
 
 
 class Layout:
-    """The parts of the control vector: background, parameters, the model error of each interval.
-
-    Parameters
-    ----------
-    background : Covariance
-    parameters : int
-    errors : sequence of Covariance or None
-        For each interval; None where the model is taken as exact.
+    """The parts of the control vector: background, parameters, and the model error of each interval
+    (None where the model is taken as exact).
     """
 
     def __init__(
@@ -42,16 +36,8 @@ class Layout:
 
 
 class Readings:
-    """What sensors read of a state on the host or a device, over their deviations.
-
-    Only the entries that they read come from a device, so that their sums are those of the host.
-
-    Parameters
-    ----------
-    rows : csr_array
-    deviations : ndarray
-    xp : module
-        NumPy or CuPy, of the states.
+    """What sensors read of a state on the host or a device, over their deviations. Only the entries
+    that they read come from a device, so that their sums are those of the host.
     """
 
     def __init__(self, rows: csr_array, deviations: Array, xp: Any) -> None:
@@ -71,28 +57,9 @@ class Readings:
 
 
 class Linearised:
-    r"""The operator :math:`A = R^{-1/2} H M S` of a window and its transpose.
-
-    Its columns for the parameters are computed once, by a tangent run of the window for each, and
-    kept; all others are applied by tangent and adjoint runs in the state alone.
-
-    Parameters
-    ----------
-    layout : Layout
-    background : Covariance
-    errors : sequence of Covariance or None
-    reports : Reports
-    derivatives : sequence of Window
-        For each interval, of its run.
-    columns : ndarray of int
-        Which of the solver's parameters vary.
-    spreads : ndarray
-        Their prior deviations.
-    first : bool
-        Whether the first reports belong to the start.
-    xp : module
-        NumPy or CuPy, of the vectors of the tangents; those of controls and reports are of NumPy.
-    """
+    """The operator :math:`A = R^{-1/2} H M S` of a window and its transpose. Columns for parameters
+    come from one tangent run each and are kept; the others are applied by runs in the state.
+    `first`: the first reports belong to the start; `xp` is the module of tangents."""
 
     def __init__(
         self,

@@ -270,15 +270,7 @@ def _distances(points: Array, point: Array, grid: Grid) -> Array:
     return np.asarray(np.sqrt(total))
 
 
-# What candidates for sensors tell, in the space of their reports.
-#
-# With A from independent unknowns to all reports of all candidates and F to what is to be known,
-# all that a choice of sensors achieves follows from :math:`G = A A^T` and :math:`C = A F^T F A^T`.
-# Weights w between 0 and 1 on the candidates relax the choice; both criteria are concave in them
-# (Pukelsheim, Optimal Design of Experiments, 1993, chapters 5 and 9).
-
-
-# The relaxation ends when its two bounds agree to this fraction, or after this many steps.
+# Relative gap of the two bounds at which the relaxation ends, and most steps.
 _GAP, _STEPS = 1e-3, 200
 # Halvings of the interval in which the best length of a step lies.
 _BISECTIONS = 20
@@ -286,22 +278,14 @@ _BISECTIONS = 20
 
 @dataclass(frozen=True)
 class DesignKernels:
-    """The kernels, and which candidate each report belongs to.
+    """The kernels :math:`G = A A^T` and :math:`C = A F^T F A^T` of all reports of all candidates, A
+    and F from independent unknowns to the reports and to what is to be known. Both criteria are
+    concave in weights of the candidates (Pukelsheim, Optimal Design of Experiments, 1993)."""
 
-    Attributes
-    ----------
-    G : ndarray, shape (m, m)
-    C : ndarray, shape (m, m) or None
-        For the criterion "A"; None for "D".
-    owner : ndarray of int, shape (m,)
-    count : int
-        Number of candidates.
-    """
-
-    G: Array
-    C: Array | None
-    owner: NDArray[np.int64]
-    count: int
+    G: Array  # shape (m, m)
+    C: Array | None  # (m, m) for the criterion "A", None for "D"
+    owner: NDArray[np.int64]  # shape (m,): candidate of each report
+    count: int  # number of candidates
 
     def after(self, chosen: list[int]) -> DesignKernels:
         """The kernels once the reports of some candidates are known."""
@@ -344,11 +328,9 @@ class DesignKernels:
 
 
 def relaxed_bound(kernels: DesignKernels, allowed: NDArray[Any], budget: int) -> float:
-    """No choice of `budget` allowed candidates has a larger value than this.
-
-    Frank and Wolfe's method for the relaxation. At any weights w the tangent plane lies above the
-    concave criterion, so its maximum over all choices is a bound, however far w is from optimal.
-    """
+    """An upper bound of the value of any choice of `budget` allowed candidates, by Frank and
+    Wolfe's method for the relaxation: at any weights the tangent plane lies above the concave
+    criterion, so its maximum over all choices is a bound, even far from the optimum."""
     weights = np.where(allowed, budget / np.count_nonzero(allowed), 0.0)
     bound = np.inf
     for _ in range(_STEPS):

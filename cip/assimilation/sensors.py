@@ -29,21 +29,12 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Reports:
-    """What arrived from sensors, as linear maps of states on one grid; missing reports left out.
+    """The reports of sensors as linear maps of states on one grid; missing reports are left out."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (k,)
-    values, deviations : tuple of ndarray
-        For each time those that arrived, shape (m,).
-    operators : tuple of csr_array
-        For each time a matrix of shape (m, N), applied to all moments, ``state.data.ravel()``.
-    """
-
-    times: Array
-    values: tuple[Array, ...]
-    deviations: tuple[Array, ...]
-    operators: tuple[csr_array, ...]
+    times: Array  # shape (k,)
+    values: tuple[Array, ...]  # for each time those that arrived, shape (m,)
+    deviations: tuple[Array, ...]  # likewise
+    operators: tuple[csr_array, ...]  # for each time (m, N), applied to state.data.ravel()
 
 
 class Sensors:
@@ -449,13 +440,7 @@ _STORED = ("points", "times", "values", "deviations")
 
 
 def sensors_dataset(points: Array, times: Array, values: Array, deviations: Array) -> Any:
-    """An xarray.Dataset of sensors.
-
-    Raises
-    ------
-    MissingDependency
-        xarray is not installed.
-    """
+    """An xarray.Dataset of sensors."""
     xarray = xarray_module()
     dims = ["t", "sensor"]
     places = {name: ("sensor", x) for name, x in zip(AXES, points, strict=False)}
@@ -464,14 +449,8 @@ def sensors_dataset(points: Array, times: Array, values: Array, deviations: Arra
 
 
 def parts_of_dataset(dataset: Any, since: Any) -> tuple[Any, Any, Any, Any]:
-    """Points, times, values and deviations of a dataset; deviations may lack dimensions.
-
-    Dates become seconds since the date `since`.
-
-    Raises
-    ------
-    InputError
-        A variable or coordinate is missing, or has other dimensions; as `seconds`.
+    """Points, times, values and deviations of a dataset; deviations may lack dimensions. Dates
+    become seconds since the date `since`.
     """
     try:
         points = [dataset[name].values for name in AXES if name in dataset.coords]

@@ -17,9 +17,8 @@ from cip.reals import real_number
 
 Array = NDArray[np.float64]
 
-# Largest error of the feet, in cells, and of their derivatives, relative to their size. It is below
-# the accumulated rounding of a float64 profile after some hundred steps and above the rounding in
-# the evaluation of the velocity.
+# Largest error of the feet, in cells, and relative error of their derivatives: below the rounding
+# that a float64 profile accumulates in some hundred steps, above that of the velocity.
 TOLERANCE = 1e-10
 # Most sub-steps of a step: if more are needed, the velocity is not smooth or dt far too long.
 MAX_SUBSTEPS = 8192
@@ -31,47 +30,23 @@ ON_WALL = 1e-9
 
 @dataclass(frozen=True)
 class Exits:
-    """Characteristics that begin on a wall, each with place, time and derivatives there.
+    """Characteristics that begin on a wall, each with place, time and derivatives there."""
 
-    Attributes
-    ----------
-    nodes : ndarray of int
-        Indices of their end points among the given points.
-    ages : ndarray
-        Time between the wall and the node.
-    points : tuple of ndarray
-        Coordinates on the wall.
-    axis, side : ndarray of int
-        Direction normal to the wall, and 0 for its lower or 1 for its upper end.
-    jets : dict
-        Derivatives of the foot at the wall.
-    """
-
-    nodes: NDArray[np.int64]
-    ages: Array
-    points: tuple[Array, ...]
-    axis: NDArray[np.int64]
-    side: NDArray[np.int64]
-    jets: dict[Jet, Array]
+    nodes: NDArray[np.int64]  # indices of their end points among the given points
+    ages: Array  # time between the wall and the node
+    points: tuple[Array, ...]  # coordinates on the wall
+    axis: NDArray[np.int64]  # direction normal to the wall
+    side: NDArray[np.int64]  # 0 for its lower or 1 for its upper end
+    jets: dict[Jet, Array]  # derivatives of the foot at the wall
 
 
 @dataclass(frozen=True)
 class Feet:
-    """Displacements (in units of the coordinates) and derivatives of the feet of all points.
+    """Displacements (in units of the coordinates) and derivatives of the feet of all points."""
 
-    Attributes
-    ----------
-    jets : dict
-        One flat array for each `Jet`, an entry for each point.
-    exits : Exits or None
-        The paths that begin on a wall, if any.
-    substeps : int
-        Number of sub-steps of the accepted result.
-    """
-
-    jets: dict[Jet, Array]
-    exits: Exits | None
-    substeps: int
+    jets: dict[Jet, Array]  # flat arrays, an entry for each point
+    exits: Exits | None  # the paths that begin on a wall, if any
+    substeps: int  # number of sub-steps of the accepted result
 
 
 def integrate(
@@ -85,42 +60,12 @@ def integrate(
     substeps: int | None = None,
     known: Mapping[str, Any] | None = None,
 ) -> Feet:
-    r"""Follow the characteristics through `points` from `t_end` back to `t_end` - `dt`.
+    """Follow the characteristics through `points` from `t_end` back by `dt`, or to a wall.
 
-    The classical Runge-Kutta method with equal sub-steps, whose number n is increased to 2 n until
-    the error estimate (the difference of the two results over 15) is below the tolerance
-    everywhere. For a velocity that depends on t the next number is 2 n + 1: with 2 n, both results
-    could sample a velocity that is periodic in time at the same phases. A path that meets a wall of
-    a direction that is not periodic ends there.
-
-    Parameters
-    ----------
-    grid : Grid
-    formulas : sequence of Formula
-        The velocity.
-    system : System
-        The unknowns and their equations.
-    points : sequence of ndarray
-        Coordinates, one array for each direction, all of one shape.
-    t_end, dt : float
-    tolerance : float
-    substeps : int, optional
-        Take this number of sub-steps and estimate no error.
-    known : dict, optional
-        Numbers and functions in the system's rates that the velocity does not have, by their names
-        in code.
-
-    Returns
-    -------
-    Feet
-        Its arrays have an entry for each of the flattened points.
-
-    Raises
-    ------
-    NotFinite
-        The velocity or a path is NaN or infinite, with the node and the time.
-    NotConverged
-        More than 8192 sub-steps would be needed.
+    Classical Runge-Kutta with n equal sub-steps: `substeps`, or doubled until the difference of two
+    results over 15 is below the tolerance. For a velocity that depends on t, n becomes 2 n + 1:
+    with 2 n, both results could sample a periodic velocity at the same phases. `known` holds the
+    numbers and functions in the rates that the velocity does not have, by their names in code.
     """
     # Lengths for difference quotients, which formulas do not need.
     exact = all(formula.exact for formula in formulas)
@@ -242,12 +187,9 @@ class _Run:
         return dict(zip(self.system.jets, result, strict=True)), exits
 
     def difference(self, coarse: _Result, fine: _Result) -> float:
-        """Largest difference of two results.
-
-        The maximum of the differences of feet, in cells, of derivatives relative to the largest
-        one, and of the times at which paths begin on walls, relative to dt. Points whose path
-        begins on a wall in one result only are left out.
-        """
+        """Largest difference of two results: of feet in cells, of derivatives relative to the
+        largest one, of the times of exits relative to dt. Paths that begin on a wall in one result
+        only are left out."""
         aged = np.zeros((2, self.size))
         for row, (_, exits) in zip(aged, (coarse, fine), strict=True):
             if exits is not None:
@@ -300,8 +242,7 @@ class _Run:
         self, y: Array, base: list[Array], crossed: NDArray[np.bool_], tau: float, step: float
     ) -> tuple[Array, Array]:
         """Age and unknowns where the paths meet the wall, by the Illinois method (false position).
-
-        Only the walls that the step has crossed count: along others a path may run.
+        Only the walls that the step has crossed count: a path may run along others.
         """
 
         def outside(y: Array) -> Array:

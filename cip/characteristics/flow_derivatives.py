@@ -25,13 +25,10 @@ ZERO: Orders = (0, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Jet:
-    """A partial derivative of a component of the foot (0, 1, 2) or of log det(dX/dx) (3).
-
-    `orders` are the orders of the derivative in x1, x2, x3 and t, the last one 0.
-    """
+    """A partial derivative of a component of the foot (0, 1, 2) or of log det(dX/dx) (3)."""
 
     component: int
-    orders: Orders
+    orders: Orders  # in x1, x2, x3 and t; the last one is 0
 
     @property
     def name(self) -> str:
@@ -61,26 +58,9 @@ def foot(component: int, *axes: int) -> Jet:
 
 
 class System:
-    """The differential equations of the displacement of the foot and of the wanted jets.
-
-    Parameters
-    ----------
-    c : sequence of Expression
-        Velocity components.
-    moving : sequence of int
-        Directions in which the point moves: all of them, or one in a sweep of a splitting.
-    wanted : sequence of Jet
-        Unknowns besides the displacements; the jets that their equations need are added.
-
-    Attributes
-    ----------
-    jets : tuple of Jet
-        The unknowns: the displacements of the moving directions first.
-    rates : tuple of Expression
-        Their derivatives in tau, in terms of the foot (x1, x2, x3), t, the jets and parameters.
-    parameters : list of str
-        The variables of the parameters in them.
-    """
+    """The equations of the displacement of the foot in the `moving` directions and of the `wanted`
+    jets, for the velocity components `c`; jets that the equations need are added. `rates` are the
+    derivatives of `jets` in tau, in terms of the foot, t, the jets and the `parameters`."""
 
     def __init__(
         self, c: Sequence[Expression], moving: Sequence[int], wanted: Sequence[Jet]
@@ -102,10 +82,8 @@ class System:
         self._evaluator: tuple[dict[str, Any], Callable[..., Any]] | None = None
 
     def evaluator(self, functions: Mapping[str, Any]) -> Callable[..., Any]:
-        """The rates as a function of x1, x2, x3, t and the jets.
-
-        `functions` are the callables of opaque nodes and the numbers of parameters by name. The
-        result for the last of them is kept.
+        """The rates as a function of x1, x2, x3, t and the jets; the last result is kept.
+        `functions` are the callables of opaque nodes and the numbers of parameters by name.
         """
         if self._evaluator is None or self._evaluator[0] != functions:
             names = [*COORDINATES, *(jet.name for jet in self.jets)]
@@ -146,11 +124,9 @@ class System:
 
 
 class Composite:
-    r"""Moments of the new field in terms of those of the old one at the foot.
-
-    The new field is u(X) for transport and det(dX/dx) u(X) for advection; its derivatives follow by
-    the chain rule. `field(i, j, k)` names the variable of a derivative of u at the foot.
-    """
+    """Moments of the new field, u(X) for transport and det(dX/dx) u(X) for advection, by the chain
+    rule from those of the old one at the foot, where `field(i, j, k)` names a derivative's
+    variable."""
 
     def __init__(self, moving: Sequence[int], advect: bool) -> None:
         self._moving = tuple(moving)

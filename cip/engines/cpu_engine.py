@@ -120,9 +120,8 @@ class CpuEngine(Engine):
         count: int,
         kept: Any = None,
     ) -> int:
-        """Run a stage's kernel that computes the feet too; 0, `LEFT`, `COARSE` or both bits.
-
-        The feet are written to `kept` if it is given.
+        """Run a stage's kernel that computes the feet too, and write them to `kept` if given. The
+        result is 0, `LEFT`, `COARSE` or both bits.
         """
         from cip.engines import cpu_loops, path_loops
         from cip.jit import loop_over

@@ -51,10 +51,8 @@ def run_lines(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
     limiter: Index,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a sweep.
-
-    Row ``block line.n + i`` holds node i of ``line.stride`` adjacent lines. `line` is the first
-    line of the grid in the direction of the sweep.
+    """Rows start..stop of a sweep; `line` is the first line of the grid in its direction. Row
+    ``block line.n + i`` holds node i of ``line.stride`` adjacent lines.
     """
     m, out, feet = address(m), address(out), address(feet)
     line, update = at_addresses(line), Update(*update)

@@ -37,19 +37,8 @@ _PLANE_PLACE = """
 def device_source(
     stage: Stage, name: str, limiter: int, computed: bool, real: str, index: str
 ) -> str:
-    """CUDA C of the kernel ``run`` of a stage; numbers fixed for a solver are constants in it.
-
-    Parameters
-    ----------
-    stage : Stage
-    name : str
-        Name of the node function.
-    limiter : int
-        From `LIMITER_CODES`.
-    computed : bool
-        Whether the kernel computes the feet.
-    real, index : str
-        C types.
+    """CUDA C of the kernel ``run`` of a stage around the node function `name`, with its numbers as
+    constants; `limiter` from `LIMITER_CODES`, `computed` if the kernel computes the feet.
     """
     modules = _modules(stage)
     entries = [name]
@@ -106,14 +95,8 @@ def device_source(
 
 
 def feet_source(stage: Stage, real: str, index: str) -> str:
-    """CUDA C of the kernel ``run`` that computes the feet of all nodes and stores them.
-
-    Parameters
-    ----------
-    stage : Stage
-        With a formula that is not from snapshots.
-    real, index : str
-        C types.
+    """CUDA C of the kernel ``run`` that computes the feet of all nodes and stores them, for a stage
+    whose formula is not from snapshots.
     """
     grid, count = stage.grid, len(stage.jets)
     rounding = float(np.finfo(np.float64 if real == "double" else np.float32).eps)

@@ -50,19 +50,8 @@ def prelude(real: str = "double", index: str = "int", uniform: bool = False) -> 
 
 
 def translate(modules: Sequence[ModuleType | str], *entries: str) -> str:
-    """C code of some kernels and of all kernels that they call.
-
-    Parameters
-    ----------
-    modules : sequence of module or str
-        The kernels and their records, in any order: modules, or generated source.
-    *entries : str
-        Names of the kernels.
-
-    Returns
-    -------
-    str
-        The records, then the functions in an order in which each is defined before it is used.
+    """C code of the kernels `entries` and of all that they call: first the records, then the
+    functions, each before its use. `modules` (or generated source) hold them in any order.
     """
     trees: dict[str, ast.FunctionDef] = {}
     records: Records = {}

@@ -16,13 +16,11 @@ from cip.profiles.catalogue import LIMITER_CODES
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
-# For unsteady velocities the number of sub-steps is determined anew after so many steps, because
-# fewer may be enough then.
+# Steps after which unsteady velocities get a new number of sub-steps, as fewer may be enough.
 _RENEW = 16
-# From this number of nodes on, compiling the formula of a steady velocity (seconds) saves time.
+# Nodes from which on compiling the formula of a steady velocity (seconds) saves time.
 _COMPILE_FROM = 100_000
-# Number of cached sets of feet of a steady velocity: one for the full step, the others for shorter
-# steps before snapshots.
+# Cached sets of feet of a steady velocity: of the full step and of shorter ones before snapshots.
 _KEPT_FEET = 16
 
 
@@ -37,8 +35,7 @@ class _Memory(threading.local):
 
 class Engine:
     """Runs the stages of a setting; subclasses implement memory and kernels of the CPU or device.
-
-    The number of sub-steps found in earlier steps and the feet of steady velocities are cached.
+    The last numbers of sub-steps and the feet of steady velocities are cached.
     """
 
     xp: Any = np  # the module of the arrays
@@ -97,9 +94,8 @@ class Engine:
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
     ) -> int:
-        """Run a stage's kernel that computes the feet too.
-
-        The result is 0, `LEFT`, `COARSE` or both bits: what `path` returned for any of the nodes.
+        """Run a stage's kernel that computes the feet too. The result is 0, `LEFT`, `COARSE` or
+        both bits: what `path` returned for any of the nodes.
         """
         raise NotImplementedError
 
@@ -117,12 +113,9 @@ class Engine:
         kept: list[StageFeet] | None = None,
         known: StageFeet | None = None,
     ) -> Any:
-        """The moments after a stage of the step [t, t + dt].
-
-        With `homogeneous` data on walls are taken as zero: the stage then is linear in `data`. To
-        `kept` the feet are added, on the CPU, unless those of a steady velocity are cached anyway.
-        Feet that are `known` are not computed again, unless by the kernel that takes the step.
-        """
+        """The moments after a stage of the step [t, t + dt]. `homogeneous`: data on walls are zero,
+        which makes it linear. Feet, unless cached anyway, are added to `kept` (on the CPU); `known`
+        ones are not computed again, unless by the kernel that takes the step."""
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
         if self._computes(stage):
@@ -207,11 +200,9 @@ class Engine:
         return StageFeet(feet.reshape(-1), exits, t + stage.begin * dt, t_end, counts)
 
     def _refine(self, stage: Stage, t: float, dt: float, attempt: Callable[[int], int]) -> bool:
-        """Call attempt(count) with more and more sub-steps until no path returns `COARSE`.
-
-        False if NumPy must compute the feet or report the node where it fails: paths begin on
-        walls, or too many sub-steps would be needed.
-        """
+        """Call attempt(count) with more and more sub-steps until no path returns `COARSE`. False if
+        NumPy must take over, as paths begin on walls, or report where too many sub-steps are
+        needed."""
         count = self._count(stage, t, dt)
         while count <= MAX_SUBSTEPS:
             found = attempt(count)
@@ -236,11 +227,9 @@ class Engine:
         return f"node_{stage.profile}" + ("_limited" if limited else "")
 
     def bounds(self, stage: Stage) -> tuple[float, float]:
-        """The bounds that the limiter imposes in a stage.
-
-        Between the sweeps of a splitting the field is compressed along one direction and not yet
-        stretched along the others, so it may exceed the bounds: only its sign is imposed there.
-        """
+        """The bounds that the limiter imposes in a stage: between the sweeps of a splitting only
+        the sign, as the field is compressed along one direction and not yet stretched along the
+        others."""
         low, high = self.setting.bounds
         if not stage.compressed:
             return low, high
@@ -252,9 +241,8 @@ class Engine:
         return not self.setting.stores_feet
 
     def _count(self, stage: Stage, t: float, dt: float) -> int:
-        """Initial number of sub-steps: that of the last step, or from time to time a smaller one.
-
-        After `_RENEW` steps it falls to what a sample of the nodes needs, but at most by half.
+        """First number of sub-steps to try: that of the last step, which every `_RENEW` steps falls
+        to what a sample of the nodes needs, but at most by half.
         """
         key = stage.part(dt)
         found = self._counts.get(key)

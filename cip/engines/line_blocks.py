@@ -28,10 +28,8 @@ numbers = room(_LINE_BLOCK)
 
 @kernel
 def offsets(feet: Array, o: Index, count: Index, at: Out, inside: Out) -> tuple[Index, Index]:
-    """Write the whole cells from nodes to feet and the places in the cells; least and most cells.
-
-    The displacements of the nodes o, .., o + count - 1 are split into whole cells (`at`) and a
-    fraction (`inside`).
+    """Split the displacements of nodes o, .., o + count - 1 into whole cells (`at`) and fractions
+    (`inside`); return the least and the largest number of whole cells.
     """
     low = floor(feet[o])
     high = low

@@ -31,30 +31,17 @@ _STAGES = (0.0, 0.5, 0.5, 1.0)
 # Codes that `path` returns: the path left the box; its sub-steps were too long. They are bits.
 LEFT, COARSE = 1, 2
 _NUMBERS = 5  # how many `box_of` gives for each direction
-# Length of the array for the components of a foot: bicubic updates and quintic sweeps in three
-# dimensions need 12.
+# Numbers of a foot: bicubic updates and quintic sweeps in three dimensions need 12.
 FOOT_ROOM = 16
-# The same with the values and weights of splines behind them: quintic ones of all three components
-# with derivatives up to the third need about this many.
+# The same with values and weights of splines behind: quintic ones of three components with all
+# third derivatives need about this many.
 SPLINE_ROOM = 256
 
 
 def box_of(grid: Grid, system: System, limit: float, rounding: float) -> list[float]:
-    """The limits that the kernel `path` checks, five numbers for each direction of motion.
-
-    They are the number of cells per unit of length; the lowest and the highest coordinate that a
-    path may reach (the walls or, in a periodic direction, `MOST_CELLS` cells from the ends); and
-    the largest error of a displacement, absolute as a length and relative.
-
-    Parameters
-    ----------
-    grid : Grid
-    system : System
-    limit : float
-        Largest defect of a foot, in cells, without rounding.
-    rounding : float
-        Machine epsilon of the precision in which the kernel computes.
-    """
+    """The limits that the kernel `path` checks, five numbers for each direction of motion: cells
+    per unit of length; lowest and highest coordinate (walls, or `MOST_CELLS` cells from the ends);
+    largest error of a displacement, absolute (`limit` is in cells) and relative (rounding)."""
     noise = 256.0 * rounding  # relative rounding error after some hundred sub-steps
     found = []
     for axis in system.moving:
@@ -73,29 +60,13 @@ def path_source(
     constant: bool = True,
     field: Snapshots | None = None,
 ) -> str:
-    r"""Python source of the kernels `rates`, `velocity` and `path`.
+    """Python source of the kernels `rates`, `velocity` and `path`.
 
-    ``path(feet, x1, x2, x3, t, step, count, box)`` writes the jets in the order of `wanted`, the
-    displacements in cells (uniform directions only), and returns 0. It returns `LEFT` if the path
-    leaves the box through a wall or is not finite; then the first of the jets is infinite. It
-    returns `COARSE` if `count` is even and the sub-steps are too long. The path ends at time `t`
-    and is followed back over `count` sub-steps of length `step`. The last argument `box` holds the
-    numbers of `box_of`, unless they are constants in the code (`constant`), and then the values of
-    the velocity's parameters and the table of its `field`, if it is one from snapshots; it is
-    missing where it would be empty. So one kernel of a velocity serves all parameters and data, and
-    where it is not `constant` all grids. With a `field` the array `feet` has `SPLINE_ROOM` places.
-
-    Notes
-    -----
-    The error of every two sub-steps is estimated by the defect of Simpson's rule,
-
-    .. math:: |y_{n+2} - y_n - (f_n + 4 f_{n+1} + f_{n+2}) h / 3|,
-
-    of the order of the Runge-Kutta method's local error, :math:`h^5`, from rates that it computes
-    anyway. The sum of the defects is 1.7 times the error for y' = ay and 15 times the error if the
-    rates depend on t alone. Only the displacements are checked: a relative error of their
-    derivatives shifts neighbouring feet against each other by that fraction of a cell, so it shows
-    in the displacements.
+    ``path(feet, x1, x2, x3, t, step, count, box)`` writes the jets `wanted`, displacements in
+    cells, and returns 0; `LEFT` if it leaves the box or is not finite; `COARSE` if, for even
+    `count`, the defect of Simpson's rule, |y_{n+2} - y_n - (f_n + 4 f_{n+1} + f_{n+2}) h / 3| =
+    O(h^5), is too large. `box` (omitted if empty) holds `box_of` unless `constant`, then
+    parameters, then the table of a `field` from snapshots.
     """
     numbers = [repr(x) if constant else f"box[{q}]" for q, x in enumerate(box)]
     first = 0 if constant else len(box)

@@ -26,20 +26,15 @@ path: Any = None
 
 
 class Paths(NamedTuple):
-    """End points of paths and how they are followed back.
+    """End points of paths and how they are followed back."""
 
-    `x`, `y`, `z` are the coordinates along the grid's lines (0 in directions that it lacks), in
-    `run_feet` those of the points. A path ends at time `t` and is followed over `substeps` steps of
-    length `step`; `box` holds the numbers of `box_of`, then the values of parameters.
-    """
-
-    x: Array
-    y: Array
+    x: Array  # coordinates along the grid's lines (`run_feet`: of the points)
+    y: Array  # likewise; 0 in a direction that the grid lacks
     z: Array
-    t: Real
-    step: Real
+    t: Real  # at the end of the path
+    step: Real  # length of a sub-step
     substeps: Index
-    box: Array
+    box: Array  # of `box_of`, then the values of parameters
 
 
 def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
@@ -65,9 +60,8 @@ def run_plane_path(
     start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
     paths: Paths, x: Line, y: Line, update: Update, limiter: Index,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`.
-
-    The first components of the feet are written to `kept`, laid out as by `run_feet`.
+    """Rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`. The
+    first components of the feet are written to `kept`, laid out as by `run_feet`.
     """
     m, out, said, kept = address(m), address(out), address(said), address(kept)
     x, y, update, paths = at_addresses(x), at_addresses(y), Update(*update), Paths(*paths)
@@ -88,10 +82,7 @@ def run_lines_path(
     start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
     paths: Paths, line: Line, update: Update, limiter: Index,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a sweep, as `cip.engines.cpu_loops.run_lines` counts them.
-
-    The rest is as for `run_plane_path`.
-    """
+    """As `run_plane_path` for rows start..stop of a sweep, counted as in `cpu_loops.run_lines`."""
     m, out, said, kept = address(m), address(out), address(said), address(kept)
     line, update, paths = at_addresses(line), Update(*update), Paths(*paths)
     feet, box = foot_room(np.empty(1)), address(paths.box)

@@ -46,9 +46,8 @@ def corners(
     m: Array, size: Index, moments: Index, x: Line, y: Line, uniform: Index, count: Index,
     at: Array, near: Out,
 ) -> None:  # fmt: skip
-    """Copy moment after moment at the four corners of the cells, then the widths, to `near`.
-
-    The widths of a uniform grid are there already, from `corner_room`.
+    """Copy moment after moment at the four corners of the cells, then the widths, to `near`. The
+    widths of a uniform grid are there already, from `corner_room`.
     """
     for q in range(count):
         k = at[q]
@@ -129,10 +128,8 @@ def keep(new: Array, moments: Index, size: Index, count: Index, out: Out, o: Ind
 
 def corner_room(moments: int, dtype: DTypeLike, *widths: Array) -> Any:
     """Memory for the moments at the corners of a block; widths preset to those of the first cell.
-
-    It is allocated outside the compiled loop on purpose: as far as the compiler knows it may
-    overlap the moments, so it does not use (slower) gather instructions for the scattered reads.
-    """
+    Allocated outside the compiled loop on purpose: as it may overlap the moments, the compiler
+    avoids gather instructions, which are slower, for the scattered reads."""
     near = np.empty((4 * moments + len(widths), _PLANE_BLOCK), dtype)
     for row, width in zip(near[4 * moments :], widths, strict=True):
         row[:] = width[0]

@@ -13,36 +13,17 @@ from cip.grid import Grid
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A scheme on a grid: everything about it that its stages need. Immutable.
-
-    Attributes
-    ----------
-    grid : Grid
-    formulas : tuple of Formula
-        The velocity, a component for each direction.
-    profile : str
-    limiter : str or None
-    bounds : (low, high)
-        Of the field, for the limiter ``"bounds"``.
-    bounds_tolerance : float
-        In the unit of the field: a profile that exceeds the bounds by less is not limited.
-    dtype : dtype
-        Of the moments and the stored feet.
-    store_feet : bool or None
-        Whether feet are stored; None: if the velocity is steady.
-    steady : bool
-        Whether the velocity is the same at all times.
-    """
+    """A scheme on a grid: everything about it that its stages need."""
 
     grid: Grid
-    formulas: tuple[Formula, ...]
+    formulas: tuple[Formula, ...]  # the velocity, a component for each direction
     profile: str
     limiter: str | None
-    bounds: tuple[float, float]
-    bounds_tolerance: float
-    dtype: np.dtype[Any]
-    store_feet: bool | None
-    steady: bool
+    bounds: tuple[float, float]  # (low, high) of the field, for the limiter "bounds"
+    bounds_tolerance: float  # smaller violations are not limited; in the unit of the field
+    dtype: np.dtype[Any]  # of the moments and the stored feet
+    store_feet: bool | None  # None: if the velocity is steady
+    steady: bool  # whether the velocity is the same at all times
 
     @property
     def stores_feet(self) -> bool:

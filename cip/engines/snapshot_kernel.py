@@ -34,16 +34,12 @@ def {SEARCH}(x: Real, box: Array, at: Index, count: Index, degree: Index, rounds
 
 
 class Layout(NamedTuple):
-    """Where the numbers of the splines are, and where their values go.
+    """Where the numbers of the splines are, and where their values go."""
 
-    `degrees` are those in time and in each direction; the table begins at ``box[first]``; values
-    and weights are written from ``work[room]`` on.
-    """
-
-    degrees: tuple[int, ...]
+    degrees: tuple[int, ...]  # in time and in each direction
     components: int
-    first: int
-    room: int
+    first: int  # the table begins at box[first]
+    room: int  # values and weights are written from work[room] on
 
 
 def derivatives_in(rates: Sequence[Expression]) -> list[Expression]:
@@ -70,9 +66,8 @@ def room_needed(layout: Layout, nodes: Sequence[Expression]) -> int:
 
 
 def spline_source(layout: Layout, name: str, nodes: Sequence[Expression]) -> list[str]:
-    """Python source of the kernel ``name(x1, x2, x3, t, box, work)``, which writes the derivatives.
-
-    That of node q goes to ``work[room + q]``. The kernels of `weight_source` come before it.
+    """Python source of the kernel ``name(x1, x2, x3, t, box, work)``, which writes the derivative
+    of node q to ``work[room + q]``. The kernels of `weight_source` come before it.
     """
     reals = ", ".join(f"{x}: Real" for x in COORDINATES)
     lines = [f"def {name}({reals}, box: Array, work: Out) -> None:"]
@@ -170,7 +165,6 @@ def weight_source(layout: Layout, *lists: Sequence[Expression]) -> list[str]:
 @cache
 def _basis(degree: int, order: int) -> tuple[Expression, ...]:
     """The B-splines on an interval, or their derivatives, in terms of x and the knots around it.
-
     Knot number `degree` - 1 (``k{degree - 1}``) is the left end of the interval.
     """
     x = variable("x")

@@ -10,14 +10,7 @@ _NAMES = ("t", "time")
 
 
 class WithTime:
-    """A callable of (x1, .., t) that calls ``function(x1, .., name=t)``, or without t if no name.
-
-    Parameters
-    ----------
-    function : callable
-    name : str or None
-        Name of the argument for the time; None if the function has no such argument.
-    """
+    """A callable of (x1, .., t) that calls ``function(x1, .., name=t)``, without t if no name."""
 
     def __init__(self, function: Callable[..., Any], name: str | None) -> None:
         self._function, self._name = function, name

@@ -18,26 +18,15 @@ COORDINATES = ("x1", "x2", "x3", "t")
 
 
 class Expression:
-    """A node of a formula; build it with arithmetic, NumPy functions, `variable` and `constant`.
-
-    Attributes
-    ----------
-    op : str
-        ``"constant"``, ``"variable"``, ``"opaque"``, ``"linear"``, an operator ``+ - * / **`` or a
-        function.
-    args : tuple of Expression
-    value
-        The number, the name, or the (name, orders) of the derivative of an opaque function, or of
-        one that is linear in the arguments.
-    """
+    """A node of a formula; build it with arithmetic, NumPy functions, `variable` and `constant`."""
 
     __slots__ = ("_derivatives", "args", "op", "value")
     _nodes: ClassVar[dict[Any, Expression]] = {}
     __array_priority__ = 1000.0
 
-    op: str
+    op: str  # "constant", "variable", "opaque", "linear", an operator or a function
     args: tuple[Expression, ...]
-    value: Any
+    value: Any  # number, name, or (name, orders) if opaque or linear
     _derivatives: dict[str, Expression]
 
     def __new__(  # noqa: D102
@@ -163,9 +152,8 @@ def variable(name: str) -> Expression:
 
 
 def opaque(name: str, orders: tuple[int, int, int, int]) -> Expression:
-    """A partial derivative, at (x1, x2, x3, t), of a function known only by its values.
-
-    `orders` are those of the derivative in x1, x2, x3 and t.
+    """A partial derivative, at (x1, x2, x3, t), of a function known only by its values; `orders`
+    are those in x1, x2, x3 and t.
     """
     return Expression("opaque", (), (name, orders))
 
@@ -173,9 +161,8 @@ def opaque(name: str, orders: tuple[int, int, int, int]) -> Expression:
 def linear(
     name: str, orders: tuple[int, int, int, int], coefficients: Sequence[Expression]
 ) -> Expression:
-    """A partial derivative of a sum of functions ``name0, name1, ..``, each times a coefficient.
-
-    The functions are known only by their values, as that of `opaque`; so is the sum.
+    """A partial derivative of a sum of functions ``name0, name1, ..``, each times a coefficient;
+    the functions, and so their sum, are known only by their values, as those of `opaque`.
     """
     return Expression("linear", tuple(coefficients), (name, orders))
 

@@ -21,28 +21,18 @@ from cip.reals import real_array, real_number
 Array = NDArray[np.float64]
 Orders = tuple[int, int, int, int]
 
-# Time at which callables are tested: an arbitrary number (1 / sqrt(7)) that is no zero and no
-# period of usual functions.
+# Time at which callables are tested: 1 / sqrt(7), neither zero nor a period of usual functions.
 _CLOCK = 0.3779644730092272
-# Sixth-order central differences. Their step is a quarter of the spacing h: the truncation error
-# stays below the error of the profiles on every grid, and the rounding error is about 4 eps / h.
+# Step of sixth-order central differences, in spacings h: truncation error below that of the
+# profiles, rounding error about 4 eps / h.
 _STEP = 0.25
 _STENCIL = ((1, 45.0 / 60.0), (2, -9.0 / 60.0), (3, 1.0 / 60.0))
 
 
 class Formula:
-    """A function f(x1, .., t): exact derivatives where its formula is known, else differences.
-
-    Parameters
-    ----------
-    expression : Expression
-        The formula, or an opaque node that stands for `known`.
-    dim : int
-    known : dict, optional
-        Callables of (x1, .., t): the value, orders (0, 0, 0, 0), and given derivatives.
-    parameters : mapping, optional
-        The values of the formula's parameters by their names.
-    """
+    """A function f(x1, .., t) with exact derivatives if its formula is known, else differences.
+    `expression` may be an opaque node that stands for `known`: callables of (x1, .., t) by orders,
+    (0, 0, 0, 0) for the value. `parameters` are values by names."""
 
     def __init__(
         self,
@@ -58,11 +48,9 @@ class Formula:
     def of(
         cls, value: Any, box: Box, name: str, time: bool = False, sparse: bool = False
     ) -> Formula:
-        """From a number, a text, or a callable of the coordinates (and of t, if `time`).
-
-        A callable must be defined on `box`. With `sparse` it is tested with one coordinate array
-        for each direction, which broadcast against each other, instead of flat arrays.
-        """
+        """From a number, a text, or a callable of the coordinates (and of t, if `time`), defined on
+        `box`. It is tested with flat arrays or, if `sparse`, with one array for each direction,
+        which broadcast."""
         dim = len(box)
         names = [*COORDINATES[:dim], *(["t"] if time else [])]
         if isinstance(value, str):
@@ -149,10 +137,8 @@ class Formula:
         return not self.exact or "t" not in self.expression.variables()
 
     def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
-        """What `nodes` need of this formula besides coordinates, by the names in code.
-
-        They are the callables of its opaque functions and the numbers of its parameters. `steps` as
-        for `derivative`.
+        """What `nodes` need besides coordinates, by the names in code: the callables of opaque
+        functions and the numbers of parameters; `steps` as for `derivative`.
         """
         found: dict[str, Any] = dict(self.numbers)
         for node in ordered(list(nodes)):
@@ -163,10 +149,8 @@ class Formula:
         return found
 
     def derivative(self, orders: Orders, steps: Sequence[float]) -> Callable[..., Array]:
-        """A partial derivative as a function of (x1, x2, x3, t).
-
-        `steps` are the lengths in x1, x2, x3 and t over which the function changes little; a
-        quarter of these is the step of the difference quotients.
+        """A partial derivative as a function of (x1, x2, x3, t). `steps` are lengths in x1, x2, x3,
+        t over which the function changes little; difference quotients take a quarter of these.
         """
         node = self.expression
         for name, order in zip(COORDINATES, orders, strict=True):
@@ -208,9 +192,8 @@ def padded(point: Sequence[Any], dim: int, time: bool) -> list[Any]:
 def agree(
     formulas: Sequence[Expression], function: Callable[..., Any], box: Box, time: bool
 ) -> bool:
-    """Whether a callable and the formulas traced from it have the same values on two samples.
-
-    False also if the callable raises, or if none of the values is finite.
+    """Whether a callable and the formulas traced from it have the same values on two samples. False
+    also if the callable raises, or if none of the values is finite.
     """
     compute = numpy_function(formulas, COORDINATES)
     finite = False
@@ -250,9 +233,8 @@ def _difference(function: Callable[..., Any], place: int, step: float) -> Callab
 
 
 def spline(values: Any, grid: Grid, name: str) -> Formula:
-    """The interpolating quintic tensor spline of nodal values, periodic where the grid is.
-
-    In a direction of fewer than 6 cells the spline is cubic.
+    """The interpolating quintic tensor spline of nodal values (cubic in a direction of fewer than 6
+    cells), periodic where the grid is.
     """
     from scipy.interpolate import NdBSpline, make_interp_spline
 

@@ -13,8 +13,7 @@ from cip.errors import InputError
 from cip.formulas.expression import COORDINATES, RULES, Expression, ordered, variable
 from cip.reals import real_number
 
-# A parameter is the variable of its name with this before it, so no name can be that of a
-# coordinate or of an unknown of the characteristics.
+# Put before a parameter's name in code, so that it is no coordinate and no unknown of a path.
 _PREFIX = "p_"
 _TAKEN = {*COORDINATES, "x", "y", "z", "pi", "e", *RULES}
 # Names with a fixed meaning in the languages that formulas become (C11 and C++20, chapters on
@@ -71,13 +70,7 @@ def parameters_in(nodes: Iterable[Expression]) -> list[str]:
 
 
 def bound(values: Mapping[str, float]) -> dict[str, np.float64]:
-    """The values by the names that code uses; NumPy's numbers give infinity where Python's raise.
-
-    Parameters
-    ----------
-    values : mapping
-        From names to numbers.
-    """
+    """The values by their names in code, as NumPy's numbers: infinity where Python's raise."""
     return {f"{_PREFIX}{name}": np.float64(value) for name, value in values.items()}
 
 
@@ -88,13 +81,8 @@ def reserved(name: str) -> bool:
 
 
 def checked(values: Any) -> dict[str, float]:
-    """The argument `parameters` as names and finite numbers.
-
-    Raises
-    ------
-    InputError
-        A name that a formula cannot hold or that has another meaning there; a value that is no
-        finite number.
+    """The argument `parameters` as names and finite numbers. Raises `InputError` for names that a
+    formula cannot hold or that mean something else there.
     """
     if values is None:
         return {}

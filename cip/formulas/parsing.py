@@ -32,17 +32,9 @@ _OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
 
 
 def parse(text: str, name: str = "expression", parameters: Collection[str] = ()) -> Expression:
-    """The formula that a text in x1, x2, x3 (or x, y, z) and t stands for.
-
-    The grammar is Python's arithmetic with ``+ - * / **``, numbers, pi, e, and sin, cos, tan,
-    arcsin, arccos, arctan, sinh, cosh, tanh, exp, log, sqrt, abs and sign; and the names in
-    `parameters`, which have no other meaning.
-
-    Raises
-    ------
-    InputError
-        Anything else, or a number in it that is not finite; messages begin with `name`.
-    """
+    """The formula that a text in x1, x2, x3 (or x, y, z), t and `parameters` stands for: Python's
+    arithmetic ``+ - * / **`` with finite numbers, pi, e and the elementary functions of
+    `expression`. Raises `InputError` for anything else, with a message that begins with `name`."""
     if not isinstance(text, str):
         raise InputError(f"{name}: expected a text such as 'x2 * sin(t)', got {text!r}")
     if not text.isascii():  # Python reads letters of other scripts as the Latin ones like them

@@ -15,30 +15,20 @@ from cip.formulas.snapshots import SnapshotFormula
 from cip.formulas.spline_basis import SplineFormula
 from cip.grid import AXES, Array, Grid
 
-# Jumps relative to the largest value in the box. Below the first one they are rounding, also of
-# difference quotients; above the second one the field is another one than that of the box.
+# Jumps relative to the largest value in the box: below the first, rounding (of difference quotients
+# too); above the second, the field is not periodic.
 _ROUNDING, _JUMP = 1e-6, 1e-3
 _KINK = 1e-3
 # Arbitrary numbers, no zeros or periods of usual functions (roots of 1/7, 2 and 11).
 _CLOCKS = (0.3779644730092272, 1.4142135623730951, 3.3166247903554)
-# Points on a side: in each direction along it at these uneven places, and at about so many nodes
-# in all, so that narrow streams through it are seen.
+# About so many points on a side, at uneven places along it, so that narrow streams are seen.
 _NODES = 256
 _PLACES = (np.sqrt(2.0) * np.arange(1, 8) + 0.17) % 1.0
 
 
 def check_periodic(velocity: Sequence[Formula], grid: Grid) -> None:
-    """Refuse a velocity that jumps between opposite sides of a periodic direction.
-
-    Raises
-    ------
-    InputError
-        A jump; names the component, the places and the values.
-
-    Warns
-    -----
-    PeriodicityWarning
-        A small jump, or one of the derivative across the side.
+    """Raise `InputError` if a velocity jumps between opposite sides of a periodic direction. Warn
+    of a small jump, or of one of the derivative across the side.
     """
     for axis in range(grid.dim):
         if not grid.periodic[axis]:

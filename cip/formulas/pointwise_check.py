@@ -19,30 +19,21 @@ from cip.errors import InputError
 Array = NDArray[np.float64]
 Box = Sequence[tuple[float, float]]
 
-# Number of points in each direction of the first sample, by dimension. The second sample has one
-# new point and then every other point of the first in reverse order.
+# Points of the first sample in each direction, by dimension. The second sample has a new point,
+# then every other point of the first in reverse order.
 _COUNTS = {1: (8,), 2: (4, 2), 3: (2, 2, 2)}
-# The fractional parts of the multiples of these irrational numbers are spread over (0, 1) without
-# being ordered: the golden ratio and the two numbers of the analogous sequence in the plane.
+# Multiples of these irrational numbers, modulo 1, are spread over (0, 1) without order: the golden
+# ratio and the two numbers of the analogous sequence in the plane.
 _RATIOS = (0.6180339887498949, 0.7548776662466927, 0.5698402909980532)
 # Relative difference allowed between two values at the same point, some thousand roundings:
-# vectorized loops and the scalar loops over the last entries of an array round differently.
+# vectorised loops and the scalar loops at the end of an array round differently.
 _ROUNDING = 1e-12
 
 
 class Samples:
-    """Two sets of points of a box that have some points in common.
-
-    Parameters
-    ----------
-    box : sequence of (low, high)
-        One pair for each direction.
-    sparse : bool
-        Whether points are given by one array for each direction, which broadcast, or by flat arrays
-        of the coordinates of all points.
-    t : float, optional
-        Appended to the coordinates.
-    """
+    """Two sets of points of a box that have some points in common: flat arrays of the coordinates
+    of all points or, if `sparse`, one array for each direction, which broadcast; then `t`, if
+    given."""
 
     def __init__(self, box: Box, sparse: bool = False, t: float | None = None) -> None:
         lines, others, self._shared = [], [], []
@@ -63,10 +54,7 @@ class Samples:
         return iter(self.points)
 
     def differ(self, first: Any, second: Any) -> str | None:
-        """A text about the first common point with different values; None if they all agree.
-
-        `first` and `second` are the values on the two samples.
-        """
+        """A text about the first common point with different values on the two samples, or None."""
         a, b = (
             np.reshape(np.broadcast_to(x, np.broadcast_shapes(*map(np.shape, point))), shape)
             for x, point, shape in zip((first, second), self, self._shapes, strict=True)
@@ -85,7 +73,6 @@ def _time(t: float | None) -> list[float]:
 
 def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
     """For each entry, whether the two agree within `tolerance` times the largest finite one of a.
-
     NaN equals NaN, and infinity equals infinity of the same sign.
     """
     a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))

@@ -21,31 +21,9 @@ from cip.formulas.expression import apply as function
 def gradient(
     output: Expression, names: Sequence[str], parts: Sequence[Expression] = ()
 ) -> list[Expression]:
-    """The derivatives of a formula with respect to variables, and to sub-formulas.
-
-    They share their sub-formulas, so that together they take a few times the operations of the
-    formula, however many variables there are (Griewank and Walther, Evaluating Derivatives, 2008,
-    chapter 3).
-
-    Parameters
-    ----------
-    output : Expression
-    names : sequence of str
-        Of the variables.
-    parts : sequence of Expression
-        Nodes of the formula.
-
-    Returns
-    -------
-    list of Expression
-
-    Examples
-    --------
-    >>> from cip.formulas.expression import variable
-    >>> x, y = variable("x"), variable("y")
-    >>> [sorted(part.variables()) for part in gradient(x * y + x, ["x", "y", "z"])]
-    [['y'], ['x'], []]
-    """
+    """The derivatives of a formula in variables and in nodes of it (`parts`), by reverse
+    accumulation: together they take a few times the operations of the formula, however many the
+    variables are (Griewank and Walther, Evaluating Derivatives, 2008, chapter 3)."""
     every = [*(variable(name) for name in names), *parts]
     nodes, wanted = ordered([output]), set(every)
     moves = any(name in COORDINATES for name in names)

@@ -14,21 +14,8 @@ _SECOND = np.timedelta64(1, "s")
 
 
 def seconds(times: Any, name: str, since: Any = None) -> Array:
-    """Times as numbers: dates in seconds since one of them, durations in seconds, numbers as given.
-
-    Parameters
-    ----------
-    times : array_like
-        Numbers, datetime64 or timedelta64.
-    name : str
-        What messages call them.
-    since : datetime64, datetime or str, optional
-        The date of time 0, as ``"2010-05-04T12:00"``; default the first of the dates.
-
-    Raises
-    ------
-    InputError
-        Times of another type; `since` that is no date, or given with times that are none.
+    """Times as numbers: durations in seconds, dates in seconds since the date `since` (by default
+    the first of them), numbers as given. Messages of `InputError` call them `name`.
     """
     if np.ma.is_masked(times):
         raise InputError(f"{name} holds masked times; leave them out")

@@ -31,25 +31,9 @@ _SAME = 1e-9
 
 
 class Snapshots:
-    """The splines through arrays at several times.
-
-    Parameters
-    ----------
-    times, arrays, grid, degree
-        As for `Velocity.from_snapshots`.
-    components : int, optional
-        Default one for each direction, a velocity.
-
-    Attributes
-    ----------
-    grid : Grid
-    degrees : tuple of int
-        In time and in each direction of space.
-    knots : list of ndarray
-        Likewise.
-    coefficients : ndarray
-        Shape (components, times, coefficients in each direction).
-    """
+    """The splines through arrays at several times; the arguments are those of
+    `Velocity.from_snapshots`. `coefficients` has shape (components, times, coefficients in each
+    direction); `degrees` and `knots` are those in time and in each direction."""
 
     def __init__(
         self, times: Any, arrays: Any, grid: Any, degree: Any, components: int | None = None
@@ -89,11 +73,9 @@ class Snapshots:
 
     @cached_property
     def table(self) -> Array:
-        """All numbers that a kernel needs, as `cip.engines.snapshot_kernel` reads them.
-
-        For time and each direction: the number of coefficients, of halvings in the search of an
-        interval, and the period or 0; the knots of each; the coefficients.
-        """
+        """All numbers that a kernel needs, as `cip.engines.snapshot_kernel` reads them: for time
+        and each direction the number of coefficients, of halvings in the search of an interval, and
+        the period or 0; the knots of each; the coefficients."""
         head: list[float] = []
         for axis, (knots, k) in enumerate(zip(self.knots, self.degrees, strict=True)):
             count = knots.size - k - 1
@@ -166,14 +148,8 @@ class Snapshots:
 
 
 class SnapshotFormula(Formula):
-    """One component of `Snapshots`; compiled, with the derivatives of the splines.
-
-    Parameters
-    ----------
-    field : Snapshots
-    component : int
-    name : str
-        In code, before the number of the component.
+    """One component of `Snapshots`, with the derivatives of the splines. It is compiled; `name`
+    stands in code before the number of the component.
     """
 
     def __init__(self, field: Snapshots, component: int, name: str = "snapshots") -> None:

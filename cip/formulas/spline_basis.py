@@ -17,29 +17,15 @@ from cip.grid import Grid
 from cip.reals import real_array
 
 Array = NDArray[np.float64]
-# Begins the names of sums and, with a number behind, of basis functions in formulas. They do not
-# tell whose basis it is: formulas of one shape share their graphs, and `SplineFormula.functions`
-# knows the splines.
+# Begins the names of sums and (with a number) of functions in formulas. Formulas of one shape share
+# graphs: `SplineFormula.functions` knows whose basis it is.
 _NAME = "splines_of_"
 
 
 class SplineBasis:
-    """The tensor products of uniform B-splines on the box of a grid, periodic where it is.
-
-    Parameters
-    ----------
-    grid : Grid
-        Its box and periodic directions.
-    pieces : tuple of int
-        Number of polynomial pieces in each direction.
-    degree : int
-
-    Attributes
-    ----------
-    counts : tuple of int
-        Number of functions in each direction: as many as pieces in periodic directions, `degree`
-        more in others.
-    """
+    """The tensor products of uniform B-splines on the box of a grid, periodic where it is, with
+    `pieces` polynomials in each direction. `counts`, the functions in each direction, equals
+    `pieces` if it is periodic, else `degree` more."""
 
     def __init__(self, grid: Grid, pieces: tuple[int, ...], degree: int) -> None:
         self.bounds, self.periodic = grid.bounds, grid.periodic
@@ -79,10 +65,8 @@ class SplineBasis:
         return np.asarray(self._splines[axis](np.clip(x, low, high), nu=order))
 
     def rows(self, point: tuple[Any, ...], axis: int, order: int) -> Array:
-        """Derivatives of the functions of one direction, shape (functions, points).
-
-        Values at the points of the last call are kept: an evaluation of a velocity takes all
-        derivatives at the same arrays.
+        """Derivatives of the functions of one direction, shape (functions, points). Values at the
+        points of the last call are kept, as a velocity takes all derivatives at the same arrays.
         """
         known, rows = self._last
         if not all(one is other for one, other in zip(known, point, strict=True)):
@@ -108,9 +92,8 @@ class SplineBasis:
         return values
 
     def sum(self, coefficients: Array, orders: Orders) -> Callable[..., Any]:
-        """A derivative of the sum of all functions times coefficients of shape `counts`.
-
-        It is a function of (x1, x2, x3, t), whose arrays broadcast against each other.
+        """A derivative of the sum of all functions times coefficients of shape `counts`, as a
+        function of (x1, x2, x3, t), whose arrays broadcast against each other.
         """
         last = len(self.counts) - 1
 
@@ -127,19 +110,8 @@ class SplineBasis:
         return values
 
     def weighted(self, point: tuple[Any, ...], orders: Orders, weight: Array) -> Array:
-        """The transpose of `sum`: for each function its values at the points times the weights.
-
-        Parameters
-        ----------
-        point : tuple of ndarray
-            Coordinates x1, x2, x3.
-        orders : tuple of int
-        weight : ndarray
-            Of each point.
-
-        Returns
-        -------
-        ndarray, shape (functions,)
+        """The transpose of `sum`: for each function, shape (functions,), the sum over the points of
+        its values times the weights.
         """
         axes = range(len(self.counts))
         first, *others = (self.rows(point, axis, orders[axis]) for axis in axes)
@@ -161,23 +133,8 @@ class SplineBasis:
 
 
 class SplineFormula(Formula):
-    """A sum of basis functions (or of a derivative of them), each times a named parameter.
-
-    Parameters
-    ----------
-    basis : SplineBasis
-    names : sequence of str
-        The parameter of each function.
-    orders : tuple of int
-        Orders of the derivative in x1, x2, x3, t.
-    sign : float
-    parameters : mapping
-        Values by names.
-
-    Attributes
-    ----------
-    label : str
-        The name of the sum in formulas.
+    """A sum of basis functions, or of their derivative of `orders` in x1, x2, x3, t, each times a
+    named parameter; `label` names the sum in formulas.
     """
 
     def __init__(

@@ -51,11 +51,9 @@ def numpy_function(
     arguments: Sequence[str],
     functions: Mapping[str, Any] | None = None,
 ) -> Callable[..., tuple[Any, ...]]:
-    """A function of the arguments that returns a tuple of the formulas' values.
-
-    A value keeps the shape that it was computed with: a constant formula gives a number.
-    `functions` are the callables of opaque nodes and the numbers of parameters, by their names.
-    """
+    """A function of the arguments that returns a tuple of the formulas' values, numbers if
+    constant. `functions` are the callables of opaque nodes and the numbers of parameters, by their
+    names."""
     named = {f"out{q}": node for q, node in enumerate(outputs)}
     body = [f"def evaluate({', '.join(arguments)}):", *statements(named)]
     body.append(f"    return ({''.join(f'{name}, ' for name in named)})")

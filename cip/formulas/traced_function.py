@@ -23,13 +23,8 @@ _OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
 
 class TracedFunction:
     """The formulas that a callable computes, as a callable of numbers, arrays or formulas.
-
-    Parameters
-    ----------
-    outputs : dict
-        Maps a tuple of argument names to the formulas returned for these arguments. A call chooses
-        the entry with as many names as it has arguments.
-    """
+    `outputs` maps tuples of argument names to formulas; a call takes those with as many names as
+    arguments."""
 
     def __init__(self, outputs: dict[tuple[str, ...], Sequence[Expression]]) -> None:
         self._outputs = {names: tuple(formulas) for names, formulas in outputs.items()}
@@ -56,12 +51,8 @@ class TracedFunction:
 def portable(
     value: Any, name: str, trace: Callable[[], dict[tuple[str, ...], Sequence[Expression]]]
 ) -> Any:
-    """The value itself if it can be pickled, else a `TracedFunction` of what `trace` finds.
-
-    Raises
-    ------
-    InputError
-        A callable that can be neither pickled nor traced.
+    """The value itself if it can be pickled, else a `TracedFunction` of what `trace` finds. Raises
+    `InputError` if it can be neither pickled nor traced.
     """
     if not callable(value):
         return value

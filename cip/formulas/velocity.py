@@ -274,10 +274,8 @@ class Velocity(Parametrised):
         return self._box if len(self._box) == dim else [(0.0, 1.0)] * dim
 
     def _portable(self, value: Any, dim: int | None = None) -> Any:
-        """A picklable form of a callable.
-
-        With `dim` None it gives all components (traced for 1 to 3 directions); otherwise it gives
-        one component on grids of `dim` directions.
+        """A picklable form of a callable of all components (`dim` None: traced for 1 to 3
+        directions), or of one component on grids of `dim` directions.
         """
 
         def trace() -> dict[tuple[str, ...], Any]:
@@ -345,15 +343,8 @@ class Velocity(Parametrised):
 
 
 def traced_velocity(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
-    """The components that a callable computes; None if it is not plain arithmetic.
-
-    Parameters
-    ----------
-    c : object
-    box : Box
-        Where the formulas and the callable are compared.
-    time : bool
-        Whether the callable takes t last.
+    """The components that a callable computes, compared with it on `box`; None if it is not plain
+    arithmetic. `time`: it takes t last.
     """
     if not callable(c):
         return None
@@ -385,10 +376,7 @@ _ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
 
 
 def given_components(c: Any) -> list[Any]:
-    """The components of a velocity given by numbers, arrays, callables or a sequence of them.
-
-    Arrays are copied.
-    """
+    """The components of a velocity given by numbers, arrays (copied), callables or several."""
     if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
         return [real_number(c, "c")]
     if isinstance(c, np.ndarray):
@@ -461,27 +449,9 @@ Array = NDArray[np.float64]
 def gridded_arrays(
     data: Any, names: Sequence[str], axes: Sequence[str], time: str, periodic: Any
 ) -> tuple[Array, Array, Grid]:
-    """Times, arrays of shape (times, names) + nodes, and the grid of variables of a dataset.
-
-    Coordinates that fall, as latitudes often do, are turned round; dates become seconds since the
-    first. In a periodic direction the last value is not the first one again.
-
-    Parameters
-    ----------
-    data : xarray.Dataset
-    names : sequence of str
-        The variables.
-    axes : sequence of str
-        Coordinates in the order of x1, x2, x3.
-    time : str
-        The coordinate of time.
-    periodic : bool or sequence of bool
-
-    Raises
-    ------
-    InputError
-        A variable or coordinate that is missing, has other dimensions than these, or is not real.
-    """
+    """Times, arrays of shape (times, names) + nodes, and the grid, from variables of an
+    xarray.Dataset. Falling coordinates, as of latitudes, are turned round; dates become seconds
+    since the first; a periodic direction does not repeat its first value."""
     if not (hasattr(data, "data_vars") and hasattr(data, "coords")):
         raise InputError(f"winds: expected an xarray.Dataset, got {type(data).__name__}")
     names, axes = _names(names, "components"), _names(axes, "axes")

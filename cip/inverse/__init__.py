@@ -2,5 +2,5 @@
 
 In: a solver whose velocity has parameters, its start, observations of later states.
 Out: an `IdentifiedVelocity` with deviations and identifiability.
-Start: `identify`; the model's values and sensitivity are in `prediction`.
+Start: `identify`; the model's values and sensitivity are in `problem`.
 """

@@ -13,11 +13,10 @@ from cip.grid import AXES, Grid
 Array = NDArray[np.float64]
 # A part whose deviation from the data alone exceeds this fraction of the velocity is not seen.
 UNCERTAIN = 0.5
-# Nor is one that changes the data this much less than the part seen best: an error of the scheme,
-# which no noise level tells, would be amplified by the inverse.
+# A part that changes the data this much less than the best-seen part is not determined either: the
+# inverse would amplify errors of the scheme, which no noise level tells.
 FAINT = 1e-3
-# Singular values below this fraction of the largest, and changes of the velocity below this beside
-# those of its parameters, are 0 up to rounding.
+# Relative to the largest: smaller singular values and changes of the velocity are rounding.
 _ROUNDING = 1e-12
 
 
@@ -116,21 +115,9 @@ class Identifiability:
 def identifiability(
     J: Array, slopes: Array, speed: float, variance: float, grid: Grid, names: tuple[str, ...]
 ) -> Identifiability:
-    """From the sensitivity in units of noise.
-
-    Parameters
-    ----------
-    J : ndarray, shape (data, parameters)
-    slopes : ndarray, shape (parameters, components) + nodes
-        Derivatives of the velocity in the parameters.
-    speed : float
-        Root mean square of the velocity.
-    variance : float
-        Of the data, in the units of J.
-    grid : Grid
-    names : tuple of str
-        Of the parameters; empty where these are coefficients without a meaning of their own.
-    """
+    """From the sensitivity J, shape (data, parameters), in units of noise, with its `variance` in
+    units of J. `slopes`, shape (parameters, components) + nodes, are derivatives of the velocity,
+    `speed` is its root mean square; `names` are empty for nameless coefficients."""
     weight = grid.weights / grid.weights.sum()
     inner = tuple(range(1, slopes.ndim))
     size = np.sqrt(np.sum(weight * slopes**2, axis=inner))

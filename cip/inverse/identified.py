@@ -129,7 +129,7 @@ class IdentifiedVelocity:
 
     @property
     def root_mean_square(self) -> float:
-        """Of the misfit, in the unit of the field."""
+        """Root mean square of the misfit, in the unit of the field."""
         return float(np.sqrt(np.mean(self.misfit**2)))
 
     @property

@@ -30,12 +30,11 @@ Array = NDArray[np.float64]
 _SETTLED = 1.1
 # Evaluations of the optimiser between two choices of the weight, and most choices.
 _FEW, _CHOICES = 6, 40
-# The weight falls by at most this factor at once: far from the solution the linear problem says
-# little about it, and a smooth estimate is a good start of a rougher one.
+# Largest factor by which the weight falls at once: far from the solution the linear problem says
+# little about it, and a smooth estimate is a good start.
 _FALL = 100.0
-# The optimiser stops at relative changes of the parameters by the first number, or of the sum of
-# squares by less than the second over the number of data: of chi-square, whose change by 1 is one
-# deviation, by .001.
+# The optimiser stops at relative changes of the parameters below the first, or of the sum of
+# squares below the second over the number of data: chi-square by .001 (1 is one deviation).
 _SMALL_STEP, _SMALL_CHANGE = 1e-8, 1e-3
 # Standard deviations of chi-square above its mean at which the misfit is not explained by noise.
 _UNLIKELY = 3.0
@@ -247,12 +246,9 @@ def _result(problem: Problem, estimate: _Estimate) -> IdentifiedVelocity:
 
 
 def _covariance(stacked: Array, variance: float, seen: Identifiability, speed: float) -> Array:
-    """Inverse of the normal matrix times the variance, and what the data leave of unseen parts.
-
-    Along a direction that the data do not determine the seminorm's weight says nothing about the
-    velocity either. There the deviation is that which the data alone leave, at least the speed; if
-    it is infinite, the direction is left out.
-    """
+    """Inverse of the normal matrix times the variance. Along a direction that the data do not
+    determine the weight of the seminorm says nothing either: there the deviation is that from the
+    data alone, at least the speed; directions where it is infinite are left out."""
     size = np.linalg.norm(stacked, axis=0)
     size[size == 0.0] = 1.0
     _, s, Vt = np.linalg.svd(stacked / size, full_matrices=False)

@@ -20,50 +20,17 @@ _ENTRIES = "data: entries of the operators"
 
 @runtime_checkable
 class Observations(Protocol):
-    """Data that `identify_velocity` takes besides snapshots: linear maps of states at some times.
+    """Data of `identify_velocity` besides snapshots: linear maps of states at some times."""
 
-    Attributes
-    ----------
-    times : sequence of float
-        Increasing.
-    values : sequence of ndarray
-        For each time the data, shape (m,).
-    operators : sequence
-        For each time a matrix or SciPy LinearOperator of shape (m, N), which is applied to all
-        moments, ``state.data.ravel()``.
-    """
-
-    times: Any
-    values: Any
-    operators: Any
+    times: Any  # increasing
+    values: Any  # for each time the data, shape (m,)
+    operators: Any  # for each time (m, N), applied to state.data.ravel()
 
 
 class Data:
-    """Observations, checked, each divided by its standard deviation.
-
-    Parameters
-    ----------
-    given : mapping, Sensors or Observations
-        A mapping has arrays of nodal values by times; masked entries are missing.
-    noise : float, sequence of float, or None
-        One standard deviation, or one for each time.
-    grid : Grid
-    profile : str
-    moments : int
-    start : float
-        Time of the first state, before all data.
-
-    Attributes
-    ----------
-    times : list of float
-    values : list of ndarray
-    operators : list
-    weights : ndarray
-        One over the standard deviation of each of all values; where the noise is 0 or unknown,
-        over the root mean square of all.
-    known, exact : bool
-        Whether the noise is given and not 0, and whether it is given as 0.
-    """
+    """Observations, each divided by its standard deviation; all are later than `start`. `given`
+    maps times to nodal values (masked: missing), or is `Sensors` or `Observations`. `weights` are 1
+    / deviation, or 1 / rms of all data if the noise is 0 (`exact`) or not `known`."""
 
     def __init__(
         self, given: Any, noise: Any, grid: Grid, profile: str, moments: int, start: float
@@ -163,7 +130,7 @@ def _observed(given: Observations, size: int) -> tuple[list[float], list[Array],
 
 
 def _own(given: Any, sizes: list[int]) -> Array:
-    """Deviations that data have themselves, in one row."""
+    """Standard deviations that the data bring with them, flat."""
     if not (hasattr(given, "__len__") and len(given) == len(sizes)):
         raise InputError(f"data: expected deviations for each of {len(sizes)} times")
     found = [real_array(one, "data: deviations").astype(float) for one in given]

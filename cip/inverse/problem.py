@@ -25,35 +25,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Problem:
-    """Model, data and seminorm.
-
-    Attributes
-    ----------
-    prediction : Prediction
-    roughness : Roughness
-    data : Data
-    solver : Solver
-    t : float
-        Time of the start.
-    kind : str or None
-        The seminorm.
-    """
+    """Model, data and seminorm."""
 
     prediction: Prediction
     roughness: Roughness
     data: Data
     solver: Solver
-    t: float
-    kind: str | None
+    t: float  # time of the start
+    kind: str | None  # the seminorm, None for none
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return self.prediction.names
 
     @property
     def middle(self) -> float:
-        """The time at which an unsteady velocity is judged: it may begin with 0."""
+        """Time at which an unsteady velocity is evaluated: it may be zero at the start."""
         return 0.5 * (self.t + self.data.times[-1])
 
     def velocity(self, p: Array) -> tuple[Array, Array]:
@@ -165,22 +153,8 @@ def linearised(problem: Problem, p: Array, free: NDArray[np.bool_]) -> Linearise
 
 
 class Prediction:
-    """Runs from one observed time to the next; results for the last parameters are kept.
-
-    Parameters
-    ----------
-    solver : Solver
-        Its velocity has the parameters.
-    start : State
-    data : Data
-    dt : float
-    names : sequence of str
-        Of the parameters that vary.
-
-    Attributes
-    ----------
-    runs : int
-        How often the model was run.
+    """Runs of `solver`, whose velocity has the parameters, from one observed time to the next.
+    Results for the last values of those in `names` are kept; `runs` counts the runs of the model.
     """
 
     def __init__(

@@ -24,17 +24,8 @@ ORDERS = {"H1": 1, "H2": 2}
 
 
 class Roughness:
-    """The rows whose sum of squares is the seminorm.
-
-    Parameters
-    ----------
-    grid : Grid
-    kind : {"H1", "H2"} or None
-        None: no rows.
-    names : sequence of str
-        Of the parameters.
-    t : float
-        Time at which the velocity is taken.
+    """The rows whose sum of squares is the seminorm of `kind` ("H1", "H2", or None: no rows) of the
+    velocity at time `t`; their parameters are `names`.
     """
 
     def __init__(self, grid: Grid, kind: str | None, names: Sequence[str], t: float) -> None:
@@ -43,11 +34,11 @@ class Roughness:
         self._constant: Array | None = None
 
     def rows(self, velocity: Velocity) -> Array:
-        """Their values."""
+        """Values of the rows."""
         return np.concatenate([np.zeros(0), *(f(None) for f in self._parts(velocity))])
 
     def slopes(self, velocity: Velocity) -> Array:
-        """Their derivatives in the parameters, shape (rows, parameters)."""
+        """Derivatives of the rows in the parameters, shape (rows, parameters)."""
         if self._constant is not None:
             return self._constant
         parts = self._parts(velocity)
@@ -72,17 +63,7 @@ class Roughness:
 
 
 class Part:
-    """A derivative of a component at the nodes, times a weight.
-
-    Parameters
-    ----------
-    formula : Formula
-    axes : sequence of int
-        Directions in which the component is differentiated.
-    grid : Grid
-    t : float
-    weight : ndarray or float
-    """
+    """A derivative of a component in the directions `axes` at the nodes, times a weight."""
 
     def __init__(
         self, formula: Any, axes: Sequence[int], grid: Grid, t: float, weight: Any = 1.0

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from cip.inverse.identifiability import FAINT, UNCERTAIN
 
 Array = NDArray[np.float64]
-# Weights are tried in this range around that at which both terms have equal traces. Below it the
-# seminorm is lost in the rounding of the squares, above it only its null space is left.
+# Exponents of ten, around equal traces of both terms: below, the seminorm is lost in rounding;
+# above, only its null space is left.
 _RANGE = (-13.0, 9.0)
 _TRIED = 111  # five in a decade
 # Changes of the data below this, beside the data, are rounding.
@@ -31,35 +31,17 @@ _ROUNDING = 1e-11
 
 @dataclass(frozen=True)
 class Linearised:
-    """A linear problem with as many rows as parameters, and what no parameter explains.
+    """A linear problem with as many rows as parameters, and the misfit that none explains."""
 
-    Attributes
-    ----------
-    J, L : ndarray, shape (parameters, parameters)
-        Triangular factors of the derivatives of misfit and seminorm.
-    Q : ndarray, shape (parameters, n)
-        Orthonormal: the changes of the reduced data that are seen well.
-    r, rho : ndarray
-        What belongs to them on the right.
-    rest : float
-        Square of the misfit that no parameters remove.
-    count : int
-        Number of data.
-    depends : bool
-        Whether any data change with any parameter beyond rounding.
-    known : bool
-        Whether the misfit is in units of the noise.
-    """
-
-    J: Array
-    L: Array
-    Q: Array
-    r: Array
-    rho: Array
-    rest: float
-    count: int
-    depends: bool
-    known: bool
+    J: Array  # (parameters, parameters): triangular, derivatives of the misfit
+    L: Array  # likewise, of the seminorm
+    Q: Array  # (parameters, n): orthonormal changes of reduced data, seen well
+    r: Array  # right-hand side of J
+    rho: Array  # right-hand side of L
+    rest: float  # square of the misfit that no parameters remove
+    count: int  # number of data
+    depends: bool  # some data change with a parameter, beyond rounding
+    known: bool  # the misfit is in units of the noise
 
     @classmethod
     def of(
@@ -72,14 +54,9 @@ class Linearised:
         scale: float,
         known: bool,
     ) -> Linearised:
-        """From all rows.
-
-        `size` are changes of the parameters that change the velocity by itself, `scale` is the root
-        mean square of the data in the units of r.
-
-        A direction is seen well if such a change is at least two deviations of the data (where the
-        noise is known), and not lost beside the best one.
-        """
+        """From all rows. `size` are changes of the parameters that change the velocity by itself; a
+        direction is seen well if such a change is at least two deviations of data of known noise,
+        and not negligible beside the best one. `scale` is the rms of the data in the units of r."""
         (one, right, rest), (two, rough, _) = _reduced(J, r), _reduced(L, rho)
         U, s, _ = np.linalg.svd(one * size)
         seen = s > FAINT * s[0]

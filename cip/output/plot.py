@@ -21,7 +21,9 @@ _PER_CELL = 4
 def plot_states(
     states: Sequence[State], ax: Any = None, places: Sequence[int] | None = None
 ) -> Any:
-    """Draw snapshots by their profiles: curves in one dimension, a map of the last one in two."""
+    """Draw snapshots on one grid by their profiles: curves in one dimension, in two a colour map of
+    the last of `places`, which are indices of states (default all). Returns the Axes.
+    """
     grid = states[0].grid
     if grid.dim == 3:
         raise InputError("plot: three dimensions; use to_pyvista() or save('run.pvd')")
@@ -41,7 +43,7 @@ def plot_states(
 
 
 def animate_states(states: Sequence[State], path: str | Path | None = None, fps: int = 20) -> Any:
-    """Animate snapshots in one or two dimensions, and write them to a .gif if a path is given."""
+    """A matplotlib animation of snapshots in one or two dimensions, written to `path` (.gif)."""
     import matplotlib.pyplot as plt
     from matplotlib.animation import FuncAnimation
 
@@ -78,7 +80,7 @@ def animate_states(states: Sequence[State], path: str | Path | None = None, fps:
 
 
 def plot_identified(found: Any, ax: Any = None) -> Any:
-    """Draw an `IdentifiedVelocity` in one or two dimensions with two standard deviations."""
+    """Draw an `IdentifiedVelocity` with two standard deviations, in one or two dimensions."""
     grid = found.grid
     if grid.dim == 3:
         raise NotSupported("plot: velocities in three dimensions are not drawn; draw found.values")

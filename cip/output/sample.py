@@ -19,31 +19,12 @@ Indices = NDArray[np.int64]
 
 
 def sample(state: State, points: ArrayLike) -> Array:
-    r"""The profile of a state at any points of the grid's box.
+    """The profile of a state, without limiter, at points of shape (dim, ...), or (...) on lines.
 
-    No limiter is applied. One-dimensional profiles on one-dimensional grids and ``bicubic`` are
-    evaluated as the schemes do; ``csl2`` and ``csl4`` on grids of more dimensions are the tensor
-    product of their quadratics and quartics. Any other profile there, ``adini`` among them, is the
-    multilinear interpolant plus, for each edge of the cell, the cubic bubble given by the slopes at
-    its ends times the linear weights of the other directions: Adini's profile in two dimensions,
-    its Boolean sum in three.
-
-    Parameters
-    ----------
-    state : State
-    points : array_like
-        Coordinates, shape (dim, ...); in one dimension shape (...) is accepted too. Periodic
-        directions wrap.
-
-    Returns
-    -------
-    ndarray
-        Shape (...).
-
-    Raises
-    ------
-    InputError
-        Points of a wrong shape, not finite, or outside the box.
+    Profiles in one dimension and ``bicubic`` are evaluated as the schemes do; ``csl2`` and ``csl4``
+    by their tensor products; all others, ``adini`` among them, by the multilinear interpolant plus,
+    for each edge of the cell, the cubic bubble of the slopes at its ends times the linear weights
+    of the other directions: Adini's profile in two dimensions, its Boolean sum in three.
     """
     state = state.host()
     place = points_of(points, state.grid.dim)
@@ -53,13 +34,7 @@ def sample(state: State, points: ArrayLike) -> Array:
 
 
 def points_of(points: ArrayLike, dim: int) -> Array:
-    """Points as coordinates of shape (dim, ...); on lines the first axis may be missing.
-
-    Raises
-    ------
-    InputError
-        Another shape, or no real numbers.
-    """
+    """Points as coordinates of shape (dim, ...); on lines the first axis may be missing."""
     place = real_array(points, "points").astype(float)
     if dim == 1 and (place.ndim == 0 or place.shape[0] != 1 or place.ndim == 1):
         place = place[None]
@@ -69,9 +44,8 @@ def points_of(points: ArrayLike, dim: int) -> Array:
 
 
 def profile_value(profile: str, data: Mapping[str, Any], grid: Grid, points: Array) -> Any:
-    """The profile of these moments at points of shape (dim, n).
-
-    The moments are arrays, or whatever can be indexed by nodes, added, and multiplied by arrays.
+    """The profile of these moments at points of shape (dim, n). The moments are arrays, or anything
+    that can be indexed by nodes, added, and multiplied by arrays.
     """
     cells = [_cells(grid, axis, x) for axis, x in enumerate(points)]
     if profile in ("csl2", "csl4") or (grid.dim == 1 and profile != "linear"):
@@ -175,9 +149,8 @@ def _slope(
     value: Callable[[Indices], Array],
     mean: Callable[[Indices], Array],
 ) -> Array:
-    """Slope at a node from the means and values of two cells.
-
-    See `cip.profiles.conservative_kernels.slope_of`.
+    """Slope at a node from means and values of two cells, see
+    `cip.profiles.conservative_kernels.slope_of`.
     """
     n, cells, widths = grid.nodes[axis], grid.cells[axis], grid.widths[axis]
     first = node - 1

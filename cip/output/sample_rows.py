@@ -17,9 +17,8 @@ Array = NDArray[np.float64]
 
 
 class _Rows:
-    """Linear functionals of the moments, one for each point, in place of their values.
-
-    What `profile_value` does with numbers, it does with the rows of a sparse matrix.
+    """Linear functionals of the moments, one for each point, in place of their values:
+    `profile_value` computes with these rows of a sparse matrix as with numbers.
     """
 
     # Arrays then leave products and sums with rows to the methods below.
@@ -64,27 +63,9 @@ class _Moment:
 
 
 def sample_rows(grid: Grid, profile: str, points: ArrayLike) -> csr_array:
-    """The matrix of `cip.output.sample.sample`, made by the same formulas.
-
-    Parameters
-    ----------
-    grid : Grid
-    profile : str
-    points : array_like
-        Shape (dim, n); in one dimension shape (n,) is accepted too.
-
-    Returns
-    -------
-    scipy.sparse.csr_array
-        Shape (n, N); it is applied to all moments, ``state.data.ravel()``.
-
-    Raises
-    ------
-    NotSupported
-        A profile that is not linear in its moments, or csl4 in more than one dimension.
-    InputError
-        Points of a wrong shape, not finite, or outside the box.
-    """
+    """The matrix of `cip.output.sample.sample`, by the same formulas: shape (n, N), applied to
+    ``state.data.ravel()``. Raises `NotSupported` for a profile that is not linear in its moments,
+    or csl4 in more than one dimension."""
     wanted = moments(profile, grid.dim)
     if profile in ("piecewise_linear", "smoothed"):
         raise NotSupported(f"profile: {profile!r} is not linear in its moments; take 'cubic'")

@@ -14,25 +14,9 @@ from cip.stages.state import State
 
 
 def state_dataset(states: Sequence[State]) -> Any:
-    """Each moment over t and the coordinates.
-
-    In a direction over which a moment is averaged its coordinate is the midpoint of the cell, named
-    ``x_cell``, ``y_cell`` or ``z_cell``.
-
-    Parameters
-    ----------
-    states : sequence of State
-        Of one grid and profile.
-
-    Returns
-    -------
-    xarray.Dataset
-
-    Raises
-    ------
-    MissingDependency
-        xarray is not installed.
-    """
+    """An xarray.Dataset of the states of one grid and profile: each moment over t and the
+    coordinates. Averaged directions have the midpoints of cells, ``x_cell``, ``y_cell``,
+    ``z_cell``."""
     xarray, first = xarray_module(), states[0]
     grid = first.grid
     axes = ["x", "y", "z"][: grid.dim]
@@ -49,13 +33,7 @@ def state_dataset(states: Sequence[State]) -> Any:
 
 
 def xarray_module() -> Any:
-    """The module xarray.
-
-    Raises
-    ------
-    MissingDependency
-        It is not installed.
-    """
+    """The module xarray, or `MissingDependency`."""
     try:
         return importlib.import_module("xarray")
     except ImportError as error:

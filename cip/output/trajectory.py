@@ -298,10 +298,8 @@ class Trajectory:
 
 
 def _written(mesh: Any, path: Path) -> None:
-    """Write a rectilinear grid; the file appears under its name only when it is complete.
-
-    The text is made in memory, because VTK ends the process if the disk is full while it writes
-    itself; here that is an OSError.
+    """Write a rectilinear grid; the file appears under its name only when it is complete. The text
+    is made in memory: VTK ends the process if the disk is full, here that is an OSError.
     """
     from vtkmodules.vtkIOXML import vtkXMLRectilinearGridWriter
 

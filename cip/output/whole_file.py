@@ -11,17 +11,9 @@ from secrets import token_hex
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a temporary file in the same directory, then rename it to `path`.
-
-    Its random name and exclusive creation keep other threads and processes, in other containers
-    too, from writing into it, and no symbolic link is followed. If writing fails, a file that
-    already existed at `path` is unchanged.
-
-    Raises
-    ------
-    OSError
-        No space left, or no permission to write.
-    """
+    """Write a temporary file in the same directory, then rename it to `path`; if that fails, an old
+    file is unchanged. Its random name and exclusive creation keep out other processes, in other
+    containers too, and no symbolic link is followed."""
     temporary = path.with_name(f"tmp{token_hex(16)}")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
     descriptor = os.open(temporary, flags, 0o666)

@@ -27,20 +27,11 @@ _LETTERS = "xyz"
 
 @dataclass(frozen=True)
 class Moment:
-    """A functional of the field at each node: a derivative, or a mean over cells.
-
-    Attributes
-    ----------
-    name : str
-    orders : tuple
-        Orders of the derivative.
-    averaged : tuple of int
-        Directions in which it is the mean over the cell that begins at the node.
-    """
+    """A functional of the field at each node: a derivative, or a mean over cells."""
 
     name: str
-    orders: Orders
-    averaged: tuple[int, ...] = ()
+    orders: Orders  # of the derivative
+    averaged: tuple[int, ...] = ()  # directions of the mean over the cell that begins at the node
 
 
 def _derivative(*axes: int) -> Moment:
@@ -103,10 +94,8 @@ def line_jets(profile: str, dim: int, axis: int, advect: bool) -> tuple[Jet, ...
 
 
 def plane_jets(profile: str, advect: bool) -> tuple[Jet, ...]:
-    """Components of the feet of a direct update, in the order in which the kernels read them.
-
-    Derivatives of log det(dX/dx) stand for those of the determinant, which replace them in the
-    feet that the kernels read.
+    """Components of the feet of a direct update, in the order in which the kernels read them;
+    derivatives of log det(dX/dx) stand for those of the determinant that replace them there.
     """
     found = [foot(0), foot(1), foot(0, 0), foot(0, 1), foot(1, 0), foot(1, 1)]
     if profile == "bicubic":

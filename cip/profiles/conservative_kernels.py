@@ -43,12 +43,9 @@ def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
 
 @kernel
 def slope_of(m: Array, line: Line, value: Index, mean: Index, i: Index) -> Real:
-    r"""Slope at node i of the quartic through the values and means of two neighbouring cells.
-
-    They are the cells on both sides of the node; at an end of a line the two cells nearest to it.
-
-    With the integral M from the node, placed at 0, the function :math:`g(x) = (M(x) - M'(0) x) /
-    x^2` is a cubic whose values and derivatives at the other two nodes are known, and the slope is
+    """Slope at node i of the quartic through values and means of the cells beside it (at an end of
+    a line the two nearest): with the integral M from the node, :math:`g(x) = (M(x) - M'(0) x) /
+    x^2` is a cubic known at the other two nodes with its derivatives, and the slope is
     :math:`M''(0) = 2 g(0)`.
     """
     h = line.h

@@ -67,7 +67,6 @@ def hermite(
     limiter: Index, piecewise: Index,
 ) -> None:  # fmt: skip
     """Cubic or piecewise linear profile of values and slopes, with the limiters of the cubic.
-
     `piecewise` is 0 for the cubic, 1 for the piecewise linear profile, 2 for its smoothed form.
     """
     feet = foot.feet

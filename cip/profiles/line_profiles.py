@@ -21,9 +21,8 @@ from cip.profiles.records import Line
 
 @kernel
 def locate(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Index, Real]:
-    """The cell of the foot d cells from node i: left node, right node, local coordinate.
-
-    Outside a line that is not periodic the nearest end is taken.
+    """The cell of the foot d cells from node i: left node, right node, local coordinate. Outside a
+    line that is not periodic the nearest end is taken.
     """
     f = floor(d)
     s = d - f
@@ -73,12 +72,9 @@ def cubic_second(a: Real, b: Real, va: Real, vb: Real, s: Real) -> Real:
 
 @kernel
 def tangents(a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real) -> tuple[Real, Real]:
-    """Value and slope in s of the piecewise linear profile; the sign of d decides at the kink.
-
-    If the tangents cross inside the cell, the profile is the left one before and the right one
-    after the kink: the lower envelope if the slopes decrease, the upper one if they increase. At
-    the kink itself the upstream tangent is taken: the left one for d < 0.
-    """
+    """Value and slope in s of the piecewise linear profile: the lower envelope of the end tangents
+    if the slopes decrease, else the upper one. At the kink itself the upstream tangent is taken:
+    the left one for d < 0."""
     e0 = vb - (b - a)
     e1 = va - (b - a)
     if s <= 0.0:
@@ -96,10 +92,8 @@ def tangents(a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real) -> tuple[Re
 
 @kernel
 def smoothed(a: Real, b: Real, va: Real, vb: Real, s: Real, width: Real) -> tuple[Real, Real]:
-    """As `tangents` with the smooth weights of King 2012, (2.18), signs corrected, for the choice.
-
-    The width of the transition, c = 1e-6, has the unit of u for values and of u_x for slopes, as
-    printed there.
+    """As `tangents`, with the smooth weights of King 2012, (2.18), signs corrected. The width of
+    the transition, c = 1e-6, has the unit of u for values and of u_x for slopes, as printed.
     """
     c = 1e-6
     left = a + va * s
@@ -113,11 +107,10 @@ def smoothed(a: Real, b: Real, va: Real, vb: Real, s: Real, width: Real) -> tupl
 
 @kernel
 def rational(a: Real, b: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
-    r"""Value and derivative in s of the rational profile; the cubic if the slopes agree in sign.
+    """Value and derivative in s of the rational profile; the cubic if the slopes agree in sign.
 
-    With p = va - d, q = vb - d, P = |p| and Q = |q| it is
-    :math:`a + d s + s (1-s) [p Q (1-s) - q P s] / [Q (1-s) + P s]`, in which no large numbers
-    cancel however different the two slopes are.
+    With p = va - d, q = vb - d, P = |p|, Q = |q|: :math:`a + d s + s (1-s) [p Q (1-s) - q P s] / [Q
+    (1-s) + P s]`, without cancellation of large numbers.
     """
     d = b - a
     p = va - d
@@ -157,13 +150,9 @@ def quintic(
 def rough(
     m: Array, line: Line, k: Index, r: Index, a: Real, b: Real, va: Real, vb: Real, factor: Real
 ) -> Index:
-    r"""1 if the data of a cell are not smooth, else 0: the criterion of the limiter ``eno``.
-
-    The cubic's third difference |va + vb - 2 d| is compared with `factor` times the sum of the
-    differences of values in this cell and its two neighbours: on smooth data it is O(h^3) and they
-    are O(h). The factor .1 was determined on the profile of Jiang and Shu, where .2 and .4 gave no
-    better results.
-    """
+    """1 if the data of a cell are not smooth, else 0: the criterion of the limiter ``eno``. The
+    third difference |va + vb - 2 d|, O(h^3), exceeds `factor` times the sum of differences in this
+    cell and its neighbours, O(h); .1 is best for the profile of Jiang and Shu."""
     d = b - a
     left = d
     right = d
@@ -210,9 +199,8 @@ def around(
 
 @kernel
 def lagrange(m: Array, line: Line, moment: Index, k: Index, s: Real) -> tuple[Real, Real]:
-    """Value and slope (per length) of the cubic through a moment at four nodes around a cell.
-
-    `k` is the left node of the cell, `s` in [0, 1] the local coordinate.
+    """Value and slope (per length) of the cubic through a moment at four nodes around a cell; `k`
+    is the left node of the cell, `s` in [0, 1] the local coordinate.
     """
     base = moment + line.first
     stride = line.stride

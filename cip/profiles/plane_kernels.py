@@ -35,12 +35,9 @@ def edge(
     m: Array, line: Line, k: Index, r: Index,
     a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real,
 ) -> tuple[Real, Real, Index]:  # fmt: skip
-    """The bubble of an edge, its slope, and 2 at a jump, 1 beside one, else 0.
-
-    Where `rough` finds a jump, the bubble is that of the piecewise linear profile. With a fifth of
-    the threshold (.02 for .1) it finds the oscillations beside a jump: there the cubic is kept, and
-    the value in the cell is clamped to those at its corners.
-    """
+    """The bubble of an edge, its slope, and 2 at a jump (`rough`; the bubble is piecewise linear
+    then), 1 beside one, else 0. With a fifth of the threshold `rough` finds the oscillations beside
+    a jump: the cubic is kept, and the value in the cell clamped to those at its corners."""
     if rough(m, line, k, r, a, b, va, vb, 0.1) == 1:
         value, slope = tangents(a, b, va, vb, s, d)
         return value - a - s * (b - a), slope - (b - a), 2
@@ -53,10 +50,8 @@ def edge(
 def adini_sum(
     u00: Real, jump: Edges, bubble: Edges, slope: Edges, a: Real, b: Real, s: Real, t: Real
 ) -> tuple[Real, Real, Real]:
-    """Value and gradient of Adini's profile in a cell of widths a, b.
-
-    Given are the value at the corner (left, bottom) and, for each edge, the difference of its end
-    values, the bubble and its slope.
+    """Value and gradient of Adini's profile in a cell of widths a, b, from the value at its lower
+    left corner and, for each edge, the difference of end values, the bubble and its slope.
     """
     d0 = jump.bottom
     d1 = jump.top

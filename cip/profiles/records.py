@@ -12,12 +12,9 @@ from cip.jit import Array, Index, Real, Widths
 
 
 class Line(NamedTuple):
-    """The n nodes of a grid line: node k is at index ``first + k stride`` of a moment's array.
+    """The n nodes of a grid line: node k is at index ``first + k stride`` of a moment's array."""
 
-    `h` are the cell widths along the line.
-    """
-
-    h: Widths
+    h: Widths  # cell widths along the line
     first: Index
     stride: Index
     n: Index
@@ -33,16 +30,12 @@ class Foot(NamedTuple):
 
 
 class Update(NamedTuple):
-    """The update: number of nodes (`size`), dimension of the grid, direction and equation.
+    """The update: size of the grid, direction and equation."""
 
-    `axis` is the direction of a sweep, 0 in the direct update of a plane; `advect` is 1 for
-    p_t + div(c p) = 0 and 0 for u_t + c . grad u = 0.
-    """
-
-    size: Index
-    dim: Index
-    axis: Index
-    advect: Index
+    size: Index  # number of nodes
+    dim: Index  # of the grid
+    axis: Index  # direction of a sweep, 0 for a plane
+    advect: Index  # 1: p_t + div(c p) = 0, 0: u_t + c . grad u = 0
 
 
 class Limits(NamedTuple):
@@ -55,15 +48,12 @@ class Limits(NamedTuple):
 
 
 class Means(NamedTuple):
-    """Where values, slopes and means of a line begin in the array; `carried` if there are slopes.
-
-    Without slopes `slope` is unused.
-    """
+    """Where values, slopes and means of a line begin in the array."""
 
     value: Index
-    slope: Index
+    slope: Index  # unused if not carried
     mean: Index
-    carried: Index
+    carried: Index  # whether there are slopes
 
 
 class Cell(NamedTuple):

@@ -42,9 +42,8 @@ def run_sweep(
     start: Index, stop: Index, m: Array, w: Array, back: Out, g: Out, feet: Array, size: Index,
     components: Index, x: Line,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a line or a sweep, as in `cip.engines.cpu_loops.run_lines`.
-
-    The derivatives with respect to feet are added to g.
+    """Rows start..stop of a line or a sweep, as in `cip.engines.cpu_loops.run_lines`; adds the
+    derivatives with respect to feet to g.
     """
     m, w, back, g, feet = address(m), address(w), address(back), address(g), address(feet)
     x, here = at_addresses(x), foot_room(np.empty(1))
@@ -63,27 +62,9 @@ def run_sweep(
 def pull_back(
     blocks: list[Block], z: Array, weight: Array, feet: Array, g: Array, pairs: list[Any]
 ) -> Array:
-    """The transposed update of all nodes.
-
-    Parameters
-    ----------
-    blocks : list of Block
-        Of a stage.
-    z : ndarray, shape (moments, nodes)
-        The old moments; they matter for `g` alone.
-    weight : ndarray, shape (moments, nodes)
-        Of the new moments.
-    feet : ndarray, shape (components, nodes)
-    g : ndarray, shape (components, nodes)
-        To this the derivatives with respect to the components are added, displacements as lengths.
-    pairs : list
-        For each block of a conservative profile the whole cells in new ones
-        (`cip.sensitivities.mass_derivatives.whole_cells`), else None.
-
-    Returns
-    -------
-    ndarray, shape (moments, nodes)
-    """
+    """The transposed update: weights of the old moments from those of the new, both (moments,
+    nodes). Adds derivatives in the feet, (components, nodes), displacements as lengths, to `g`.
+    `pairs`: for conservative blocks `mass_derivatives.whole_cells`, else None."""
     back = np.empty_like(weight)
     for block, whole in zip(blocks, pairs, strict=True):
         own = block.components

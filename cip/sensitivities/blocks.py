@@ -21,22 +21,8 @@ Array = Any  # arrays of NumPy or CuPy
 
 
 class Block:
-    """A block of feet.
-
-    Parameters
-    ----------
-    stage : Stage
-    number : int
-        Among the blocks of the stage.
-    xp : module
-        That of the arrays, NumPy or CuPy.
-
-    Attributes
-    ----------
-    rows : slice
-        The moments that the block moves.
-    components : slice
-        The components of its feet, among those of all blocks.
+    """A block of feet: number `number` of a stage, which moves the moments `rows`, with the
+    `components` of its feet among those of all blocks.
     """
 
     def __init__(self, stage: Stage, number: int, xp: Any = np) -> None:
@@ -86,28 +72,14 @@ def blocks_of(stage: Stage, xp: Any = np) -> list[Block]:
     return [Block(stage, number, xp) for number in range(len(stage.blocks))]
 
 
-# The slopes that csl4 takes from values and means along lines, as a linear map and its transpose.
-#
-# At each node the kernel `cip.profiles.conservative_kernels.slope_of` takes the slope of the
-# quartic
-# through three nodes and the two cells between them. It is plain Python, linear in the moments: its
-# weights are what it gives for one moment that is 1 and others that are 0.
-
-
 # Nodes of the quartic, and its moments: values at these nodes and means of the cells between.
 _NODES, _MOMENTS = 3, 5
 
 
 class NodeSlopes:
-    """The slopes at all nodes of a grid along an axis.
-
-    Parameters
-    ----------
-    grid : Grid
-    axis : int
-    xp : module
-        That of the arrays, NumPy or CuPy.
-    """
+    """The slopes that csl4 takes from values and means along an axis, at all nodes, as a linear map
+    with transpose. Its weights are those of `slope_of` in `cip.profiles.conservative_kernels`,
+    plain Python, for one moment that is 1 and others 0."""
 
     def __init__(self, grid: Grid, axis: int, xp: Any = np) -> None:
         self._grid, self._axis, self._xp = grid, axis, xp
@@ -160,9 +132,8 @@ class _Rows:
 
 
 def _weights(grid: Grid, axis: int) -> tuple[Array, Array]:
-    """For each node the three nodes of its quartic and the weights of the moments of these.
-
-    Shapes (3, nodes) and (5, nodes); the cells of the quartic begin at the first two of the nodes.
+    """For each node the three nodes of its quartic, shape (3, nodes), and the weights of its
+    moments, shape (5, nodes). The cells of the quartic begin at the first two of the nodes.
     """
     n, widths = grid.nodes[axis], grid.widths[axis]
     node = np.arange(n)

@@ -21,14 +21,8 @@ _CHANGE = "d_"
 
 
 class Sums:
-    """The sums of functions in the rates of a stage, whose coefficients are parameters.
-
-    Attributes
-    ----------
-    nodes : tuple of Expression
-        Derivatives of the sums in the coordinates.
-    others : tuple of str
-        The parameters that are no coefficients.
+    """The sums of functions in the rates of a stage, whose coefficients are parameters: `nodes` are
+    their derivatives in the coordinates, `others` the parameters that are no coefficients.
     """
 
     def __init__(self, stage: Stage) -> None:
@@ -60,14 +54,8 @@ def changed(node: Expression, changes: Mapping[str, str]) -> Expression:
 def functions_along(
     stage: Stage, rates: Sequence[Expression], numbers: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The functions of the sums from `changed` in some rates, by their names in code.
-
-    Parameters
-    ----------
-    stage : Stage
-    rates : sequence of Expression
-    numbers : mapping
-        The changes of the coefficients by their variables.
+    """The functions of the sums from `changed` in some rates, by their names in code; `numbers` are
+    the changes of the coefficients by their variables.
     """
     found = {}
     for node in ordered(list(rates)):

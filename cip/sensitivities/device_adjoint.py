@@ -33,17 +33,14 @@ from cip.sensitivities.profile_derivatives import Traced
 from cip.stages.stage import Stage, StageFeet
 
 Array = Any  # arrays of CuPy
-# Threads that differentiate characteristics, each with gradients of its own, and the numbers that
-# all these gradients may take.
+# Threads that differentiate characteristics, and most numbers of all their gradients together.
 _THREADS, _NUMBERS = 2**17, 2**28
 
 
 def pull_all(stage: Stage, index: str) -> str:
-    """CUDA C of the kernel ``run`` that writes the contributions of all nodes.
-
-    ``run(m, w, parts, g, feet, cells, widths...)`` adds the derivatives with respect to the
-    components of the feet to `g` and writes the cell of each foot, by its lower corner.
-    """
+    """CUDA C of ``run(m, w, parts, g, feet, cells, widths...)``, which writes the contributions of
+    all nodes, adds derivatives in the components of feet to `g`, and writes the lower corner of the
+    cell of each foot."""
     grid, update = stage.grid, update_of(stage)
     constants, place, lines = node_place(stage)
     code = translate([records, line_profiles, pull_source(update, apart=True)], "pull")
@@ -71,11 +68,9 @@ def pull_all(stage: Stage, index: str) -> str:
 
 
 def gather_all(stage: Stage, index: str) -> str:
-    """CUDA C of the kernel ``run(parts, order, starts, out)`` that adds up the contributions.
-
-    Sweeps have the widths of cells as further arguments; conservative profiles too, and before
-    them ``shares, owners, wholes``: what the new cells give to old ones that they contain.
-    """
+    """CUDA C of ``run(parts, order, starts, out)``, which adds up the contributions. Further
+    arguments: for conservative profiles ``shares, owners, wholes`` (what new cells give to old ones
+    that they contain), then for sweeps the widths of cells."""
     grid, update = stage.grid, update_of(stage)
     moments = update.moments
     constants, place, lines = node_place(stage)
@@ -174,11 +169,9 @@ def _sums_of_a_cell(cell: str, roles: list[tuple[str, int]], update: Traced) -> 
 
 
 def unwind_all(stage: Stage, count: int, index: str) -> str:
-    """CUDA C of the kernel ``run`` that differentiates all characteristics in reverse.
-
-    ``run(g, lines..., t, step, count, values, gradients, threads)`` writes the gradient of the
-    nodes of each thread, at most `count` sub-steps each.
-    """
+    """CUDA C of ``run(g, lines..., t, step, count, values, gradients, threads)``, which
+    differentiates all characteristics in reverse, at most `count` sub-steps each, to a gradient for
+    each thread."""
     grid, system = stage.grid, stage.system
     code = translate([unwind_source(system, tuple(stage.jets))], "unwind")
     x, lines = point_of(grid)
@@ -206,13 +199,7 @@ def unwind_all(stage: Stage, count: int, index: str) -> str:
 
 
 class DeviceAdjoint:
-    """The transposed steps of a stage on the device of an engine.
-
-    Parameters
-    ----------
-    engine : CudaEngine
-    stage : Stage
-    """
+    """The transposed steps of a stage on the device of an engine."""
 
     def __init__(self, engine: Any, stage: Stage) -> None:
         import cupy
@@ -228,21 +215,9 @@ class DeviceAdjoint:
     def pull_back(
         self, z: Array, weight: Array, feet: Array, g: Array, orders: Any = None
     ) -> tuple[Array, Any]:
-        """As `cip.sensitivities.adjoint_loops.pull_back`, of arrays on the device.
-
-        Parameters
-        ----------
-        z, weight, feet, g
-            As there.
-        orders : optional
-            What an earlier call with these feet returned besides.
-
-        Returns
-        -------
-        ndarray, shape (moments, nodes)
-        orders
-            For each block of feet the nodes sorted by the cells of their feet.
-        """
+        """As `cip.sensitivities.adjoint_loops.pull_back`, on the device; it returns also, for each
+        block, the nodes sorted by the cells of their feet, `orders` for a later call with these
+        feet."""
         out, found = self._xp.empty_like(weight), []
         for block, order in zip(self._blocks, orders or [None] * len(self._blocks), strict=True):
             own = block.components
@@ -275,9 +250,8 @@ class DeviceAdjoint:
         return block.read_transposed(out), order
 
     def _order(self, cells: Array, feet: Array) -> tuple[Array, ...]:
-        """Nodes sorted by the cells of their feet and where each cell begins among them.
-
-        For conservative profiles also the new cells sorted by the whole old ones in them.
+        """Nodes sorted by the cells of their feet and where each cell begins among them; for
+        conservative profiles also the new cells sorted by the whole old ones in them.
         """
         xp, size = self._xp, self._size
         keys = xp.sort(cells.astype(np.int64) * size + xp.arange(size))
@@ -301,7 +275,7 @@ class DeviceAdjoint:
         return found
 
     def _gradient(self, block: Block, feet: StageFeet, g: Array) -> Any:
-        """What the feet of a block give to the gradient in the parameters."""
+        """The gradient in the parameters from derivatives in the feet of a block."""
         stage, xp, engine = self._stage, self._xp, self._engine
         inside, count = feet.interior(self._size, block.number), feet.substeps[block.number]
         if not inside.all():

@@ -21,16 +21,7 @@ from cip.stages.stage import Stage, StageFeet
 
 
 class DeviceWindow(Window):
-    """As `Window`, with vectors of CuPy.
-
-    Derivatives of what enters through walls are made on the host.
-
-    Parameters
-    ----------
-    engine : CudaEngine
-    *arguments
-        Those of `Window`.
-    """
+    """As `Window`, with vectors of CuPy; derivatives of inflow are computed on the host."""
 
     def __init__(self, engine: Any, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -91,9 +82,8 @@ def push_all(stage: Stage, index: str) -> str:
 
 
 def tangent_all(stage: Stage, source: str, index: str) -> str:
-    """CUDA C of the kernel ``run(lines..., t, step, count, values, out)``: `tangent` of all nodes.
-
-    `source` is that of the kernel ``tangent`` (`cip.sensitivities.path_tangent.tangent_source`).
+    """CUDA C of the kernel ``run(lines..., t, step, count, values, out)``: `tangent` of all nodes,
+    whose `source` is that of `cip.sensitivities.path_tangent.tangent_source`.
     """
     grid = stage.grid
     x, lines = point_of(grid)
@@ -112,13 +102,7 @@ def tangent_all(stage: Stage, source: str, index: str) -> str:
 
 
 class DevicePush:
-    """The change of the new moments of a stage with its feet.
-
-    Parameters
-    ----------
-    engine : CudaEngine
-    stage : Stage
-    """
+    """The change of the new moments of a stage with its feet."""
 
     def __init__(self, engine: Any, stage: Stage) -> None:
         self._engine, self._stage = engine, stage
@@ -141,13 +125,7 @@ class DevicePush:
 
 
 class DevicePathTangent(PathTangent):
-    """As `PathTangent`, with arrays on the device of an engine.
-
-    Parameters
-    ----------
-    engine : CudaEngine
-    stage : Stage
-    """
+    """As `PathTangent`, with arrays on the device of an engine."""
 
     def __init__(self, engine: Any, stage: Stage) -> None:
         super().__init__(stage)

@@ -40,9 +40,8 @@ def _corner(*sides: int) -> str:
 
 
 def beginning(update: Traced, used: set[str]) -> list[str]:
-    """Code that locates the foot and reads its components and the old moments that are `used`.
-
-    The widths of its cell are called h0 and h1.
+    """Code that locates the foot and reads its components and the old moments that are `used`. The
+    widths of its cell are called h0 and h1.
     """
     code = []
     for axis, line in enumerate(_AXES[: update.dim]):

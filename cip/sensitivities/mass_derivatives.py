@@ -32,17 +32,8 @@ def integral_weights(grid: Grid, axis: int, weight: Array, xp: Any = np) -> Arra
 def add_whole_cells(
     grid: Grid, axis: int, pairs: tuple[Array, Array], weight: Array, back: Array
 ) -> None:
-    """Add to weights of the old means those that the new ones give to whole cells.
-
-    Parameters
-    ----------
-    grid : Grid
-    axis : int
-    pairs : tuple of ndarray
-        From `whole_cells`.
-    weight : ndarray, shape (nodes,)
-        Of the new means.
-    back : ndarray, shape (nodes,)
+    """Add to weights of the old means, `back`, those that the new ones, `weight`, give to whole
+    cells; both have shape (nodes,), `pairs` come from `whole_cells`.
     """
     owner, whole = pairs
     given = np.bincount(whole, per_width(grid, axis, weight)[owner], grid.size)
@@ -50,16 +41,8 @@ def add_whole_cells(
 
 
 def whole_cells(grid: Grid, axis: int, displacement: Array, xp: Any = np) -> tuple[Array, Array]:
-    """The new cells whose means contain whole old ones, and these, for all such pairs.
-
-    Parameters
-    ----------
-    grid : Grid
-    axis : int
-    displacement : ndarray, shape (nodes,)
-        From each node to its foot, in cells.
-    xp : module
-        That of the displacement, NumPy or CuPy.
+    """The new cells whose means contain whole old ones, and these, for all such pairs. The
+    displacement, shape (nodes,), from each node to its foot is in cells.
     """
     n, cells = grid.nodes[axis], grid.cells[axis]
     lines = xp.moveaxis(xp.arange(grid.size).reshape(grid.nodes), axis, -1).reshape(-1, n)
@@ -82,10 +65,7 @@ def whole_cells(grid: Grid, axis: int, displacement: Array, xp: Any = np) -> tup
 
 
 def per_width(grid: Grid, axis: int, values: Array, xp: Any = np) -> Array:
-    """Values by cells over their widths; 0 at the end of a line that is not periodic.
-
-    `xp` is the module of the values, NumPy or CuPy.
-    """
+    """Values by cells over their widths; 0 at the end of a line that is not periodic."""
     width = _widths(grid, axis)
     inverse = np.divide(1.0, width, np.zeros_like(width), where=width > 0.0)
     return _times(grid, axis, values, xp.asarray(inverse))

@@ -18,13 +18,9 @@ from cip.sensitivities.profile_derivatives import Traced, traced
 
 
 def pull_source(update: Traced, apart: bool = False) -> str:
-    """Source of the kernel ``pull``.
-
-    ``pull(m, w, back, g, feet, stride, first, x, [y,] size, o, i[, j])`` adds to `back`, laid out
-    as the moments m and the weights w, and writes the derivatives with respect to the components to
-    `g`; those of displacements have the unit of 1 / length. Where the contributions are wanted
-    `apart`, the one to ``update.reads[q]`` is written to ``back[q size + o]`` instead.
-    """
+    """Source of the kernel ``pull(m, w, back, g, feet, stride, first, x, [y,] size, o, i[, j])``,
+    which adds to `back`, laid out as m and w, and writes derivatives in the components to `g`, for
+    displacements per length. `apart`: that of ``update.reads[q]`` goes to ``back[q size + o]``."""
     dim, count = update.dim, len(update.reads)
     total = constant(0.0)
     for q, output in enumerate(update.outputs):

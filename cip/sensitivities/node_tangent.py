@@ -15,12 +15,9 @@ from cip.sensitivities.profile_derivatives import Traced, traced
 
 
 def push_source(update: Traced) -> str:
-    """Source of the kernel ``push``.
-
-    ``push(m, d, out, feet, stride, first, x, [y,] size, o, i[, j])`` writes the changes of the new
-    moments of node o to `out`. The changes `d` of the components are laid out as the feet, those of
-    displacements as lengths.
-    """
+    """Source of the kernel ``push(m, d, out, feet, stride, first, x, [y,] size, o, i[, j])``, which
+    writes the changes of the new moments of node o to `out`. The changes `d` of the components are
+    laid out as the feet, those of displacements as lengths."""
     found = {}
     for q, output in enumerate(update.outputs):
         total = constant(0.0)

@@ -59,17 +59,9 @@ unwind: Any = None
 
 
 def parameter_gradient(stage: Stage, feet: StageFeet, g: Any) -> Any:
-    """The derivatives with respect to the parameters of the system, shape (parameters,).
-
-    Parameters
-    ----------
-    stage : Stage
-    feet : StageFeet
-        With the number of sub-steps that led to them.
-    g : ndarray, shape (components, nodes)
-        Derivatives with respect to the components of the feet of all blocks, displacements as
-        lengths. Those of paths that begin on a wall are left out.
-    """
+    """The derivatives in the parameters of the system, shape (parameters,), from those in the
+    components of all feet, `g`, shape (components, nodes), displacements as lengths. The feet have
+    their numbers of sub-steps; paths that begin on a wall are left out."""
     compiled = all(c.exact for c in stage.velocity) and snapshots_of(stage.velocity) is None
     found = np.zeros(len(stage.system.parameters))
     for block in blocks_of(stage):
@@ -100,9 +92,8 @@ def _once_a_system(make: Callable[..., Any]) -> Callable[..., Any]:
 def _pulled(
     system: System, parameters: tuple[str, ...], sums: tuple[Expression, ...] = ()
 ) -> list[Expression]:
-    """``f_y^T b`` for all unknowns, then ``f_p^T b``, with b in variables b0, b1, ...
-
-    Last come the derivatives in `sums`, nodes of the rates.
+    """``f_y^T b`` for all unknowns, then ``f_p^T b``, with b in variables b0, b1, ..., and last the
+    derivatives in `sums`, nodes of the rates.
     """
     total = constant(0.0)
     for q, rate in enumerate(system.rates):
@@ -122,7 +113,7 @@ def _seeds(system: System, wanted: tuple[Jet, ...]) -> list[Expression]:
 
 
 def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:
-    """For velocities known by their values."""
+    """The gradient for velocities known by their values."""
     system, length = stage.system, feet.t_end - feet.t_start
     jets = [jet.name for jet in system.jets]
     sums = Sums(stage)
@@ -201,13 +192,9 @@ def _rows(values: Any, shape: tuple[int, ...]) -> Any:
 
 @_once_a_system
 def unwind_source(system: System, wanted: tuple[Jet, ...]) -> str:
-    """Source of the kernels `rates`, `pull` and ``unwind`` of one node.
-
-    ``unwind(g, size, o, x1, x2, x3, t, step, count, values, trail, grad)`` adds the derivatives
-    with respect to the parameters to `grad`; `values` are their values, `trail` is memory for as
-    many numbers as `trail_length` says. It keeps the unknowns of all stages, and the sines,
-    exponentials and so on that the rates and their derivatives share, which take most of the time.
-    """
+    """Source of `rates`, `pull` and ``unwind(g, size, o, x1, x2, x3, t, step, count, values, trail,
+    grad)``, which adds derivatives in the parameters to `grad`. `trail`, of `trail_length` numbers,
+    keeps the unknowns of all stages and the (costly) functions shared by rates and derivatives."""
     m, jets = len(system.jets), [jet.name for jet in system.jets]
     kept = _kept(system)
     width = m + len(kept)
@@ -334,7 +321,7 @@ def _kernel(source: str) -> Any:
 
 
 def _by_numba(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:
-    """For formulas."""
+    """The gradient for velocities that are formulas."""
     system, size = stage.system, points[0].size
     run = loop_over(run_nodes, unwind=_kernel(unwind_source(system, tuple(stage.jets))))
     points = [np.ascontiguousarray(x) for x in points]

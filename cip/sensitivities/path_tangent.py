@@ -26,24 +26,13 @@ from cip.sensitivities.coefficient_sums import changed, functions_along
 from cip.stages.stage import Stage, StageFeet
 
 Array = Any  # arrays of NumPy or CuPy
-# From this number of nodes on, compiling a system (seconds) saves time.
+# Nodes from which on compiling a system (seconds) saves time.
 _COMPILE_FROM = 20_000
 
 
 class Directional(System):
-    """A system together with the changes of its unknowns along a direction of its parameters.
-
-    Parameters
-    ----------
-    system : System
-
-    Attributes
-    ----------
-    jets : tuple of Jet
-        Those of `system`, then their changes: jets with component 4 + number, which means nothing
-        elsewhere.
-    parameters : list of str
-        Those of `system`, then their changes.
+    """A system together with the changes of its unknowns along a direction of its parameters. The
+    changes are further `jets`, with component 4 + number, and further `parameters`.
     """
 
     def __init__(self, system: System) -> None:
@@ -71,9 +60,8 @@ class Directional(System):
 
 
 def _along(value: Expression, moves: dict[str, str]) -> Expression:
-    """The derivative along the variables that are the changes of others.
-
-    Coefficients of sums occur nowhere else: the changes of all of them make one sum.
+    """The derivative along the variables that are the changes of others. Coefficients of sums occur
+    nowhere else, so the changes of all of them make one sum.
     """
     sums = [node for node in ordered([value]) if node.op == "linear"]
     coefficients = {one.value for node in sums for one in node.args}
@@ -99,12 +87,9 @@ def component(jet: Jet) -> Expression:
 
 
 def tangent_source(system: Directional, wanted: tuple[Jet, ...]) -> str:
-    """Source of the kernels `rates` and ``tangent`` of one path.
-
-    ``tangent(feet, x1, x2, x3, t, step, count, box)`` writes the changes of the components and
-    returns 0; `box` holds the values of the parameters and their changes, the other arguments are
-    those of `cip.engines.path_kernel.path_source`.
-    """
+    """Source of `rates` and ``tangent(feet, x1, x2, x3, t, step, count, box)``, which writes the
+    changes of the components and returns 0; `box` holds the values of the parameters and their
+    changes, the other arguments are those of `cip.engines.path_kernel.path_source`."""
     jets = [jet.name for jet in system.jets]
     found = {f"z{f}": system.change(jet) for f, jet in enumerate(wanted)}
     lines = [
@@ -124,12 +109,7 @@ def tangent_source(system: Directional, wanted: tuple[Jet, ...]) -> str:
 
 
 class PathTangent:
-    """The changes of the feet of a stage of a velocity with parameters.
-
-    Parameters
-    ----------
-    stage : Stage
-    """
+    """The changes of the feet of a stage of a velocity with parameters."""
 
     xp: Any = np
 
@@ -139,18 +119,9 @@ class PathTangent:
         self._compiled = formula and stage.grid.size >= _COMPILE_FROM
 
     def along(self, blocks: list[Block], feet: StageFeet, direction: Array) -> Array:
-        """The changes of all components, shape (components, nodes), displacements as lengths.
-
-        Parameters
-        ----------
-        blocks : list of Block
-            Of the stage.
-        feet : StageFeet
-            With the numbers of sub-steps that led to them, which are kept. What begins on a wall
-            does not change here.
-        direction : ndarray, shape (parameters,)
-            The change of the system's parameters.
-        """
+        """The changes of all components, shape (components, nodes), displacements as lengths, for a
+        change of the system's parameters, shape (parameters,). Numbers of sub-steps are kept; paths
+        that begin on a wall do not change here."""
         size, count = self._stage.grid.size, len(self._stage.jets)
         found = self.xp.empty((len(blocks) * count, size))
         for block in blocks:
@@ -171,11 +142,11 @@ class PathTangent:
 
     @cached_property
     def source(self) -> str:
-        """Of the kernel ``tangent``."""
+        """Source of the kernel ``tangent``."""
         return tangent_source(self._system, tuple(self._stage.jets))
 
     def _by_kernel(self, block: Block, feet: StageFeet, values: Array, out: Array) -> None:
-        """For formulas on many nodes."""
+        """The changes for formulas on many nodes."""
         from cip.engines import cpu_loops, path_loops
         from cip.jit import loop_over
 
@@ -193,7 +164,7 @@ class PathTangent:
         cpu_loops.share(work, size, size)
 
     def _by_numpy(self, block: Block, feet: StageFeet, direction: Array) -> Array:
-        """For velocities known by their values, and for few nodes."""
+        """The changes for velocities known by their values, and for few nodes."""
         stage, system = self._stage, self._system
         length, points = feet.t_end - feet.t_start, stage.points(block.bits)
         known: dict[str, Any] = dict(

@@ -18,8 +18,8 @@ from cip.formulas.expression import Expression, variable
 from cip.profiles.catalogue import CONSERVATIVE, carries_slopes, line_jets, moments, plane_jets
 from cip.profiles.records import Foot, Limits, Line, Means, Update
 
-# Nodes in each direction of the grid on which a kernel is traced; its cell is the first one. They
-# differ, so that the kernel's calls tell the directions.
+# Nodes of the grid on which a kernel is traced, in its first cell: their numbers differ, so that
+# the kernel's calls tell the directions.
 _NODES = (2, 3)
 # Corners of a cell by their offsets in each direction, in the order of `Traced.reads`.
 AROUND = 2
@@ -28,33 +28,16 @@ CORNERS = {1: ((0,), (1,)), 2: ((0, 0), (1, 0), (0, 1), (1, 1))}
 
 @dataclass(frozen=True)
 class Traced:
-    """The update of a node whose foot lies in the first cell of a small grid, as formulas.
-
-    Attributes
-    ----------
-    outputs : tuple of Expression
-        The new moments.
-    reads : tuple of str
-        Variables of the old moments, each at all corners.
-    places : tuple of str
-        Variables of the place in the cell; `widths` those of its widths.
-    feet : tuple of str
-        Variables of the components of the foot after the displacements.
-    sources : tuple of (moment, role)
-        For each of `reads` the number of the moment and the role of its node: a corner of the cell
-        or, from `AROUND` on in a sweep, a node around it.
-    around : tuple of str
-        Variables of the places of the nodes around the cell, in a sweep of a splitting.
-    """
+    """The update of a node whose foot lies in the first cell of a small grid, as formulas."""
 
     dim: int
-    outputs: tuple[Expression, ...]
-    reads: tuple[str, ...]
-    places: tuple[str, ...]
-    widths: tuple[str, ...]
-    feet: tuple[str, ...]
-    sources: tuple[tuple[int, int], ...]
-    around: tuple[str, ...] = ()
+    outputs: tuple[Expression, ...]  # the new moments
+    reads: tuple[str, ...]  # variables of the old moments, each at all corners
+    places: tuple[str, ...]  # variables of the place in the cell
+    widths: tuple[str, ...]  # variables of the widths of the cell
+    feet: tuple[str, ...]  # variables of the components of the foot after the displacements
+    sources: tuple[tuple[int, int], ...]  # of each of `reads`: moment, and corner or `AROUND` +
+    around: tuple[str, ...] = ()  # variables of places beside the cell, in sweeps
 
     @property
     def moments(self) -> int:
@@ -91,21 +74,9 @@ class _Widths:
 
 @cache
 def traced(profile: str, advect: bool, dim: int, axis: int | None) -> Traced:
-    """The update of a profile.
-
-    A conservative profile updates a pair (value, mean) along lines (`cip.sensitivities.blocks`),
-    with the slopes between them if it is csl4. In place of the mean the last output is the integral
-    of the old profile from the left end of the cell to the foot.
-
-    Parameters
-    ----------
-    profile : {"cubic", "quintic", "csl2", "csl4", "adini", "bicubic"}
-    advect : bool
-    dim : int
-        Of the grid.
-    axis : int or None
-        Direction of a sweep.
-    """
+    """The update of a profile on a grid of `dim` directions, swept along `axis` or (None) of a
+    plane. A conservative one updates a pair (value, mean), for csl4 with slopes; the mean is
+    replaced by the integral of the old profile from the left end of the cell to the foot."""
     if profile in CONSERVATIVE:
         slopes, line = int(profile == "csl4"), Line(_Widths(0), 0, 1, _NODES[0], 0)
         outputs = _conservative(profile, carries_slopes(profile, dim), line)
@@ -174,9 +145,8 @@ def _outputs(profile: str, advect: bool, dim: int) -> list[Expression]:
 
 
 def _conservative(name: str, carried: bool, line: Line) -> list[Expression]:
-    """The new value (and slope if it is `carried`) and, for the mean, the integral up to the foot.
-
-    `cip.sensitivities.mass_derivatives` leads from these integrals to the means.
+    """The new value (and slope if it is `carried`) and, for the mean, the integral up to the foot,
+    from which `cip.sensitivities.mass_derivatives` obtains the means.
     """
     quartic, size, foot = name == "csl4", line.n, _Symbols("f")
     means = Means(0, size, (1 + quartic) * size, int(quartic))

@@ -48,21 +48,9 @@ def run_sweep(
 
 
 def push_forward(blocks: list[Block], z: Array, feet: Array, changes: Array) -> Array:
-    """The change of the new moments of all nodes with their feet, at given old moments.
-
-    Parameters
-    ----------
-    blocks : list of Block
-        Of a stage.
-    z : ndarray, shape (moments, nodes)
-        The old moments.
-    feet, changes : ndarray, shape (components, nodes)
-        Changes of displacements as lengths.
-
-    Returns
-    -------
-    ndarray, shape (moments, nodes)
-    """
+    """The change of the new moments of all nodes with their feet at given old moments `z`, shape
+    (moments, nodes). Feet and changes have shape (components, nodes), changes of displacements are
+    lengths."""
     found = np.zeros_like(z)
     for block in blocks:
         own = block.components

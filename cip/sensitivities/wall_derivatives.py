@@ -28,13 +28,8 @@ _WEIGHT = (1.0, 2.0, 2.0, 1.0)
 
 
 class WallDerivatives:
-    """The derivatives of `Stage.corrections` in the stage's `wall_parameters`.
-
-    Their formulas are derived once for each wall and serve all steps.
-
-    Parameters
-    ----------
-    stage : Stage
+    """The derivatives of `Stage.corrections` in the stage's `wall_parameters`. Their formulas are
+    derived once for each wall and serve all steps.
     """
 
     def __init__(self, stage: Stage) -> None:
@@ -42,17 +37,8 @@ class WallDerivatives:
         self._walls: dict[tuple[int, int], _Wall] = {}
 
     def of(self, feet: StageFeet) -> list[Correction]:
-        """Those of a step.
-
-        Parameters
-        ----------
-        feet : StageFeet
-            Of the stage, with the numbers of sub-steps that led to them.
-
-        Returns
-        -------
-        list of Correction
-            Their values have shape (parameters, places).
+        """The corrections' derivatives of a step, with values of shape (parameters, places); the
+        feet have their numbers of sub-steps.
         """
         stage, found = self._stage, list[Correction]()
         if not feet.bounded or not stage.wall_parameters:
@@ -203,9 +189,8 @@ class _Steps:
         return self._functions
 
     def exit_derivatives(self, feet: StageFeet, block: int, exits: Exits, substeps: int) -> Array:
-        """Derivatives in the parameters of the unknowns on the wall and, last, of the time there.
-
-        Shape (unknowns + 1, parameters, paths).
+        """Derivatives in the parameters of the unknowns on the wall and, last, of the time there,
+        shape (unknowns + 1, parameters, paths).
         """
         system, length = self.system, feet.t_end - feet.t_start
         base = [x.ravel()[exits.nodes] for x in self.stage.points(block)]

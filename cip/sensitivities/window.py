@@ -33,8 +33,8 @@ from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.state import State, on_host, state_of
 
 Array = Any  # arrays of NumPy or CuPy
-# Bytes that the states of a window may take without being asked for: states between checkpoints
-# cost another run, which is a quarter of a gradient.
+# Most bytes of a window's states by default: with checkpoints another run is needed, a quarter of a
+# gradient.
 KEPT = 2**30
 # A foot this near to an edge of a cell, in cells, is on it up to rounding.
 _EDGE = 2.0**-42
@@ -65,27 +65,9 @@ class Move:
 
 
 class Window:
-    """The derivative of the last state of a run in the first one and in the solver's parameters.
-
-    The adjoint recomputes the states between checkpoints.
-
-    Parameters
-    ----------
-    moves : sequence of Move or HalfStep
-        The stages of all steps in order, and what sources and decay do before and after them.
-    start : State
-    advance : callable
-        The state after move n, ``advance(n, state)``; ``advance(n, change, True)`` for a change of
-        the state, on which data on walls have no influence.
-    feet : callable
-        ``feet(n)``, those that move n uses, a stage.
-    parameters : sequence of str
-        In the order of the columns.
-    every : int
-        Moves from one checkpoint to the next.
-    steady : bool
-        Whether steps of one length have the same feet.
-    """
+    """The derivative of a run's last state in the first one and in the parameters. The adjoint
+    recomputes states between checkpoints, `every` moves apart. ``advance(n, state)`` makes move n,
+    with a third argument True of a change of the state; ``feet(n)`` are its feet."""
 
     def __init__(
         self,
@@ -151,7 +133,7 @@ class Window:
         return move.stage.axis, (move.stage.end - move.stage.begin) * move.dt
 
     def _once(self, n: int, steady: bool, make: Callable[[Stage, StageFeet], Any]) -> Any:
-        """What `make` finds for the feet of move n, kept where it is the same for others."""
+        """The result of `make` for the feet of move n, kept if it is the same for other moves."""
         if not steady:
             return make(self._moves[n].stage, self._feet(n))
         key = make, self._key(n)
@@ -212,7 +194,6 @@ class Window:
         self, n: int, state: State, direction: Array, known: dict[Any, Array]
     ) -> Array | None:
         """The change of the moments after move n for a change of all parameters; None for none.
-
         `known` holds the changes of the feet of a steady velocity.
         """
         own, on_walls = direction[self._columns[n]], direction[self._wall_columns[n]]
@@ -245,11 +226,9 @@ class Window:
         return PathTangent(stage)
 
     def _edges(self, stage: Stage, feet: StageFeet) -> list[tuple[Any, Array, Array]]:
-        """The feet on edges of cells, across which derivatives of the profile may jump.
-
-        For each direction in which parameters move feet: the rows of its displacements, where these
-        are whole cells, and all components with such feet on the other side of their edges.
-        """
+        """The feet on edges of cells, where derivatives of the profile may jump. For each direction
+        in which parameters move feet: the rows of its displacements that are whole cells, and all
+        components with these feet on the other side of their edges."""
         xp, found, components = self._xp, [], self._flat(feet.data)
         for q, axis in enumerate(stage.moving):
             if axis not in varying_axes(stage):
@@ -362,7 +341,7 @@ class Window:
         return [whole_cells(stage.grid, axis, one) for one in first]
 
     def _gradient(self, n: int, feet: StageFeet, g: Array) -> Any:
-        """What derivatives in the feet of move n give to the parameters of its stage."""
+        """The gradient in the parameters of the stage of move n, from derivatives in its feet."""
         from cip.sensitivities.path_adjoint import parameter_gradient
 
         return parameter_gradient(self._moves[n].stage, feet, g)
@@ -388,13 +367,7 @@ def names_of(variables: Iterable[str]) -> list[str]:
 
 
 def check_differentiable(profile: str, limiter: str | None) -> None:
-    """Raise unless the scheme has derivatives that this package knows.
-
-    Raises
-    ------
-    NotSupported
-        A profile or limiter with kinks.
-    """
+    """Raise `NotSupported` for a profile or limiter with kinks."""
     if limiter is not None:
         raise NotSupported(f"limiter: {limiter!r} is not differentiable; take limiter=None")
     if profile in ("linear", "piecewise_linear", "smoothed"):
@@ -404,15 +377,8 @@ def check_differentiable(profile: str, limiter: str | None) -> None:
 
 
 def checkpoint_distance(steps: int, checkpoints: int | None, state: int) -> int:
-    """Steps between checkpoints.
-
-    By default every state is kept where all of them, of `state` bytes each, take no more than
-    `KEPT` bytes; otherwise about the square root of the number of steps are.
-
-    Raises
-    ------
-    InputError
-        A number of checkpoints that is not a positive integer.
+    """Steps between checkpoints. By default every state is kept if all of them, of `state` bytes
+    each, take at most `KEPT` bytes; otherwise about the square root of the number of steps.
     """
     if checkpoints is None:
         return 1 if steps * state <= KEPT else max(1, int(np.ceil(np.sqrt(steps))))

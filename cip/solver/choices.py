@@ -89,9 +89,8 @@ def check_within(
 
 
 def check_bounded(state: State, bounds: tuple[float, float], tolerance: float) -> None:
-    """Raise `InputError` for values or means outside the bounds of the limiter.
-
-    A state that this limiter has stepped is taken as it is: sources and splitting may exceed them.
+    """Raise `InputError` for values or means outside the bounds of the limiter. A state that this
+    limiter has stepped is accepted: sources and splitting may exceed the bounds.
     """
     if state._bounded == bounds:
         return

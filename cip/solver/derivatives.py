@@ -19,13 +19,7 @@ FEET = 2**28
 
 
 def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> Window:
-    """The derivative of a run; its `operator` is that of `Solver.tangent`.
-
-    Parameters
-    ----------
-    solver, run, checkpoints
-        As for `Solver.tangent`.
-    """
+    """The derivative of a run; its `operator` is that of `Solver.tangent`."""
     if not isinstance(run, Trajectory):
         raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
     check_differentiable(solver.profile, solver.limiter)
@@ -83,17 +77,8 @@ def around(stages: list[Move], solver: Any, t: float, dt: float) -> list[Move | 
 
 
 class Replay:
-    """The stages of a run's steps, repeated with the sub-steps that were taken at first.
-
-    Parameters
-    ----------
-    solver : Solver
-    plan : list of (t, dt)
-
-    Attributes
-    ----------
-    moves : list of Move or HalfStep
-        The stages of all steps in order, between the halves of sources and decay.
+    """The stages of a run's steps, the list `plan` of (t, dt), repeated with the sub-steps taken at
+    first; `moves` are the stages of all steps in order, between the halves of sources and decay.
     """
 
     def __init__(self, solver: Any, plan: list[tuple[float, float]]) -> None:
@@ -108,9 +93,8 @@ class Replay:
         self._memory: list[tuple[bool, dict[Any, tuple[float, int]]]] = []
 
     def keep_feet(self, least: int) -> None:
-        """Keep the feet of the last moves that were advanced, which cost as much as a run.
-
-        As many as take no more than `FEET` bytes; at least those of `least` moves.
+        """Keep the feet of the last moves that were advanced, which cost as much as a run: as many
+        as take at most `FEET` bytes, and at least those of `least` moves.
         """
         components = max(len(stage.blocks) * len(stage.jets) for stage in self.solver._stages)
         size = components * self.solver.grid.size * 8

@@ -409,9 +409,8 @@ class Solver(Parametrised):
             check_bounded(state, self.bounds, self.bounds_tolerance)
 
     def _check_times(self, start: float, end: float) -> None:
-        """Raise `InputError` if velocity or source are not known from `start` to `end`.
-
-        Or if data on walls leave the bounds of the limiter then.
+        """Raise `InputError` if velocity or source are not known from `start` to `end`, or if data
+        on walls leave the bounds of the limiter then.
         """
         for known in (snapshots_of(self._formulas), self._reaction):
             if known is not None:
@@ -458,17 +457,8 @@ class Solver(Parametrised):
 
 
 def parameters_of(velocity: Any, source: Any, decay: Any, boundary: Any) -> dict[str, float]:
-    """The values of all parameters, in order.
-
-    Parameters
-    ----------
-    velocity, source, decay, boundary
-        Arguments of the solver.
-
-    Raises
-    ------
-    InputError
-        Two values for one name: code takes one name for one parameter.
+    """The values of all parameters of the solver's arguments, in order. Raises `InputError` for two
+    values of one name, since code takes one name for one parameter.
     """
     found: dict[str, float] = {}
     first: dict[str, str] = {}
@@ -505,19 +495,7 @@ def made_stages(
     boundary: Any,
     reaction: Reaction | None,
 ) -> list[Stage]:
-    """The stages of one step.
-
-    Parameters
-    ----------
-    grid : Grid
-    velocity : tuple of Formula
-    profile : str
-    advect : bool
-    boundary : object
-        The argument of the solver.
-    reaction : Reaction or None
-        What acts before and after the stages.
-    """
+    """The stages of one step; `reaction` acts before and after them."""
     data = walls(boundary, grid)
     split = grid.dim > 1 and profile in LINE
     if split:
@@ -528,16 +506,7 @@ def made_stages(
 def advanced(
     kernels: Engine, made: list[Stage], reaction: Reaction | None, state: State, dt: float
 ) -> State:
-    """The state after a step: the stages between the halves of sources and decay.
-
-    Parameters
-    ----------
-    kernels : Engine
-    made : list of Stage
-    reaction : Reaction or None
-    state : State
-    dt : float
-    """
+    """The state after a step: the stages between the halves of sources and decay."""
     data, t = state.data, state.t
     before, after = halves(reaction, t, dt) if reaction is not None else (None, None)
     if before is not None:

@@ -19,9 +19,8 @@ from cip.stages.state import State, state_of
 Record = TypeVar("Record")
 
 _log = logging.getLogger(__name__)
-# Fraction of dt: a remainder before an output time that is shorter is merged into the last step.
-# The accumulated rounding of dt over a million steps is below it, and no caller wants a step that
-# short.
+# Relative to dt: a shorter remainder before an output time joins the last step. The rounding of a
+# million steps is below it.
 _NO_STEP = 1e-9
 # Fraction of dt: if the rounding error of t reaches it, t is too large for steps of length dt.
 _LOST = 0.01
@@ -38,28 +37,9 @@ def run(
     place: Callable[[State], State],
     record: Callable[[Sequence[State], bool], Record],
 ) -> Record:
-    """Step from one output time to the next; the other parameters are those of `Solver.run`.
-
-    Parameters
-    ----------
-    dt : float
-        Length of the full steps.
-    callback : callable, optional
-        From `checked_callback`.
-    advance : callable
-        The state after a step: ``advance(state, dt)``.
-    place : callable
-        Copies the first state to the memory in which `advance` works.
-    record : callable
-        Makes the result: ``record(snapshots, interrupted)``.
-
-    Raises
-    ------
-    InputError
-        Times that cannot be reached, or `dt` lost in the rounding of t.
-    CipError
-        Raised by a step; its attribute ``trajectory`` holds what was recorded before.
-    """
+    """Step from one output time to the next; see `Solver.run`. ``advance(state, dt)`` makes a step,
+    `place` copies the first state to its memory, ``record(snapshots, interrupted)`` makes the
+    result, which a `CipError` of a step carries as ``trajectory``."""
     times = output_times(state.t, t_end, snapshots)
     # Relative to dt, with the rounding of the times added: see `_NO_STEP`.
     no_step = _NO_STEP + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / dt
@@ -101,21 +81,8 @@ def run(
 def checked_callback(
     callback: Any, accept: Callable[[State], Any], place: Callable[[State], State]
 ) -> Callable[[State], State] | None:
-    """The callback of a run as a function whose result is the state to go on with.
-
-    Parameters
-    ----------
-    callback : callable or None
-        As for `Solver.run`.
-    accept : callable
-        Raises `InputError` for a state that the solver cannot take.
-    place : callable
-        The state in the memory in which the solver works.
-
-    Raises
-    ------
-    InputError
-        Something that is not callable; a returned state of another grid, profile or time.
+    """The callback of a run as a function whose result is the state to go on with. `accept` raises
+    `InputError` for a state that the solver cannot take; `place` copies one to the solver's memory.
     """
     if callback is None:
         return None

@@ -16,21 +16,12 @@ from cip.sources.reaction import Reaction
 
 @dataclass(frozen=True)
 class HalfStep:
-    """A half of a reaction's step.
-
-    Parameters
-    ----------
-    reaction : Reaction
-    t, length : float
-        It covers the times from t to t + length.
-    after : bool
-        Whether it stands after the transport.
-    """
+    """A half of a reaction's step."""
 
     reaction: Reaction
-    t: float
-    length: float
-    after: bool
+    t: float  # start of its time
+    length: float  # duration
+    after: bool  # whether it stands after the transport
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -52,14 +43,8 @@ class HalfStep:
         return self.reaction.decayed(change, self.t, self.length)
 
     def along(self, data: Any, direction: Any) -> Any:
-        """The change of the moments after it for one of the parameters.
-
-        Parameters
-        ----------
-        data : array
-            The moments before it.
-        direction : sequence of float
-            In the order of `columns`.
+        """The change of the moments after it for a change of the parameters, in the order of
+        `columns`. `data` are the moments before it.
         """
         reaction, added, total = self.reaction, 0.0, 0.0
         end = self._decayed(data) if self.reads_state else None
@@ -73,15 +58,8 @@ class HalfStep:
         return total + self.linear(added)
 
     def pull_back(self, data: Any, weight: Any) -> tuple[Any, list[float]]:
-        """The weight of the moments before it, and the derivatives in the parameters.
-
-        They are those of weight . (moments after it).
-
-        Parameters
-        ----------
-        data : array
-            The moments before it.
-        weight : array
+        """The weight of the moments before it, `data`, and the derivatives of weight . (moments
+        after it) in the parameters.
         """
         reaction, found = self.reaction, []
         end = self._decayed(data) if self.reads_state else None
@@ -99,7 +77,7 @@ class HalfStep:
         return before, found
 
     def _decayed(self, data: Any) -> Any:
-        """The moments when they have decayed; in the half after, the source is still to come."""
+        """The moments after the decay; before the transport the source acts first."""
         if not self.after:
             data = self.reaction.added(data, self.t, self.length)
         return self.linear(data)

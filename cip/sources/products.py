@@ -24,21 +24,9 @@ Factors = Mapping[Orders, Any]
 
 
 class Products:
-    """Products with the moments of a profile, shape (moments,) + grid.nodes.
-
-    Parameters
-    ----------
-    grid : Grid
-    profile : str
-    xp : module
-        NumPy or CuPy.
-
-    Attributes
-    ----------
-    wanted : dict
-        The moments of g that a product needs, by keys: the orders of derivatives, or for means for
-        each direction whether the midpoint is meant; the slope beside means has the key (2,).
-    """
+    """Products with the moments of a profile, shape (moments,) + grid.nodes. `wanted` are the
+    moments of g that they need, by keys: orders of derivatives, or for means for each direction
+    whether the midpoint is meant; the slope beside means has the key (2,)."""
 
     def __init__(self, grid: Grid, profile: str, xp: Any) -> None:
         self._grid, self._xp = grid, xp
@@ -56,14 +44,7 @@ class Products:
             self.wanted[(2,)] = Moment("", (1, 0, 0, 0))
 
     def times(self, data: Any, factors: Factors) -> Any:
-        """The moments of g u from those of u.
-
-        Parameters
-        ----------
-        data : array, shape (moments,) + grid.nodes
-        factors : mapping
-            Those of g, as `wanted`.
-        """
+        """The moments of g u, of shape (moments,) + grid.nodes, from those of u and those of g."""
         if self._slopes:
             return self._with_slopes(data, factors)
         return self._with_means(data, factors) if self.means else self._leibniz(data, factors)

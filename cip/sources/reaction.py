@@ -26,20 +26,7 @@ from cip.stages.state import averaged
 
 
 class Reaction:
-    """What sources and decay do to the moments of a state, each by itself; with derivatives.
-
-    Parameters
-    ----------
-    grid : Grid
-    profile : str
-    source, decay : Source or None
-    xp : module
-        NumPy or CuPy, of the moments.
-
-    Attributes
-    ----------
-    source_parameters, decay_parameters : tuple of str
-    """
+    """What sources and decay do to the moments of a state, each by itself; with derivatives."""
 
     def __init__(
         self, grid: Grid, profile: str, source: Source | None, decay: Source | None, xp: Any
@@ -77,7 +64,7 @@ class Reaction:
                 one.check_times(start, end)
 
     def added(self, data: Any, t: float, length: float) -> Any:
-        """The moments with what the source adds from t to t + length."""
+        """The moments after the source has been added from t to t + length."""
         if self._node is None:
             return data
         return data + self._increment(self._node, t, length).astype(data.dtype)
@@ -95,7 +82,7 @@ class Reaction:
         return decay(data, t, length)
 
     def decay_slope(self, data: Any, name: str, t: float, length: float) -> Any:
-        """The derivative of `decayed` in a parameter, from what it has led to."""
+        """The derivative of `decayed` in a parameter, from the decayed moments."""
         assert self._decay is not None
         return self._decay.slope(data, t, length, name)
 
@@ -124,45 +111,18 @@ class Reaction:
 
 
 def reaction(grid: Grid, profile: str, source: Any, decay: Any, xp: Any) -> Reaction | None:
-    """The reaction of a solver, from its arguments `source` and `decay`; None without them.
-
-    Parameters
-    ----------
-    grid : Grid
-    profile : str
-    source, decay : Source or None
-    xp : module
-
-    Raises
-    ------
-    InputError
-        A function that does not fit the grid, a negative rate.
+    """The reaction of a solver, from its arguments `source` and `decay`; None without them. Raises
+    `InputError` for a function that does not fit the grid, or a negative rate.
     """
     if source is None and decay is None:
         return None
     return Reaction(grid, profile, source, decay, xp)
 
 
-# Exact decay of moments over a time: u' = -k u at each place, so u is multiplied by E.
-#
-# With :math:`K = \int k \, dt`, :math:`E = e^{-K}` has the derivatives
-# :math:`E_x = -K_x E` and :math:`E_{xy} = (K_x K_y - K_{xy}) E`, and with respect to a parameter
-# :math:`E_p = -K_p E`: that of the decayed field is its product with :math:`-K_p`.
-
-
 class Decay:
-    """Decay of all moments of a profile, its transpose, and its derivatives in parameters.
-
-    Parameters
-    ----------
-    grid : Grid
-    profile : str
-    formula : Formula
-        The rate k, in 1 / time.
-    steady : bool
-    xp : module
-        NumPy or CuPy.
-    """
+    r"""Exact decay u' = -k u of all moments, its transpose and its derivatives in parameters: u
+    times :math:`E = e^{-K}`, :math:`K = \int k \, dt`, with :math:`E_x = -K_x E`, :math:`E_{xy} =
+    (K_x K_y - K_{xy}) E`, :math:`E_p = -K_p E`."""
 
     def __init__(self, grid: Grid, profile: str, formula: Formula, steady: bool, xp: Any) -> None:
         self._grid, self._xp = grid, xp
@@ -183,16 +143,7 @@ class Decay:
         return weight * factors if self._uniform else self._products.transposed(weight, factors)
 
     def slope(self, data: Any, t: float, length: float, name: str) -> Any:
-        """The derivative of the moments after a time in a parameter.
-
-        Parameters
-        ----------
-        data : array
-            The moments after that time.
-        t, length : float
-        name : str
-            Of the parameter.
-        """
+        """The derivative of the moments after a time, `data`, in the parameter `name`."""
         return -self._products.times(data, self._slopes(t, length, name))
 
     def _factors(self, t: float, length: float) -> Any:
@@ -213,7 +164,7 @@ class Decay:
         )
 
     def _once(self, key: tuple[float, str | None], make: Any) -> Any:
-        """What `make` finds; kept for the last length of a step where k does not depend on t."""
+        """The result of `make`, kept for the last length of a step if k does not depend on t."""
         if not self._integrals.steady:
             return make()
         known = self._kept
@@ -262,18 +213,9 @@ GAUSS_TIMES = (0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0)
 
 
 class NodalMoments:
-    """Moments of expressions in a formula, integrated over a time.
-
-    Parameters
-    ----------
-    grid : Grid
-    formula : Formula
-        Whose functions and numbers the expressions hold.
-    steady : bool
-        Whether t does not occur.
-    xp : module
-        NumPy or CuPy. Formulas are computed there, callables and splines in NumPy.
-    """
+    """Moments of expressions in the functions and numbers of a formula, integrated over a time.
+    Formulas are computed in NumPy or CuPy (`xp`), callables and splines in NumPy. `steady`: t does
+    not occur."""
 
     def __init__(self, grid: Grid, formula: Formula, steady: bool, xp: Any) -> None:
         self._grid, self._formula, self._xp = grid, formula, xp
@@ -284,9 +226,8 @@ class NodalMoments:
     def integral(
         self, node: Expression, moment: Moment, t: float, length: float, midpoints: bool = False
     ) -> Any:
-        """The integral of a moment from t to t + length, shape ``grid.nodes``.
-
-        With `midpoints` it has the value at the midpoint of a cell in place of its mean.
+        """The integral of a moment from t to t + length, shape ``grid.nodes``. With `midpoints` it
+        has the value at the midpoint of a cell in place of its mean.
         """
         key = node, moment.orders
         if key not in self._made:  # code is made once, not in every step

@@ -19,13 +19,7 @@ from cip.stages.walls import MIDDLE, Wall
 
 
 class ReactedData(Formula):
-    """The data of a wall, carried on until the middle of the step.
-
-    Parameters
-    ----------
-    data : Formula
-    reaction : Reaction
-    """
+    """The data of a wall, carried on until the middle of the step."""
 
     def __init__(self, data: Formula, reaction: Reaction) -> None:
         node, left = data.expression, variable(MIDDLE) - variable("t")
@@ -49,20 +43,8 @@ class ReactedData(Formula):
 def reacted(
     data: dict[Wall, Formula], reaction: Reaction | None, split: bool
 ) -> dict[Wall, Formula]:
-    """The data of all walls as the transport of a step needs them.
-
-    Parameters
-    ----------
-    data : dict
-        From `cip.stages.walls.walls`.
-    reaction : Reaction or None
-    split : bool
-        Whether the step is a sequence of sweeps; their data, which are constant, stay as they are.
-
-    Raises
-    ------
-    NotSupported
-        Decay of data other than 0 in a splitting.
+    """The data of all walls as the transport of a step needs them. Those of a `split` step are
+    constant and stay as they are; raises `NotSupported` if decay would change them.
     """
     if reaction is None:
         return data

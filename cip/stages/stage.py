@@ -27,39 +27,26 @@ from cip.stages.walls import Wall, WallMoments
 
 Array = NDArray[np.float64]
 
-# Error of the feet of unsteady velocities, in cells: a hundred times that of steady ones, because
-# these feet must be computed in every step and those only once.
+# Error of the feet of unsteady velocities, in cells: a hundred times that of steady ones, as these
+# are computed in every step.
 PATH_TOLERANCE = 1e-8
 # The initial number of sub-steps is determined on about so many nodes; the kernels check all paths.
 _SAMPLE = 1024
-# Largest number of operations in the equations that are compiled: the time of compilation grows
-# faster than this number, the time of NumPy only in proportion.
+# Most operations in equations that are compiled: the time of compilation grows faster than this.
 _LONGEST = 600
 
 
 @dataclass(frozen=True)
 class StageFeet:
-    """Feet of a stage as the kernels read them, and the paths that begin on a wall.
-
-    Attributes
-    ----------
-    data : ndarray
-        Flat: blocks of components, each component of the length of the grid. Conservative profiles
-        have a block for each choice of node or middle of the cell in the directions across the
-        sweep (`Stage.blocks`), others one block.
-    exits : list
-        For each block, `Exits` or None.
-    t_start, t_end : float
-        Times between which the characteristics were followed.
-    substeps : tuple of int
-        For each block the number of sub-steps.
-    """
+    """Feet of a stage as the kernels read them, and the paths that begin on a wall. `data` is flat:
+    blocks of components of the length of the grid; conservative profiles have a block for each
+    choice of node or middle of the cell across the sweep (`Stage.blocks`), others one."""
 
     data: Any
-    exits: list[Exits | None] = field(default_factory=list)
+    exits: list[Exits | None] = field(default_factory=list)  # of each block
     t_start: float = 0.0
     t_end: float = 0.0
-    substeps: tuple[int, ...] = ()
+    substeps: tuple[int, ...] = ()  # of each block
 
     @property
     def bounded(self) -> bool:
@@ -85,23 +72,9 @@ class Correction:
 
 
 class Stage:
-    """A sweep along one direction, or the direct update of a plane, over a part of the step.
-
-    Parameters
-    ----------
-    grid : Grid
-    velocity : tuple of Formula
-    profile : str
-    advect : bool
-    walls : dict
-        Boundary data, from `cip.stages.walls.walls`.
-    axis : int or None
-        Direction of a sweep; None for the direct update of a plane.
-    begin, end : float
-        The part of the step that the stage covers, as fractions of dt.
-    before : tuple of Stage
-        The sweeps of the same step before this one.
-    """
+    """A sweep along `axis`, or (None) the direct update of a plane, from the fractions `begin` to
+    `end` of dt. `before` are the sweeps of the same step before this one, `walls` the data from
+    `cip.stages.walls.walls`."""
 
     def __init__(
         self,
@@ -145,11 +118,9 @@ class Stage:
 
     @property
     def blocks(self) -> list[int]:
-        """For each block of feet, the number of the moment of values that it moves.
-
-        Conservative profiles in several dimensions have several blocks; in the binary number of a
-        moment the bit of a direction says that it is averaged over this direction. Others: [0].
-        """
+        """For each block of feet, the number of the moment of values that it moves; [0] but for
+        conservative profiles in several dimensions, where the bits of a moment's number are the
+        directions over which it is averaged."""
         if not self.conservative or self.axis is None:
             return [0]
         if self.carries_slopes:
@@ -219,18 +190,9 @@ class Stage:
     def placed(
         self, block: int, nodes: NDArray[np.int64], values: Array, flux: Array | None
     ) -> list[Correction]:
-        """The corrections of a block of feet.
-
-        Parameters
-        ----------
-        block : int
-        nodes : ndarray of int
-            Those whose path begins on a wall.
-        values : ndarray, shape (.., moments, nodes)
-            New moments there.
-        flux : ndarray, shape (.., nodes), optional
-            What entered before each path began.
-        """
+        """The corrections of a block of feet: new moments of shape (.., moments, nodes) at the
+        nodes whose path begins on a wall, and the `flux`, shape (.., nodes), that entered before
+        each path began."""
         first = block * self.grid.size
         found = [
             Correction(first + q * self.grid.size + nodes, values[..., q, :], False)
@@ -241,12 +203,9 @@ class Stage:
     def _mass_from_walls(
         self, block: int, nodes: NDArray[np.int64], missing: Array
     ) -> list[Correction]:
-        """Corrections of the means for what entered before each path began.
-
-        The kernel integrates the old profile from the wall on; the flux through the wall from the
-        beginning of the step until the path begins is missing in the cell after the node and too
-        much in the cell before it.
-        """
+        """Corrections of the means for what entered before each path began. The kernel integrates
+        the old profile from the wall on: the flux since the beginning of the step is missing in the
+        cell after the node and too much in the cell before it."""
         assert self.axis is not None
         grid, axis, size = self.grid, self.axis, self.grid.size
         mean = (2 if self.carries_slopes else block + (1 << axis)) * size
@@ -264,11 +223,9 @@ class Stage:
         ]
 
     def substeps(self, t: float, dt: float) -> int:
-        """An even number of sub-steps, enough for a sample of the nodes.
-
-        Steep parts of the velocity may lie between these nodes: the kernels check the path of every
-        node, and the engine then takes more sub-steps.
-        """
+        """An even number of sub-steps, enough for a sample of the nodes. Steep parts of the
+        velocity may lie between them: the kernels check every path, and the engine then takes more
+        sub-steps."""
         t_end, length = t + self.end * dt, (self.end - self.begin) * dt
         found = integrate(
             self.grid, self.velocity, self.system, self._sample, t_end, length, self._tolerance

@@ -246,9 +246,8 @@ def state_of(
     t: float = 0.0,
     bounded: tuple[float, float] | None = None,
 ) -> State:
-    """The state of an array that nobody else changes, which is not copied.
-
-    `bounded` are the bounds of the limiter whose step made it: it may exceed them as that may.
+    """The state of an array that nobody else changes, which is not copied. `bounded` are the bounds
+    of the limiter of its step, which the state may exceed as that may.
     """
     state = object.__new__(State)
     state.__dict__.update(grid=grid, profile=profile, data=data, t=t)
@@ -297,25 +296,9 @@ def averaged(
     xp: Any = np,
     points: int = _GAUSS,
 ) -> Any:
-    """A function at the nodes, averaged over cells in the directions ``moment.averaged``.
-
-    Parameters
-    ----------
-    values : callable
-        Of x1, x2, x3 as arrays of `xp` that broadcast, and t.
-    grid : Grid
-    moment : Moment
-    t : float
-    xp : module
-        NumPy or CuPy.
-    points : int
-        Of Gauss's rule in each cell and direction; one takes the value at the midpoint.
-
-    Returns
-    -------
-    array
-        Shape ``grid.nodes``; 0 where no cell begins.
-    """
+    """A function of (x1, x2, x3, t) at the nodes, shape ``grid.nodes``, averaged over cells in the
+    directions ``moment.averaged`` by Gauss's rule with `points` (one: the midpoint); 0 where no
+    cell begins. `xp` is NumPy or CuPy."""
     rules = []
     for axis in range(grid.dim):
         line = grid.coordinates[axis]

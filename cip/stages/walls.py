@@ -35,14 +35,13 @@ from cip.grid import Grid
 Array = NDArray[np.float64]
 Wall = tuple[int, int]
 _FIELD = "w"
-# In data that sources and decay have changed: the time in the middle of the step.
+# Time variable of data changed by sources and decay: the time in the middle of the step.
 MIDDLE = "middle"
 
 
 def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
-    """The data of each wall that has any, from the argument `boundary` of the solver.
-
-    Keys are (axis, side), side 0 for the lower and 1 for the upper end.
+    """The data of each wall that has any, from the argument `boundary` of the solver. Keys are
+    (axis, side), side 0 for the lower and 1 for the upper end.
     """
     if boundary is None:
         return {}
@@ -117,22 +116,9 @@ def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:
 
 
 class WallMoments:
-    """New moments at the nodes whose characteristic begins on a wall.
-
-    Parameters
-    ----------
-    grid : Grid
-    velocity : sequence of Formula
-    moving : sequence of int
-        Directions of motion.
-    advect : bool
-    data : dict
-        From `walls`.
-    orders : sequence of Orders
-        Derivatives wanted at the nodes.
-    steps : sequence of float
-        Spacings and a time, for difference quotients of functions known only by their values.
-    """
+    """New moments, derivatives of `orders`, at the nodes whose characteristic begins on a wall.
+    `steps` are spacings and a time, for difference quotients of functions known only by their
+    values."""
 
     def __init__(
         self,

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-# Order of matrices below which one thread is faster: measured at 260 and at 1040 boundary unknowns.
+# Order of matrices below which one thread is faster, by measurements at 260 and 1040.
 _ONE_THREAD = 2000
 _lock = threading.Lock()
 _inside = 0
@@ -18,17 +18,9 @@ _limits: list[Any] = []
 
 @contextmanager
 def one_blas_thread(size: int) -> Iterator[None]:
-    """Limit OpenBLAS to one thread in this context, unless matrices are large.
-
-    The threads of OpenBLAS and of MKL PARDISO busy-wait after their work and take the cores from
-    each other; small matrices gain less from several threads than this costs. Needs threadpoolctl,
-    which comes with the extra ``mkl``; without it nothing is limited.
-
-    Parameters
-    ----------
-    size : int
-        Order of the largest dense matrix; from 2000 on nothing is limited.
-    """
+    """Limit OpenBLAS to one thread in this context, unless matrices have order 2000 or more.
+    Threads of OpenBLAS and MKL PARDISO busy-wait and take the cores from each other. Without
+    threadpoolctl (extra ``mkl``) nothing is limited."""
     global _inside
     openblas = _openblas() if size < _ONE_THREAD else None
     if openblas is None:

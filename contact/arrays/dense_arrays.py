@@ -15,10 +15,8 @@ from contact.errors import InputError, MissingDependency
 
 class HostArrays:
     """NumPy arrays in column-major order, SciPy's BLAS.
-
-    NumPy has a BLAS library of its own; calls that alternate between the two libraries make their
-    thread pools wait for each other.
-    """
+    NumPy has its own BLAS; calls that alternate between both make their threads wait for each
+    other."""
 
     xp: Any = np
 
@@ -52,12 +50,7 @@ class HostArrays:
 
     def cholesky(self, A: Any) -> Any:
         """Lower factor of a symmetric A, which is overwritten; the upper triangle is undefined.
-
-        Raises
-        ------
-        LinAlgError
-            A pivot is not positive.
-        """
+        Raises LinAlgError if a pivot is not positive."""
         if not A.size:
             return A
         L, info = dpotrf(A, lower=1, clean=0, overwrite_a=1)
@@ -91,14 +84,7 @@ class HostArrays:
 
     def bordered(self, W: Any, rows: Any, added: Any, border: Any) -> Any:
         """``[[W[rows, rows] + diag(added), border], [0, 0]]``, a new square matrix.
-
-        Parameters
-        ----------
-        W : what `matrix` returned
-        rows : ndarray of int, shape (n,)
-        added : ndarray, shape (n,)
-        border : ndarray, shape (n, k)
-        """
+        W as `matrix` returned it, rows and added of shape (n,), border (n, k)."""
         xp: Any = self.xp
         n, k = border.shape
         A = xp.zeros((n + k, n + k), order="F")  # as LAPACK takes it
@@ -118,19 +104,7 @@ class HostArrays:
 
     def solve_square(self, A: Any, b: Any, definite: bool = False) -> Any:
         """Solve ``A x = b`` for a square A, which may be overwritten; b and x are on the host.
-
-        Parameters
-        ----------
-        A : array, shape (n, n)
-        b : ndarray, shape (n,)
-        definite : bool
-            A is symmetric and, but for rounding, positive definite.
-
-        Raises
-        ------
-        LinAlgError
-            A is singular.
-        """
+        `definite`: symmetric positive definite but for rounding. Raises LinAlgError if singular."""
         _, _, x, info = dgesv(A, b, overwrite_a=True, overwrite_b=True)
         return regular(x, info)
 
@@ -140,14 +114,7 @@ class HostArrays:
 
 class DeviceArrays(HostArrays):
     """CuPy arrays, cuBLAS and cuSOLVER.
-
-    Raises
-    ------
-    MissingDependency
-        CuPy is not installed.
-    InputError
-        There is no CUDA device.
-    """
+    Raises MissingDependency without CuPy, InputError without a CUDA device."""
 
     def __init__(self) -> None:
         try:
@@ -202,12 +169,7 @@ class DeviceArrays(HostArrays):
 
     def cholesky(self, A: Any) -> Any:
         """Lower factor of a symmetric A.
-
-        Raises
-        ------
-        LinAlgError
-            A pivot is not positive: CuPy then returns NaN.
-        """
+        Raises LinAlgError if a pivot is not positive: CuPy then returns NaN."""
         if not A.size:
             return A
         L = self.xp.asfortranarray(self.xp.linalg.cholesky(A))
@@ -235,9 +197,7 @@ class DeviceArrays(HostArrays):
 
     def _rows_times(self, B: Any, A: Any) -> Any:
         """``B A`` for a sparse B of the host, entry after entry of its rows.
-
-        Products of cuSPARSE may differ in the last bits from call to call.
-        """
+        Products of cuSPARSE may differ in the last bits from call to call."""
         put, counts = self.xp.asarray, np.diff(B.indptr)
         product = self.xp.zeros((B.shape[0], A.shape[1]))
         for k in range(int(counts.max(initial=0))):
@@ -274,9 +234,7 @@ class DeviceArrays(HostArrays):
 
 class DeviceMatrix:
     """A symmetric matrix on the device for code that is written for NumPy arrays.
-
-    Products with vectors of the host run on the device; a submatrix is copied to the host.
-    """
+    Products with vectors of the host run on the device; a submatrix is copied to the host."""
 
     __array_ufunc__ = None  # leave products with an array on the left to __rmatmul__
 
@@ -309,7 +267,7 @@ class DeviceMatrix:
 
 
 def symmetric(A: Any) -> Any:
-    """A matrix that rounding alone makes unsymmetric, without that."""
+    """Mean of a matrix and its transpose, which differ by rounding."""
     return 0.5 * (A + A.T)
 
 
@@ -326,12 +284,7 @@ def mirrored(lower: Any) -> Any:
 
 def regular(x: Any, info: int = 0) -> Any:
     """The solution of a linear system, if it is one.
-
-    Raises
-    ------
-    LinAlgError
-        The solver reports a zero pivot, or entries are not finite.
-    """
+    Raises LinAlgError for a zero pivot by the solver, or entries that are not finite."""
     if info != 0 or not np.all(np.isfinite(x)):
         raise np.linalg.LinAlgError("singular linear system")
     return x
@@ -344,14 +297,7 @@ def arrays_of(W: Any) -> HostArrays:
 
 def arrays_on(device: str) -> HostArrays:
     """The arrays of ``device="cpu"`` or ``"cuda"``.
-
-    Raises
-    ------
-    InputError
-        Another name, or no CUDA device.
-    MissingDependency
-        CuPy is not installed.
-    """
+    Raises InputError for another name or no CUDA device, MissingDependency without CuPy."""
     if device == "cpu":
         return HostArrays()
     if device == "cuda":

@@ -11,34 +11,15 @@ from numpy.typing import NDArray
 from contact.arrays.namespace import host, namespace
 
 Operator = Callable[[Any], Any]
-_ROWS = 8  # vectors of the basis that are multiplied at once
+_ROWS = 8  # vectors of the basis multiplied at once
 
 
 def gmres(
     product: Operator, right: Any, precondition: Operator, tol: float, most: int, restart: int = 40
 ) -> tuple[Any, int]:
-    r"""Solve A x = b by restarted GMRES with a right preconditioner M: A M^-1 y = b, x = M^-1 y.
-
-    Parameters
-    ----------
-    product, precondition : callable
-        A x and M^-1 y of vectors.
-    right : array, shape (n,)
-    tol : float
-        Ends where :math:`|b - A x| \le` tol |b|.
-    most : int
-        Products in all; the best x until then is returned.
-    restart : int
-
-    Returns
-    -------
-    x : array, shape (n,)
-    products : int
-
-    References
-    ----------
-    Y. Saad and M. H. Schultz, GMRES, SIAM J. Sci. Stat. Comput. 7 (1986) 856.
-    """
+    r"""Solve A x = b by restarted GMRES with right preconditioner: A M^-1 y = b, x = M^-1 y.
+    Returns x with :math:`|b - A x| \le` tol |b|, or the best after `most` products, and their
+    number. Y. Saad and M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856."""
     xp = namespace(right)
     x, residual, used = xp.zeros_like(right), right, 0
     goal = tol * float(xp.linalg.norm(right))
@@ -84,7 +65,7 @@ class _Basis:
         self._size += 1
 
     def orthogonal(self, w: Any) -> tuple[Any, Any]:
-        """What is left of w, with its parts along the vectors and its norm, on the host."""
+        """w less its parts along the vectors; on the host these parts and the norm of the rest."""
         parts = 0.0
         for _ in range(2):  # twice is enough (Giraud, Langou and Rozloznik 2005)
             along = [block @ w for block in self._blocks]

@@ -17,19 +17,8 @@ _TOGETHER = 2**15  # entries whose products stay in the cache of a core
 
 
 def rows_times(matrix: Any, x: Any) -> Pairs:
-    """``A x``, every row to twice the working precision of its products.
-
-    Rows of as many entries are computed together, so that the work is that of whole arrays.
-
-    Parameters
-    ----------
-    matrix : sparse array or ndarray, shape (n, m)
-    x : Pairs or ndarray, shape (m,)
-
-    Returns
-    -------
-    Pairs, shape (n,)
-    """
+    """``A x``, shape (n,), every row to twice the working precision of its products.
+    Rows of equal numbers of entries are computed together, as whole arrays."""
     A, x = sparse.csr_array(matrix), Pairs.of(x)
     counts, result, plain = np.diff(A.indptr), Pairs.zeros(A.shape[0]), not np.any(x.low)
     for count in np.unique(counts[counts > 0]).tolist():
@@ -46,17 +35,8 @@ def rows_times(matrix: Any, x: Any) -> Pairs:
 
 
 def blocks_times(A: Array, x: Pairs) -> Pairs:
-    """``A_c x_c`` of every cell c, to twice the working precision of the products.
-
-    Parameters
-    ----------
-    A : ndarray, shape (ncells, k, n)
-    x : Pairs, shape (ncells, n)
-
-    Returns
-    -------
-    Pairs, shape (ncells, k)
-    """
+    """``A_c x_c`` of every cell c, (ncells, k), to twice the working precision of the products.
+    A of shape (ncells, k, n), x of (ncells, n)."""
     result = Pairs.zeros(A.shape[:2])
 
     def work(some: slice) -> None:

@@ -1,18 +1,13 @@
-r"""Numbers of twice the working precision: each is the sum of two float64.
+"""Numbers of twice the working precision: each is the sum of two float64.
 
-The sum and the product of two float64 are each a float64 and an error that is one too (Dekker 1971,
-Knuth 1997); sums and products of pairs are made of these (Hida, Li and Bailey 2001). A result is
-within about :math:`2^{-102}` of the exact one, relative to the moduli of what was added, as long
-as no product is below 1e-290 and no number is above 1e299.
+The sum and the product of two float64 are each a float64 and a float64 error (Dekker 1971, Knuth
+1997), of which sums and products of pairs are made (Hida, Li and Bailey 2001). Results are within
+about :math:`2^{-102}` of the moduli of what was added, for products from 1e-290 and numbers up to
+1e299.
 
-References
-----------
-T. J. Dekker, A floating-point technique for extending the available precision, Numer. Math. 18
-(1971), 224-242. D. E. Knuth, The Art of Computer Programming, volume 2, 3rd edition, 1997, section
-4.2.2. Y. Hida, X. S. Li and D. H. Bailey, Algorithms for quad-double precision floating point
-arithmetic, ARITH-15 (2001), 155-162. T. Ogita, S. M. Rump and S. Oishi, Accurate sum and dot
-product, SIAM J. Sci. Comput. 26 (2005), 1955-1988.
-"""
+T. J. Dekker, Numer. Math. 18 (1971), 224-242. D. E. Knuth, The Art of Computer Programming, volume
+2, 3rd edition, 1997, section 4.2.2. Y. Hida, X. S. Li and D. H. Bailey, ARITH-15 (2001), 155-162.
+T. Ogita, S. M. Rump and S. Oishi, SIAM J. Sci. Comput. 26 (2005), 1955-1988."""
 
 from __future__ import annotations
 
@@ -54,16 +49,10 @@ def _halves(a: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """An array of pairs; it adds, multiplies and divides with others and with arrays of float64.
+    """An array of pairs; it adds, multiplies and divides with others and with arrays of float64."""
 
-    Attributes
-    ----------
-    high, low : ndarray
-        Of one shape; high is the sum as rounded.
-    """
-
-    high: Array
-    low: Array
+    high: Array  # the sum as rounded
+    low: Array  # the rest, of the same shape
     __array_ufunc__ = None  # arrays on the left leave the operation to this class
 
     @staticmethod
@@ -148,13 +137,7 @@ class Pairs:
 
 def dot(a: Array, x: Pairs) -> Pairs:
     """Sums of products along the first axis, ``sum_i a_i x_i`` (Ogita, Rump and Oishi).
-
-    Parameters
-    ----------
-    a : ndarray, shape (n, ...)
-    x : Pairs, shape (n, ...)
-        Of shapes that broadcast against each other.
-    """
+    Shapes (n, ...) that broadcast against each other."""
     p, e = two_product(a, x.high)
     if np.any(x.low):
         e += a * x.low

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 Found = TypeVar("Found")
-_MOST_THREADS = 8  # more share the bandwidth of the memory
-_OF_A_THREAD = 4_000_000  # entries that are worth one: SciPy looks at them in a few milliseconds
+_MOST_THREADS = 8  # more threads only share the memory's bandwidth
+_OF_A_THREAD = 4_000_000  # entries worth a thread: SciPy reads them in a few ms
 _NAME = "contact-ranges"
 _TOGETHER = 2**13  # cells or facets whose arrays stay in the cache of a core
 
@@ -27,18 +27,9 @@ def cores() -> int:
 
 
 def in_ranges(work: Callable[[slice], Found], count: int, together: int = _TOGETHER) -> list[Found]:
-    """What ``work(range)`` returns for ranges that cover 0 to count, in their order.
-
-    NumPy and SciPy let other threads run while they work on the arrays of a range. Work that
-    divides its range again does so in its own thread: waiting, it would keep one from the others.
-
-    Parameters
-    ----------
-    work : callable
-    count : int
-    together : int
-        Largest range.
-    """
+    """Results of ``work(range)`` for ranges of at most `together` that cover 0 to count, in order.
+    Threads run while NumPy works; nested calls stay in their thread, because waiting ones would
+    keep threads from the others."""
     ranges = [slice(at, min(at + together, count)) for at in range(0, count, together)]
     threads = min(cores(), _MOST_THREADS, len(ranges))
     if threads < 2 or current_thread().name.startswith(_NAME):
@@ -53,12 +44,7 @@ def _pool(process: int) -> ThreadPoolExecutor:
 
 
 def diagonal(matrix: sparse.csr_array) -> NDArray[Any]:
-    """``matrix.diagonal()``; SciPy looks at all entries, and lets other threads run meanwhile.
-
-    Parameters
-    ----------
-    matrix : csr_array, shape (n, n)
-    """
+    """``matrix.diagonal()`` of a square matrix by threads: SciPy looks at all entries."""
     n = matrix.shape[0]
     threads = min(cores(), _MOST_THREADS, matrix.nnz // _OF_A_THREAD)
     if threads < 2:

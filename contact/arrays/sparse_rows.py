@@ -20,7 +20,7 @@ for (int k = start; k < end; ++k) {
 }
 y = sum;
 """
-# Of one row; the terms are added in the order of the columns, so that equal calls give equal bits.
+# Sum of one row in the order of the columns, so that equal calls give equal bits.
 _SUM = """
 double sum = 0.0;
 for (int k = start; k < end; ++k) {
@@ -32,19 +32,9 @@ y = sum;
 
 
 class SparseRows:
-    """A matrix in the memory of the host.
+    """A sparse matrix (n, m) in the memory of the host."""
 
-    Parameters
-    ----------
-    matrix : sparse array, shape (n, m)
-
-    Attributes
-    ----------
-    placed : tuple, optional
-        Row starts, columns and values on a device.
-    """
-
-    placed: tuple[Any, Any, Any] | None = None
+    placed: tuple[Any, Any, Any] | None = None  # row starts, columns, values on a device
 
     def __init__(self, matrix: Any) -> None:
         self._matrix = matrix
@@ -74,15 +64,7 @@ class SparseRows:
 
 
 class DeviceRows(SparseRows):
-    """A matrix in the memory of a CUDA device, with 32-bit indices; x and the products lie there.
-
-    Parameters
-    ----------
-    matrix : sparse array, shape (n, m)
-        On the host, or by rows on the device.
-    xp
-        CuPy.
-    """
+    """A sparse matrix on a CUDA device (xp: CuPy), 32-bit indices; x and products lie there."""
 
     def __init__(self, matrix: Any, xp: Any) -> None:
         rows = sparse.csr_array(matrix) if isinstance(matrix.data, np.ndarray) else matrix

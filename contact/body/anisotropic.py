@@ -19,7 +19,7 @@ from contact.errors import InputError, numbers
 Array = NDArray[np.float64]
 VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # place of each tensor component
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
-_ROUNDING = 1e-10  # relative to the largest entry: asymmetry that tables of constants have
+_ROUNDING = 1e-10  # relative to the largest entry: asymmetry that rounded tables of constants have
 
 
 class Anisotropic:

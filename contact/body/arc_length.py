@@ -11,54 +11,23 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_NEGLIGIBLE = 1e-9  # share of the largest weight: such points no longer have a safe order
+_NEGLIGIBLE = 1e-9  # share of the largest weight: lighter points have no safe order along the curve
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One connected curve.
+    """One connected curve."""
 
-    Attributes
-    ----------
-    points : ndarray of int, shape (n,)
-        Its quadrature points, in order, the body on the left.
-    s : ndarray, shape (n,)
-        Place of each along the curve, in units of the cells there.
-    length : float
-        In the same units.
-    closed : bool
-    """
-
-    points: Index
-    s: Array
-    length: float
+    points: Index  # its quadrature points in order, the body on the left, shape (n,)
+    s: Array  # place of each along the curve, in units of the cells there, shape (n,)
+    length: float  # in the same units
     closed: bool
 
 
 def curves(x: Array, normals: Array, weights: Array, size: Array, part: Index) -> list[Curve]:
-    """Put the quadrature points of smooth curves in order.
-
-    The successor of a point is the nearest point ahead of it along the tangent whose own nearest
-    point behind is the first one. Distances along the curve are chords, corrected for the turn of
-    the normal as on a circle.
-
-    Parameters
-    ----------
-    x, normals : ndarray, shape (2, n)
-        Points and outward unit normals.
-    weights : ndarray, shape (n,)
-        Arc length that each point stands for, positive.
-    size : ndarray, shape (n,)
-        Unit of length at each point.
-    part : ndarray of int, shape (n,)
-        Curves end where this changes, as at corners.
-
-    Returns
-    -------
-    list of Curve
-        Every point belongs to one of them; points of negligible weight take the place of their
-        nearest neighbour.
-    """
+    """Put quadrature points x (2, n) of smooth curves in order; curves end where `part` changes.
+    The successor of a point is the nearest one ahead along the tangent whose own nearest one
+    behind it is. Distances, in units of `size`, are chords, corrected as on circles."""
     heavy = np.flatnonzero(weights > _NEGLIGIBLE * weights.max())
     successor = np.full(weights.size, -1)
     for k in np.unique(part[heavy]):

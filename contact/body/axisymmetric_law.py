@@ -1,4 +1,4 @@
-"""The law of Hooke in an axisymmetric body: that of three dimensions in the axes r, z, theta."""
+"""Hooke's law in an axisymmetric body: that of three dimensions in the axes r, z, theta."""
 
 from __future__ import annotations
 
@@ -20,25 +20,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class AxisymmetricLaw:
-    """A `contact.body.constitutive.StressLaw` of strains in a ring; tensors are (3, 3, ...).
+    """A `contact.body.constitutive.StressLaw` of strains in a ring; tensors are (3, 3, ...)."""
 
-    Attributes
-    ----------
-    solid : IsotropicLaw or TensorLaw
-        The law in three dimensions.
-    """
-
-    solid: IsotropicLaw | TensorLaw
+    solid: IsotropicLaw | TensorLaw  # the law in three dimensions
 
     @classmethod
     def of_material(cls, material: Anisotropic) -> Self:
-        """Law of an anisotropic material whose axes are r, z and theta.
-
-        Raises
-        ------
-        InputError
-            The section is no plane of symmetry: the ring would twist.
-        """
+        """Law of an anisotropic material with the axes r, z, theta; the section is a plane of
+        symmetry."""
         TensorLaw.of(material.C, 2, "strain")
         return cls(TensorLaw.of(material.C, 3, None))
 
@@ -66,19 +55,8 @@ class AxisymmetricLaw:
         """Return None: cells at different radii are not congruent."""
 
     def elastic(self, cells: int, mean_dilatation: bool = False) -> tuple[Array, Array | None]:
-        """Matrices of the strains rr, zz, theta theta, 2 rz, and lambda if it is left out of them.
-
-        Parameters
-        ----------
-        cells : int
-            Their number.
-        mean_dilatation : bool
-
-        Returns
-        -------
-        ndarray, shape (ncells, 4, 4)
-        ndarray, shape (ncells,), or None
-        """
+        """Matrices (ncells, 4, 4) of strains rr, zz, theta theta, 2 rz; lambda (ncells,) or None.
+        Lambda is left out of the matrices of an isotropic law with mean dilatation."""
         places = ((0, 0), (1, 1), (2, 2), (0, 1))
         unit = np.zeros((3, 3, cells, 4))
         for k, (i, j) in enumerate(places):

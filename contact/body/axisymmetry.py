@@ -40,13 +40,8 @@ def circumference(x: Array) -> Array:
 
 def axis_facets(mesh: Mesh) -> Index:
     """Facets of a section that lie on the axis r = 0.
-
-    Raises
-    ------
-    InputError
-        Negative radii, or a vertex on the axis that belongs to no facet there: the ring would have
-        a hole without size.
-    """
+    Radii must not be negative, and no vertex may touch the axis alone: the ring would have a
+    hole of zero radius."""
     r, near = mesh.p[0], _NEAR * float(np.ptp(mesh.p, axis=1).max())
     if np.any(r < -near):
         raise InputError(
@@ -78,19 +73,8 @@ def refuse_axis(mesh: Mesh, facets: Index) -> None:
 
 
 def with_hoop(gradient: Array, radial: Array, r: Array) -> Array:
-    """Displacement gradient in cylindrical coordinates (r, z, theta).
-
-    Parameters
-    ----------
-    gradient : ndarray, shape (2, 2, ...)
-        In the section.
-    radial, r : ndarray, shape (...)
-        Radial displacement and radius. On the axis u_r / r is the limit, d u_r / dr.
-
-    Returns
-    -------
-    ndarray, shape (3, 3, ...)
-    """
+    """Displacement gradient (3, 3, ...) in r, z, theta from that of the section, (2, 2, ...).
+    The hoop strain is radial / r, on the axis its limit d u_r / dr."""
     full = np.zeros((3, 3, *gradient.shape[2:]))
     full[:2, :2] = gradient
     # A place closer to the axis than this lies on it, up to the rounding of coordinates.
@@ -100,10 +84,8 @@ def with_hoop(gradient: Array, radial: Array, r: Array) -> Array:
 
 
 def strains(basis: Basis, cells: slice = slice(None)) -> Array:
-    """Strains of the local basis functions, shape (ncells, npoints, 4, nfunctions).
-
-    They are rr, zz, theta theta and the engineering strain 2 rz.
-    """
+    """Strains rr, zz, theta theta, 2 rz of the basis functions, shape (ncells, npoints, 4,
+    nfunctions)."""
     n, (count, points) = basis.Nbfun, basis.dx[cells].shape
     r = np.asarray(basis.global_coordinates())[0][cells]
     found = np.zeros((count, points, 4, n))
@@ -120,22 +102,9 @@ def strains(basis: Basis, cells: slice = slice(None)) -> Array:
 
 
 def stiffness(basis: Basis, elastic: Array, volumetric: Array | None = None) -> sparse.csr_array:
-    r"""Stiffness of the whole ring.
-
-    Parameters
-    ----------
-    basis : Basis
-    elastic : ndarray, shape (ncells, 4, 4)
-        Stress from the strains of `strains`.
-    volumetric : ndarray, shape (ncells,), optional
-        Lame's lambda of each cell, if `elastic` is without it: its part is then that of the mean
-        dilatation, :math:`\lambda |K|^{-1} \int_K \operatorname{div} u \int_K \operatorname{div}
-        v`.
-
-    Returns
-    -------
-    csr_array, shape (ndofs, ndofs)
-    """
+    r"""Stiffness of the whole ring; `elastic` (ncells, 4, 4) maps `strains` to stresses.
+    With mean dilatation it is without lambda, which `volumetric` (ncells,) holds for the part
+    :math:`\lambda |K|^{-1} \int_K \operatorname{div} u \int_K \operatorname{div} v`."""
     total = sparse.csr_array((basis.N, basis.N))
     for cells in _chunks(basis):
         B, weights = strains(basis, cells), ring_weights(basis)[cells]
@@ -157,9 +126,7 @@ def stiffness(basis: Basis, elastic: Array, volumetric: Array | None = None) -> 
 
 def strain_roots(basis: Basis, elastic: Array, volumetric: Array | None = None) -> Array:
     """Rows A of every cell with ``A^T A`` its stiffness, shape (ncells, nrows, nfunctions).
-
-    The arguments are those of `stiffness`.
-    """
+    The arguments are those of `stiffness`."""
     B, weights = strains(basis), ring_weights(basis)
     count, points, four, n = B.shape
     upper = np.linalg.cholesky(elastic).swapaxes(-1, -2)
@@ -185,13 +152,7 @@ def _chunks(basis: Basis) -> Iterator[slice]:
 
 def forces_of_stress(basis: Basis, sigma: Array) -> Array:
     """``int sigma : eps(v)`` over the ring for every basis function, shape (ndofs,).
-
-    Parameters
-    ----------
-    basis : Basis
-    sigma : ndarray, shape (3, 3, ncells, npoints)
-        Stress in the axes r, z, theta.
-    """
+    The stress has the axes r, z, theta and the shape (3, 3, ncells, npoints)."""
     four = np.stack([sigma[0, 0], sigma[1, 1], sigma[2, 2], sigma[0, 1]], axis=-1)
     four = four * ring_weights(basis)[..., None]
     result = np.zeros(basis.N)
@@ -203,12 +164,7 @@ def forces_of_stress(basis: Basis, sigma: Array) -> Array:
 
 def refuse_motions(motion: Array, force: Array) -> None:
     """Raise an `InputError` if a rigid obstacle moves otherwise than along the axis.
-
-    Parameters
-    ----------
-    motion, force : ndarray, shape (3,)
-        As `contact.obstacles.rigid.Rigid.components` returns them.
-    """
+    Motion and force (3,) are those of `contact.obstacles.rigid.Rigid.components`."""
     for k, name in ((0, "displacement or force along the radius x"), (2, "rotation or moment")):
         if motion[k] != 0.0 or not np.isnan(force[k]):
             raise InputError(

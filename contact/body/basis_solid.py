@@ -134,7 +134,7 @@ class BasisSolid(Solid):
         return self._kept.on(arrays, self, beside, stiffness)
 
     def on_host(self) -> Self:
-        """The same body where nothing is computed on a device; itself if that is so already."""
+        """The same body computing on the host alone; itself if it does so already."""
         if self.vectors.arrays.xp is np:
             return self
         other = copy(self)

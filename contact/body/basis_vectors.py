@@ -15,24 +15,14 @@ from contact.body.supports import transposed
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-# Vectors of all dofs that are there at the same time, with those that operations make for a moment.
-_AT_ONCE = 40
-_DEPENDENT = 1e-12  # singular values of the Gram matrix of rigid motions below this are rounding
+_AT_ONCE = 40  # vectors of all dofs in memory at the same time, temporary ones included
+_DEPENDENT = 1e-12  # relative singular values of rigid motions' Gram matrix below this are rounding
 
 
 class BasisVectors:
-    """What `BasisSolid` computes with vectors of all its dofs, where some arrays lie.
-
-    All vectors are given and returned there. Nothing here depends on loads or on the values that
-    supports prescribe: one object serves a whole load history.
-
-    Parameters
-    ----------
-    body : BasisSolid
-    arrays : HostArrays
-    stiffness : SparseRows, optional
-        That of the body, where the arrays lie.
-    """
+    """What `BasisSolid` computes with vectors of all its dofs, which lie where `arrays` do.
+    Nothing here depends on loads or on the values that supports prescribe: one object serves a
+    whole load history."""
 
     def __init__(self, body: Any, arrays: HostArrays, stiffness: SparseRows | None = None) -> None:
         P = body.constraint[0]
@@ -65,11 +55,11 @@ class BasisVectors:
         return matrix + 8 * _AT_ONCE * int(body.f.size)
 
     def placed(self, v: Any) -> Any:
-        """A vector of the host or of the device where it is computed with."""
+        """A vector of all dofs, on the host or device where this computes."""
         return self.arrays.xp.asarray(v)
 
     def returned(self, v: Any, like: Any) -> Any:
-        """A vector where another one lies, on the host or here."""
+        """A computed vector, copied to the host if `like` lies there."""
         return self.arrays.get(v) if isinstance(like, np.ndarray) else v
 
     def forces(self, u: Any) -> Any:
@@ -78,14 +68,7 @@ class BasisVectors:
 
     def remembered(self, u: Any, compute: Any, strained: bool = False) -> Any:
         """The forces of a displacement, computed unless it is the last one; nobody may change them.
-
-        Parameters
-        ----------
-        u : array, shape (ndofs,)
-        compute : callable () -> array, shape (ndofs,)
-        strained : bool
-            Whether it computes them from strains; copies of a body may do so or not.
-        """
+        `strained` tells whether they come from strains, in which copies of a body may differ."""
         known = self._last
         same = known is not None and known[2] is strained
         if known is None or not (same and bool(self.arrays.xp.array_equal(known[0], u))):
@@ -119,14 +102,7 @@ class BasisVectors:
         return _largest(at_nodes) or _largest(self._lengths * u)
 
     def deformation(self, u: Any, rigid: Array) -> float:
-        """Largest part of a displacement that no rigid motion explains.
-
-        Parameters
-        ----------
-        u : array, shape (ndofs,)
-        rigid : ndarray, shape (ndofs, k)
-            The rigid motions, on the host.
-        """
+        """Largest part of a displacement that no rigid motion explains; these lie on the host."""
         xp, get = self.arrays.xp, self.arrays.get
         if self._modes is None:
             modes = self.placed(rigid) * self._lengths[:, None]
@@ -158,9 +134,7 @@ class BasisVectors:
 
 class KeptVectors:
     """The `BasisVectors` of a body and of its copies under other loads.
-
-    Those on a device are kept by the condensation that made them, and go with it.
-    """
+    Those on a device are kept by the condensation that made them, and go with it."""
 
     def __init__(self) -> None:
         self._host: BasisVectors | None = None
@@ -179,9 +153,7 @@ class KeptVectors:
         self, arrays: HostArrays, body: Any, beside: int, stiffness: SparseRows | None = None
     ) -> BasisVectors:
         """Those where the arrays lie; `of` returns them as long as somebody keeps them.
-
-        On the host, which is logged, unless so many bytes beside them stay free on the device.
-        """
+        Unless `beside` more bytes are free on the device they lie on the host, which is logged."""
         room, needed = arrays.room(), BasisVectors.bytes(body, stiffness) + beside
         if room is not None and needed > room:
             _log.info(

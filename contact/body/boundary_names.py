@@ -1,4 +1,4 @@
-"""What the names of boundaries and of displacement components stand for."""
+"""Facets of named boundaries, and numbers of named displacement components."""
 
 from __future__ import annotations
 
@@ -14,13 +14,7 @@ _AXES = "xyz"
 
 
 def select_facets(mesh: Mesh, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
-    """Facet numbers of a named boundary, of several, or of an array of facet numbers.
-
-    Raises
-    ------
-    InputError
-        Unknown name, empty set, or facets inside the body.
-    """
+    """Facet numbers of a named boundary, of several, or of an array of facet numbers."""
     names = [boundary] if isinstance(boundary, str) else boundary
     if isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names):
         known = mesh.boundaries or {}
@@ -49,13 +43,7 @@ def select_facets(mesh: Mesh, boundary: str | Sequence[str] | ArrayLike) -> NDAr
 
 
 def select_components(dim: int, components: str | int | Sequence[int] | None) -> list[int]:
-    """Component numbers of "x", "xy", 1, (0, 2) or None (all).
-
-    Raises
-    ------
-    InputError
-        Not a set of components.
-    """
+    """Component numbers of "x", "xy", 1, (0, 2) or None (all)."""
     if components is None:
         return list(range(dim))
     if isinstance(components, str):

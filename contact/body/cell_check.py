@@ -126,7 +126,7 @@ def _normals_agree(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]
 
 
 def check_basis(basis: Basis) -> None:
-    """Check cells and shape functions; those who defer a Basis have checked the cells before."""
+    """Check cells and shape functions of a basis; the cells of a deferred one have been checked."""
     if not isinstance(basis, DeferredBasis):
         check_cells(basis.mesh)
     check_functions(basis)
@@ -134,11 +134,8 @@ def check_basis(basis: Basis) -> None:
 
 def check_functions(basis: Basis) -> None:
     """Raise where an element of scikit-fem has other shape functions than its cells need.
-
-    Those that a global functional defines keep the functions of the first mesh they were used on.
-    The Bogner-Fox-Schmit element takes any cells, but along sides that are not parallel to an axis
-    its functions jump.
-    """
+    Elements by global functionals keep the functions of the first mesh they were used on; those
+    of Bogner, Fox and Schmit jump along sides that are not parallel to an axis."""
     mesh, element = basis.mesh, basis.elem.elem
     if functions_of_another_mesh(element, basis.mapping):
         name = type(element).__name__
@@ -161,15 +158,8 @@ def check_functions(basis: Basis) -> None:
 
 def number_facets(mesh: Mesh) -> None:
     """Give a mesh its ``facets``, ``t2f`` and ``f2t``, unless it has computed them.
-
-    scikit-fem sorts records of corners to number facets, and sorts the numbers twice to find their
-    cells. A facet is known by two corners in the plane and by three in space, which are sorted by
-    counting.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    """
+    A facet is known by two corners in the plane and by three in space, which are sorted by
+    counting; scikit-fem sorts records of all corners, and their numbers twice."""
     if hasattr(mesh, "_t2f") or mesh.refdom not in (RefTri, RefQuad, RefTet, RefHex):
         return
     t, corners = np.ascontiguousarray(mesh.t), np.array(mesh.refdom.facets)

@@ -12,28 +12,17 @@ from skfem import MappingAffine, Mesh, MeshHex2, MeshQuad2, MeshTet2, MeshTri2
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-CHUNK = 100  # points for which scikit-fem's finder is asked at once
-CANDIDATES = 48  # cells tried for a point, in the order of their middles' distance
-STEPS = 20  # of Newton's method for a place in a curved cell
-INSIDE = 1e-8  # by how much a place may lie outside the reference cell
+CHUNK = 100  # points that scikit-fem's finder gets in one call
+CANDIDATES = 48  # cells tried for a point, nearest middle first
+STEPS = 20  # Newton steps for a point in a curved cell
+INSIDE = 1e-8  # in reference coordinates: distance from the reference cell that counts as inside
 CURVED_MESHES = (MeshTri2, MeshQuad2, MeshTet2, MeshHex2)
-MET = 1e-10  # distance to the point, over the cell's size
-ROUNDINGS = 16  # of the largest coordinate, that a turned place on an edge may lie beside it
+MET = 1e-10  # Newton's distance to the point, over the cell's size, that counts as reached
+ROUNDINGS = 16  # roundings of the largest coordinate that a point may lie off the edge of a cell
 
 
 def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:
-    """Number of the cell that each point lies in, shape (npoints,).
-
-    Parameters
-    ----------
-    mesh : Mesh
-    points : ndarray, shape (dim, npoints)
-
-    Raises
-    ------
-    InputError
-        A point lies outside the mesh.
-    """
+    """Number of the cell that each point (dim, npoints) lies in, shape (npoints,)."""
     found = (_find_curved if isinstance(mesh, CURVED_MESHES) else _find_straight)(mesh, points)
     for lost in np.flatnonzero(found < 0):
         found[lost] = _nearest(mesh, points[:, lost])
@@ -62,7 +51,8 @@ def _find_straight(mesh: Mesh, points: Array) -> NDArray[np.int64]:
 
 
 def _nearest(mesh: Mesh, point: Array) -> int:
-    """The cell that a point exceeds least, -1 where that is more than rounding of places."""
+    """The cell that a point lies in or exceeds least; -1 if by more than the rounding of
+    coordinates."""
     rounding = ROUNDINGS * np.finfo(float).eps * float(np.abs(mesh.p).max())
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
     low, high = nodes.min(axis=1), nodes.max(axis=1)

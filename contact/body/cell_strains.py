@@ -47,11 +47,10 @@ def has_slender_cells(mesh: Mesh) -> bool:
 def strain_rows(body: Elastic) -> Array:
     r"""Rows A of every cell with ``A^T A`` its stiffness, shape (ncells, nrows, ndofs a cell).
 
-    At each quadrature point the rows are :math:`L^T (\epsilon_{11}, \epsilon_{22}, \dots)`, with
-    :math:`L L^T = \lambda 1 1^T + 2 \mu I`, and :math:`2 \sqrt\mu\, \epsilon_{ij}`, times the root
-    of the weight; for an anisotropic body :math:`L L^T = C` with all strains. With mean dilatation
-    the part with lambda is a separate row, one for each cell.
-    """
+    At each quadrature point they are :math:`L^T (\epsilon_{11}, \epsilon_{22}, \dots)`, with
+    :math:`L L^T = \lambda 1 1^T + 2 \mu I`, and :math:`2 \sqrt\mu\, \epsilon_{ij}`, times the
+    root of the weight; for an anisotropic body :math:`L L^T = C` with all strains. With mean
+    dilatation the part with lambda is a separate row, one for each cell."""
     basis, dim = _of_positive_weights(body.basis), body.basis.mesh.dim()
     mean, law = body.dilatation == "mean", body.law
     if isinstance(law, AxisymmetricLaw):

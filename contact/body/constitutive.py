@@ -1,7 +1,7 @@
-"""The law of Hooke in a body, isotropic or by a tensor: stress, energy and stiffness of its cells.
+"""Hooke's law in a body, isotropic or by a tensor: stress, energy and stiffness of its cells.
 
-What reads the material of a body asks its law, and does not know of which kind it is. A law belongs
-to all cells; `StressLaw.at` is that of some of them, or of points in them.
+Code that needs the material of a body calls its `StressLaw`, whatever the kind. A law belongs to
+all cells; `StressLaw.at` is that of some of them, or of points in them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from contact.body.local_stiffness import Classes, isotropic_classes, tensor_clas
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-_SYMMETRY = 1e-12  # relative: stiffness that couples the plane to shear across it
+_SYMMETRY = 1e-12  # relative: stiffness between the plane and shear across it that counts as none
 
 
 class StressLaw(Protocol):
@@ -32,26 +32,17 @@ class StressLaw(Protocol):
 
     def stress(self, gradient: Array, dilatation: Array | None = None) -> Array:
         """Stress of displacement gradients (dim, dim, ncells, ...), of the same shape.
-
-        `dilatation` replaces div u in the volumetric part of an isotropic law.
-        """
+        `dilatation` replaces div u in the volumetric part of an isotropic law."""
         ...
 
     def out_of_plane(self, sigma: Array, thermal_strain: Array | None = None) -> Array:
-        """sigma_zz of a body in two dimensions from the stresses in its plane.
-
-        Parameters
-        ----------
-        sigma : ndarray, shape (2, 2, ncells, ...)
-        thermal_strain : ndarray, shape (3, 3, ncells, ...), optional
-        """
+        """sigma_zz of a body in two dimensions from the stresses in its plane, (2, 2, ncells, ...).
+        The thermal strain has the shape (3, 3, ncells, ...)."""
         ...
 
     def in_plane(self, strain: Array) -> Array:
         """Strain of shape (dim, dim, ...) whose stress is that of a strain (3, 3, ...).
-
-        In plane strain the part along z counts, because it is prevented.
-        """
+        In plane strain the part along z counts, because it is prevented."""
         ...
 
     def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
@@ -65,15 +56,9 @@ class StressLaw(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class IsotropicLaw:
-    """``sigma = lambda tr(eps) I + 2 mu eps``, with lambda reduced in plane stress.
+    """``sigma = lambda tr(eps) I + 2 mu eps``, with lambda reduced in plane stress."""
 
-    Attributes
-    ----------
-    lam, mu, nu : ndarray, shape () or (ncells,)
-    plane : {"strain", "stress", None}
-    """
-
-    lam: Array
+    lam: Array  # shape () or (ncells,), as mu and nu
     mu: Array
     nu: Array
     plane: str | None
@@ -118,21 +103,9 @@ class IsotropicLaw:
         return isotropic_classes(basis, self.lam, self.mu, mean_dilatation)
 
     def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
-        """Strains whose squares sum to twice the energy density, for each basis function.
-
-        They are rows of the root of ``lambda 1 1^T + 2 mu I``, and shears times ``2 sqrt(mu)``.
-
-        Parameters
-        ----------
-        gradients : ndarray, shape (dim, ncells, npoints, n)
-            Of the scalar basis functions.
-        volumetric : bool
-            Whether the part with lambda is among them.
-
-        Returns
-        -------
-        list of ndarray, shape (ncells, npoints, n, dim)
-        """
+        """Strains (ncells, npoints, n, dim) whose squares sum to twice the energy density.
+        They are rows of the root of ``lambda 1 1^T + 2 mu I``, and shears times ``2 sqrt(mu)``,
+        from the gradients of the scalar functions, (dim, ncells, npoints, n)."""
         g, (dim, cells, points, n) = gradients, gradients.shape
         lam, mu = np.broadcast_to(self.lam, cells), np.broadcast_to(self.mu, cells)
         elastic = np.zeros((cells, dim, dim)) + (1.0 if volumetric else 0.0) * lam[:, None, None]
@@ -155,33 +128,17 @@ class IsotropicLaw:
 
 @dataclass(frozen=True, eq=False)
 class TensorLaw:
-    r"""``sigma_ij = C_ijkl eps_kl``, the tensor of the plane in two dimensions.
+    """``sigma_ij = C_ijkl eps_kl``, the tensor of the plane in two dimensions."""
 
-    Attributes
-    ----------
-    tensor : ndarray, shape (dim, dim, dim, dim) or (dim, dim, dim, dim, ncells)
-    zz : ndarray, shape (2, 2) or (2, 2, ncells)
-        ``sigma_zz = zz_ab sigma_ab`` where nothing expands.
-    axial : ndarray, shape () or (ncells,)
-        1 / S_zz, Young's modulus along z; zero in plane stress.
-    """
-
-    tensor: Array
-    zz: Array
-    axial: Array
+    tensor: Array  # C, shape (dim,) * 4, then (ncells,) if it varies
+    zz: Array  # sigma_zz = zz_ab sigma_ab without thermal strain, shape (2, 2), then (ncells,)
+    axial: Array  # 1 / S_zz, Young's modulus along z, zero in plane stress, shape () or (ncells,)
 
     @classmethod
     def of(cls, C: Array, dim: int, plane: str | None) -> Self:
-        r"""Law of a Voigt stiffness in `dim` dimensions.
-
+        """Law of a Voigt stiffness C; in 2-D the plane must be one of symmetry.
         Plane strain takes the rows and columns xx, yy, xy of C; plane stress their Schur
-        complement :math:`C_{pp} - C_{pz} C_{zz}^{-1} C_{zp}` (Ting 1996, section 3.2).
-
-        Raises
-        ------
-        InputError
-            Two dimensions and a plane that is none of symmetry: strains in it would shear across.
-        """
+        complement :math:`C_{pp} - C_{pz} C_{zz}^{-1} C_{zp}` (Ting 1996, section 3.2)."""
         if dim == 3:
             return cls(tensor_of(C), np.zeros((2, 2)), np.zeros(()))
         inside, across = [0, 1, 5], [3, 4]
@@ -285,5 +242,5 @@ def total_stress(
 
 
 def _over(value: Any, axes: int) -> Any:
-    """Constants of the cells, to be multiplied with arrays (ncells, ...) of so many axes."""
+    """Constants of the cells, with `axes - 1` more axes to multiply arrays (ncells, ...)."""
     return value.reshape(value.shape + (1,) * (axes - 1)) if value.ndim else value

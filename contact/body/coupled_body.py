@@ -228,12 +228,7 @@ def periodic_equations(
     body: Any, facets: Index, other: Index, jump: list[float | None]
 ) -> tuple[sparse.csr_array, Array]:
     """C and c of ``u(facets) - u(other) = jump``; components with None take no part.
-
-    Raises
-    ------
-    InputError
-        The boundaries are not congruent by a translation.
-    """
+    The boundaries must be congruent by a translation."""
     mesh, basis = body.mesh, body.basis
     near = _NEAR * float(np.ptp(mesh.p, axis=1).max())
     here, there = (np.unique(mesh.facets[:, f]) for f in (facets, other))
@@ -282,15 +277,8 @@ def tied_equations(
     body: Any, facets: Index, held: sparse.csr_array, components: list[int], rigid: bool
 ) -> sparse.csr_array:
     """C of ``C u = 0`` where the boundary is translated as one, or moves as a rigid body.
-
-    What a support prescribes on the boundary equals what the motion gives there; the amounts of
-    the motion are eliminated.
-
-    Parameters
-    ----------
-    held : csr_array, shape (ndofs, n)
-        Orthonormal columns, the free unknowns if the boundary were fixed.
-    """
+    What a support prescribes on it equals the motion there, whose amounts are eliminated; the
+    columns of `held` (ndofs, n) are orthonormal, the free unknowns if the boundary were fixed."""
     basis, of_dof = body.basis, dof_lengths(body)
     H = sparse.csr_array(sparse.eye_array(basis.N) - held @ held.T)
     H.data[np.abs(H.data) < 1e-14] = 0.0

@@ -17,36 +17,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class CutArc:
-    """Part of the curved boundary of a `CutBody`, by its quadrature points.
+    """Part of the curved boundary of a `CutBody`, by its n quadrature points."""
 
-    Attributes
-    ----------
-    body : ElasticBody
-        The `CutBody` itself.
-    index : ndarray of int, shape (n,)
-        Numbers of the quadrature points among all of the boundary, to tell arcs that overlap.
-    x, normals : ndarray, shape (2, n)
-        Quadrature points and outward unit normals.
-    weights : ndarray, shape (n,)
-    size : ndarray, shape (n,)
-        Extent of the cell along the arc.
-    part : ndarray of int, shape (n,)
-        Leaf of the level set, or side of the polygon.
-    trace : csr_array, shape (n, scalar dofs)
-        Values of the scalar functions at the points.
-    spacing : float
-        Distance between neighbouring multipliers, in cell sizes.
-    """
-
-    body: ElasticBody
-    index: NDArray[np.int64]
-    x: Array
-    normals: Array
+    body: ElasticBody  # the `CutBody` itself
+    index: NDArray[np.int64]  # numbers among all points of the boundary, to tell arcs that overlap
+    x: Array  # points, shape (2, n)
+    normals: Array  # outward unit normals, shape (2, n)
     weights: Array
-    size: Array
-    part: NDArray[np.int64]
-    trace: sparse.csr_array
-    spacing: float
+    size: Array  # extent of the cell along the arc, shape (n,)
+    part: NDArray[np.int64]  # leaf of the level set, or side of the polygon
+    trace: sparse.csr_array  # scalar functions at the points, (n, scalar dofs)
+    spacing: float  # between neighbouring multipliers, in cell sizes
 
     def __repr__(self) -> str:
         return f"CutArc({self.index.size} points)"

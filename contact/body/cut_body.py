@@ -30,7 +30,7 @@ from skfem_adini import InputError as AdiniInputError
 from skfem_adini.arguments.pointwise_function import pointwise
 
 Array = NDArray[np.float64]
-_LATTICE = 4  # intervals along a cell, as many as pictures have by default
+_LATTICE = 4  # intervals along a cell's edge, as many as pictures have by default
 
 
 @settled("make a new CutBody", "domain", "threshold", "level_set")
@@ -141,7 +141,8 @@ class CutBody(ElasticBody):
     def from_stored(
         cls, mesh: MeshQuad, arrays: dict[str, Any], E: Any, nu: Any, plane: Any, threshold: float
     ) -> CutBody:
-        """The body of such arrays, without its supports and its extension to the nodes outside."""
+        """The body of arrays as in `stored`, without supports and extension to the nodes
+        outside."""
         level = arrays["level"]
         if level.shape != (mesh.nelements, _LATTICE + 1, _LATTICE + 1):
             raise InputError(f"cut/level: its shape {level.shape} does not fit the mesh")

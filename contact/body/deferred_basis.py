@@ -15,22 +15,13 @@ from contact.arrays.ranges import in_ranges
 from contact.body.dof_numbers import DofNumbers
 from contact.body.jacobians import is_straight, measures
 
-# Of Gauss' rule with two points in each direction, exact for the determinant of straight cells.
-_ORDER_OF_VOLUME = 3
+_ORDER_OF_VOLUME = 3  # two Gauss points a direction: exact for the determinant of straight cells
 
 
 class DeferredBasis(CellBasis):
-    """A `skfem.CellBasis` of all cells that waits with its tables.
-
+    """A `skfem.CellBasis` of all cells that computes its tables of shape functions when first used.
     Those of a block of 64^3 bricks fill tens of gigabytes, while its stiffness needs one cell.
-    Shape functions of one point are evaluated at once, so that elements refuse unfit cells here.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    elem : Element
-    intorder : int
-    """
+    Shape functions of one point are evaluated at once, so that elements refuse unfit cells here."""
 
     def __init__(self, mesh: Any, elem: Any, intorder: int) -> None:
         dofs = DofNumbers(mesh, elem)

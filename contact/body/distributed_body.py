@@ -319,38 +319,22 @@ def _of_cells(name: str, value: Any, cells: NDArray[np.int64], total: int) -> An
     return np.asarray(value)[cells]
 
 
-# Unknowns in space from which Newton's steps by multigrid are faster than one factorisation with
-# its Schur complement; in the plane the factorisation was faster up to the largest bodies measured.
+# Unknowns in space from which Newton's steps by multigrid beat a factorisation.
 LARGE_IN_SPACE = 100_000
-# Bytes of MUMPS's factors: measured at 396,294 unknowns in the plane and at 107,811 in space, with
-# the growth of nested dissection.
-_PLANE = 2.5e3 / 18.6  # times n log2 n
-_SPACE = 1.8e9 / 107_811 ** (4 / 3)  # times n^(4/3)
-_DENSE = 3.0 * 8.0  # the complement, its factor and the compliance, on each process
+_PLANE = 2.5e3 / 18.6  # bytes of MUMPS's factors over n log2 n, from 396,294 unknowns
+_SPACE = 1.8e9 / 107_811 ** (4 / 3)  # bytes over n^(4/3), from 107,811 unknowns
+_DENSE = 3.0 * 8.0  # bytes: complement, its factor and compliance, on each process
 
 
 def factor_memory(unknowns: int, rows: int, dim: int, processes: int) -> float:
-    """Estimate the bytes that the condensation needs on all processes together.
-
-    Parameters
-    ----------
-    unknowns, rows : int
-        Of the body, and in contact.
-    dim, processes : int
-    """
+    """Estimate the bytes that the condensation needs on all processes; `rows` are in contact."""
     n = float(max(unknowns, 2))
     sparse = _SPACE * n ** (4 / 3) if dim == 3 else _PLANE * n * math.log2(n)
     return sparse + _DENSE * processes * float(rows) ** 2
 
 
 def choose_backend(unknowns: int, rows: int, dim: int, processes: int) -> tuple[str, str]:
-    """The back end, and why.
-
-    Parameters
-    ----------
-    unknowns, rows, dim, processes : int
-        As for `factor_memory`.
-    """
+    """The back end, "mumps" or "krylov", and the reason."""
     if processes == 1 and not has_petsc():
         return "mumps", "one process without PETSc takes the sparse solvers of other bodies"
     need, there = factor_memory(unknowns, rows, dim, processes), physical_memory()

@@ -11,21 +11,9 @@ Index = NDArray[np.int64]
 
 
 def dof_entities(basis: Basis) -> tuple[Index, Array, Index]:
-    """Entities of all dofs, for ordering and for rigid motions.
-
-    Parameters
-    ----------
-    basis : Basis
-        Of a vector element.
-
-    Returns
-    -------
-    entity : ndarray, shape (ndofs,)
-        Number of the vertex, edge, facet or cell of each dof.
-    points : ndarray, shape (dim, nentities)
-    cells : ndarray, shape (nentities a cell, ncells)
-        Entities of each cell.
-    """
+    """Vertex, edge, facet or cell of each dof (ndofs,), for ordering and for rigid motions.
+    Also returned are the middles of all entities (dim, nentities) and those of each cell,
+    (nentities a cell, ncells)."""
     dofs, mesh, dim = basis.dofs, basis.mesh, basis.elem.dim
     tables = (
         (dofs.nodal_dofs, None, "t"),

@@ -9,13 +9,7 @@ from skfem.assembly import Dofs
 
 
 class DofNumbers(Dofs):
-    """A `skfem.assembly.Dofs` that is made without stacking its rows one after another.
-
-    Parameters
-    ----------
-    topo : Mesh
-    element : Element
-    """
+    """A `skfem.assembly.Dofs` that is made without stacking its rows one after another."""
 
     def __init__(self, topo: Any, element: Any) -> None:
         self.topo, self.element = topo, element

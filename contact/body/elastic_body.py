@@ -34,7 +34,7 @@ from contact.settled import settled
 from skfem_adini import InputError as AdiniInputError
 from skfem_adini import essential_constraints
 
-_OF_RADII = 2  # degrees of quadrature besides those of the plane, for r and 1 / r
+_OF_RADII = 2  # degrees of quadrature for r and 1 / r, beside those of the plane
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
 

@@ -68,27 +68,8 @@ _LOCKS_AT, _OSCILLATES_AT = 0.48, 0.4995  # Poisson's ratios, from the tables ab
 def lame(
     E: ArrayLike, nu: ArrayLike, plane: str | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lame parameters (lambda, mu) of an isotropic material.
-
-    Parameters
-    ----------
-    E : float or ndarray
-        Young's modulus, positive.
-    nu : float or ndarray
-        Poisson ratio in (-1, 1/2).
-    plane : {"strain", "stress", None}
-        In two dimensions, plane stress replaces lambda by 2 lambda mu / (lambda + 2 mu).
-
-    Raises
-    ------
-    InputError
-        A value outside its range.
-
-    Examples
-    --------
-    >>> [round(float(value), 4) for value in lame(2.0, 0.3, "strain")]
-    [1.1538, 0.7692]
-    """
+    """Lame parameters (lambda, mu) of Young's modulus E > 0 and Poisson's ratio nu in (-1, 1/2).
+    Plane stress replaces lambda by 2 lambda mu / (lambda + 2 mu)."""
     modulus, ratio = numbers("E", E), numbers("nu", nu)
     wrong = modulus[~(np.isfinite(modulus) & (modulus > 0))]
     if wrong.size:
@@ -106,13 +87,7 @@ def lame(
 
 
 def checked_dilatation(dilatation: str, element: Any) -> str:
-    """Check the name of the volumetric strain, "pointwise" or "mean", against the element.
-
-    Raises
-    ------
-    InputError
-        An unknown word, or "mean" for another element than Q1.
-    """
+    """Check the name of the volumetric strain, "pointwise" or, for Q1 only, "mean"."""
     if not isinstance(dilatation, str) or dilatation not in ("pointwise", "mean"):
         raise InputError(f"dilatation={dilatation!r}: expected 'pointwise' or 'mean'")
     if dilatation == "mean" and not isinstance(element, ElementQuad1 | ElementHex1):
@@ -126,12 +101,7 @@ def checked_dilatation(dilatation: str, element: Any) -> str:
 def check_locking(
     nu: NDArray[np.float64], plane: str | None, dilatation: str, element: Any
 ) -> None:
-    """Warn if the element locks because nu is close to 1/2; see the tables of this module.
-
-    Warns
-    -----
-    ContactWarning
-    """
+    """Warn if the element locks because nu is close to 1/2; see the tables of this module."""
     largest, name = float(nu.max()), type(element).__name__
     if plane == "stress" or dilatation == "mean":
         return
@@ -159,33 +129,9 @@ def stiffness_matrix(
     lame_mu: NDArray[np.float64],
     mean_dilatation: bool = False,
 ) -> sparse.csr_array:
-    r"""Stiffness of sigma(u) : eps(v) for a vector basis made by ElementVector.
-
-    The same matrix as ``skfem.models.elasticity.linear_elasticity`` gives: from one cell of each
-    class of congruent ones where these are few; of other straight simplices from one table of the
-    reference cell; else from one batched product K_ab = int d_a phi_i d_b phi_j per pair of
-    directions. The first two are exactly symmetric.
-
-    With `mean_dilatation` the volumetric part of each cell K is
-    :math:`\lambda\, |K|^{-1} \int_K \operatorname{div} u \int_K \operatorname{div} v`, as in the
-    mixed method with bilinear displacements and one pressure a cell, from which the pressures are
-    eliminated: no locking as nu tends to 1/2.
-
-    Parameters
-    ----------
-    basis : Basis of an ElementVector
-    lame_lambda, lame_mu : ndarray, shape () or (ncells,)
-    mean_dilatation : bool
-
-    Returns
-    -------
-    csr_array, shape (ndofs, ndofs)
-
-    References
-    ----------
-    T. J. R. Hughes, The Finite Element Method, Prentice-Hall 1987, sections 4.4 and 4.5 (selective
-    reduced integration, equivalence with mixed methods).
-    """
+    r"""Stiffness of sigma(u) : eps(v) for an ElementVector; lambda, mu: shape () or (ncells,).
+    Mean dilatation: :math:`\lambda |K|^{-1} \int_K \operatorname{div} u \int_K
+    \operatorname{div} v` in a cell K (Hughes, The Finite Element Method, 1987, section 4.4)."""
     few = isotropic_classes(basis, lame_lambda, lame_mu, mean_dilatation)
     if few is not None:
         return _as_array(few[0].matrix(few[1]))
@@ -200,35 +146,17 @@ def stiffness_matrix(
 def isotropic_tensor(
     lame_lambda: NDArray[np.float64], lame_mu: NDArray[np.float64], dim: int
 ) -> NDArray[np.float64]:
-    """``C_ijkl = lambda d_ij d_kl + mu (d_ik d_jl + d_il d_jk)``.
-
-    Parameters
-    ----------
-    lame_lambda, lame_mu : ndarray, shape () or (ncells,)
-    dim : int
-
-    Returns
-    -------
-    ndarray, shape (dim, dim, dim, dim) or (dim, dim, dim, dim, ncells)
-    """
+    """``C_ijkl = lambda d_ij d_kl + mu (d_ik d_jl + d_il d_jk)``, shape (dim,) * 4, then
+    (ncells,) if any."""
     pairs = np.multiply.outer(np.eye(dim), np.eye(dim))  # d_ij d_kl
     shear = pairs.transpose(0, 2, 1, 3) + pairs.transpose(0, 2, 3, 1)
     return np.asarray(np.multiply.outer(pairs, lame_lambda) + np.multiply.outer(shear, lame_mu))
 
 
 def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_array:
-    """Stiffness of ``C eps(u) : eps(v)`` for a vector basis made by ElementVector.
-
-    Parameters
-    ----------
-    basis : Basis of an ElementVector
-    tensor : ndarray, shape (dim, dim, dim, dim) or (dim, dim, dim, dim, ncells)
-        C_ijkl with the symmetries of elasticity.
-
-    Returns
-    -------
-    csr_array, shape (ndofs, ndofs)
-    """
+    """Stiffness of ``C eps(u) : eps(v)`` for a basis of an ElementVector.
+    C_ijkl has the symmetries of elasticity and the shape (dim,) * 4, then (ncells,) if it
+    varies."""
     few = tensor_classes(basis, tensor)
     if few is not None:
         return _as_array(few[0].matrix(few[1]))
@@ -238,7 +166,8 @@ def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_ar
 
 
 def _as_array(matrix: sparse.csr_matrix) -> sparse.csr_array:
-    """The same entries, still known to be sorted: to look is a pass over all of them."""
+    """The matrix as an array that keeps the flag of sorted columns: checking it reads all
+    entries."""
     result = sparse.csr_array(matrix)
     result.has_canonical_format = matrix.has_canonical_format
     return result
@@ -267,21 +196,9 @@ def stress(
     lame_mu: NDArray[np.float64],
     dilatation: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Cauchy stress from the displacement gradient.
-
-    Parameters
-    ----------
-    gradient : ndarray, shape (dim, dim, ...)
-        ``gradient[i, j]`` is d u_i / d x_j.
-    lame_lambda, lame_mu : ndarray
-        Broadcast against the trailing axes.
-    dilatation : ndarray, optional
-        Replaces div u in the volumetric part.
-
-    Returns
-    -------
-    ndarray, shape (dim, dim, ...)
-    """
+    """Cauchy stress, shape (dim, dim, ...), of ``gradient[i, j] = d u_i / d x_j``.
+    `dilatation` replaces div u in the volumetric part; lambda and mu broadcast to the trailing
+    axes."""
     strain = 0.5 * (gradient + np.swapaxes(gradient, 0, 1))
     result = 2 * lame_mu * strain
     trace = lame_lambda * (np.trace(strain) if dilatation is None else dilatation)

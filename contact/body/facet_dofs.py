@@ -13,9 +13,7 @@ Index = NDArray[np.int64]
 
 def dofs_on_facets(basis: Any, facets: Index) -> Index:
     """What ``basis.get_dofs(facets).flatten()`` returns: ascending dofs of vertices, edges, facets.
-
-    scikit-fem numbers all edges of a mesh in space for it, also where they carry no dofs.
-    """
+    scikit-fem numbers all edges of a mesh in space for it, also where they carry no dofs."""
     dofs, mesh = basis.dofs, basis.mesh
     if mesh.dim() == 3 and mesh.bndelem is None:
         return np.asarray(basis.get_dofs(facets).flatten(), dtype=np.int64)
@@ -29,9 +27,7 @@ def dofs_on_facets(basis: Any, facets: Index) -> Index:
 
 def edges_of_facets(mesh: Mesh, facets: Index) -> Index:
     """Edges of facets of a mesh in space, ascending, shape (edges of a facet, nfacets).
-
-    They are those edges of a facet's cell with both ends in the facet.
-    """
+    They are those edges of a facet's cell with both ends in the facet."""
     corners, cells = mesh.facets[:, facets], mesh.f2t[0, facets]
     edges = mesh.t2e[:, cells]
     ends = mesh.edges[:, edges]  # (2, edges of a cell, nfacets)

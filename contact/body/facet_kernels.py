@@ -1,8 +1,4 @@
-"""Kernels that number the facets of a mesh, and that look on which side of them its cells lie.
-
-Plain Python that numba can compile, each function by itself; `mesh_facets` and `cell_check` compile
-them.
-"""
+"""Kernels in plain Python for numba that number the facets of a mesh and check their sides."""
 
 from __future__ import annotations
 
@@ -12,29 +8,9 @@ import numpy as np
 
 
 def number(t: Any, corners: Any, known: int, vertices: int, in_turn: bool) -> Any:
-    """Sort the facets of all cells by their corners, and count equal ones once.
-
-    Parameters
-    ----------
-    t : ndarray of int, shape (k, ncells)
-        Vertices of the cells.
-    corners : ndarray, shape (nfacets a cell, m)
-        Which of them are those of each facet.
-    known : int
-        How many of the lowest corners tell facets apart.
-    vertices : int
-    in_turn : bool
-        Return corners as they follow one another around a facet, else in ascending order.
-
-    Returns
-    -------
-    facets : ndarray, shape (m, nfacets)
-    numbers : ndarray, shape (nfacets a cell, ncells)
-    beside : ndarray of int32, shape (2, nfacets)
-        The first and the last cell of each facet, -1 for the last if it is the first.
-    sound : bool
-        Whether other corners agree where the known ones do.
-    """
+    """Sort the m corners of all facets of cells t (k, ncells), and count equal facets once.
+    Return facets (m, nfacets), cyclic if `in_turn`; numbers (facets a cell, ncells); first and
+    last cell (2, nfacets) or -1; whether facets with `known` equal corners are equal."""
     cells, (sides, m) = t.shape[1], corners.shape
     count = sides * cells
     ascending = np.empty((count, m), dtype=t.dtype)
@@ -88,24 +64,9 @@ def number(t: Any, corners: Any, known: int, vertices: int, in_turn: bool) -> An
 
 
 def on_one_side(p: Any, t: Any, facets: Any, f2t: Any, some: Any) -> Any:
-    """Positive where the middles of both cells lie on one side of the plane in a facet's middle.
-
-    From the middle of a facet, the middle of a straight cell lies in the direction of the opposite
-    vertex or facet: that in which the mapping's normal derivative points. Differences of vertices
-    come before their sums, whose rounding would be that of the distance from the origin.
-
-    Parameters
-    ----------
-    p, t, facets, f2t
-        Those of a mesh; four corners of a facet follow one another around it.
-    some : ndarray of int, shape (n,)
-        Facets with two cells.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The product of the signs of both cells.
-    """
+    """Positive where both cells of a facet lie on one side of it: the product of their signs, (n,).
+    A straight cell lies on the side of the opposite vertex or facet. Differences of vertices
+    come before their sums, which round by the distance from the origin."""
     (dim, _), corners, nodes = p.shape, facets.shape[0], t.shape[0]
     product = np.ones(some.size)
     x, normal = np.zeros((corners, 3)), np.zeros(3)

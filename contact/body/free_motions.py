@@ -14,14 +14,12 @@ from contact.errors import Unbounded
 
 Array = NDArray[np.float64]
 
-RIGID = 1e-12  # share of a rigid motion that supports, or a boundary, see by rounding alone
+RIGID = 1e-12  # relative: motion at supports, or at a boundary, that is rounding
 
 
 def free_motions(body: Any) -> Array:
-    """Rigid motions that no support of a body resists, as vectors z of ``u = P z + u0``.
-
-    Shape (nfree, k); translations are separated from rotations where possible.
-    """
+    """Rigid motions that no support resists, as vectors z (nfree, k) of ``u = P z + u0``.
+    Translations are separated from rotations where possible."""
     P, modes, of_dof = body.constraint[0], body.rigid, body.lengths[0]
     dofs = body.chosen
     if dofs is None:
@@ -41,9 +39,8 @@ def free_motions(body: Any) -> Array:
 
 def strained_by_rotation(body: Any) -> str:
     """End of an error message if free rigid motions strain the body; else an empty string.
-
-    On curved cells an element of lower order than the cells does not contain the linear functions.
-    """
+    On curved cells an element of lower order than the cells does not contain the linear
+    functions."""
     mesh, element = body.mesh, body.element
     if mesh.affine or not isinstance(mesh, CURVED_MESHES) or element.maxdeg >= mesh.elem.maxdeg:
         return ""
@@ -61,10 +58,8 @@ def strained_by_rotation(body: Any) -> str:
 
 def unseen_motion(modes: Array, on_boundary: Array) -> Array | None:
     """A combination of modes, shape (n, k), that is zero on the boundary, or None.
-
-    This is the motion of a piece that is neither supported nor connected to the contact boundary.
-    It is looked for before the factorisation, in which rounding decides whether a pivot is zero.
-    """
+    It moves a piece neither supported nor connected to the contact boundary, and is looked for
+    before the factorisation, in which rounding decides whether a pivot is zero."""
     size = np.linalg.norm(modes, axis=0)
     if not size.size:
         return None

@@ -16,37 +16,15 @@ Array = NDArray[np.float64]
 
 
 def jacobians(mesh: Mesh, cells: NDArray[np.integer], places: Array) -> Array:
-    """d x_i / d X_k of some cells at places of the reference cell, shape (cells, n, i, k).
-
-    scikit-fem sums over the nodes for each place and derivative anew.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    cells : ndarray of int, shape (ncells,)
-    places : ndarray, shape (dim, n)
-    """
+    """d x_i / d X_k of some cells at places (dim, n) of the reference cell, shape (cells, n, i, k).
+    scikit-fem sums over the nodes for each place and derivative anew."""
     x, nodes, slopes = _arguments(mesh, places)
     return np.einsum("ivc,vkq->cqik", x[:, nodes[:, cells]], slopes)
 
 
 def measures(mesh: Mesh, cells: slice, places: Array) -> tuple[Array, Array, Array]:
-    """Determinants and norms of the derivatives, and sizes of cells.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    cells : slice
-    places : ndarray, shape (dim, n)
-
-    Returns
-    -------
-    det : ndarray, shape (ncells, n)
-    norms : ndarray, shape (ncells, n)
-        Frobenius norms times those of the cofactors.
-    size : ndarray, shape (ncells,)
-        Largest extent of the vertices along a coordinate.
-    """
+    """Determinants, norms (Frobenius, times the cofactors'), both (ncells, n), and sizes of cells.
+    The size of a cell is the largest extent of its vertices along a coordinate, shape (ncells,)."""
     arguments = *_arguments(mesh, places), cells.start, cells.stop, len(mesh.t)
     det, norms, size = _kernel()(*arguments)
     return det, norms, size
@@ -73,9 +51,8 @@ def _kernel() -> Callable[..., Any]:
 
 def _measures(x: Any, nodes: Any, slopes: Any, start: Any, stop: Any, corners: Any) -> Any:
     """Return determinants, norms and sizes, for numba.
-
-    In corners of straight cells sums of products with 0 and +-1: differences, rounded once.
-    """
+    In corners of straight cells the sums of products with 0 and +-1 are differences, rounded
+    once."""
     dim, n, J = x.shape[0], slopes.shape[2], np.empty((3, 3))
     here = np.empty((dim, nodes.shape[0]))
     det, norms, size = (

@@ -27,16 +27,7 @@ def isotropic_classes(
     mean_dilatation: bool = False,
 ) -> Classes | None:
     """Classes of congruent cells with the stiffness of each, if these are few; else None.
-
-    Parameters
-    ----------
-    basis, lame_lambda, lame_mu, mean_dilatation
-        As for `contact.body.elasticity.stiffness_matrix`.
-
-    Returns
-    -------
-    tuple of CongruentCells and ndarray, shape (classes, dofs of a cell, dofs of a cell), or None
-    """
+    The stiffnesses have the shape (classes, dofs of a cell, dofs of a cell)."""
 
     def of_each(part: Basis, cells: Any) -> Local:
         lam, mu = (v[cells] if v.ndim else v for v in (lame_lambda, lame_mu))
@@ -105,10 +96,9 @@ def tensor_matrices(basis: Basis, tensor: NDArray[np.float64]) -> Local:
 
 
 def _products(basis: Basis) -> Iterator[tuple[slice, Any, dict[tuple[int, int], Any]]]:
-    """Of a chunk of cells: weighted gradients, and K_ab = int d_a phi_i d_b phi_j.
-
-    The basis is that of a component, or of a vector, of which each component has its own functions.
-    """
+    """Weighted gradients of a chunk of cells, and K_ab = int d_a phi_i d_b phi_j.
+    The basis is that of a component, or of a vector, of which each component has its own
+    functions."""
     dim = basis.mesh.dim()
     if isinstance(basis.elem, ElementVector):
         scalar = [basis.basis[i][0].grad[0] for i in range(0, basis.Nbfun, dim)]

@@ -117,13 +117,7 @@ class MaterialBody(BasisSolid):
 
 
 def checked_plane(plane: Any, dim: int) -> str | None:
-    """What "plane" means in `dim` dimensions.
-
-    Raises
-    ------
-    InputError
-        Another word than "strain", "stress" or "axisymmetric"; a plane in three dimensions.
-    """
+    """The plane of a body in 2-D, "strain" by default, "stress" or "axisymmetric"; None in 3-D."""
     if dim == 2:
         plane = "strain" if plane is None else plane
         if not isinstance(plane, str) or plane not in ("strain", "stress", AXISYMMETRIC):

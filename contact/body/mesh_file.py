@@ -12,33 +12,17 @@ from skfem import Mesh
 
 from contact.errors import InputError
 
-# Boundary cells of second order; scikit-fem names facets by their corners.
+# Corners of boundary cells of second order, by which scikit-fem names facets.
 _FIRST_ORDER = {"line3": ("line", 2), "triangle6": ("triangle", 3), "quad9": ("quad", 4)}
 _DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3, "wedge": 3, "pyramid": 3}
-_SPARSE = 10_000_000  # largest number of a node in a small file, of which meshio makes an array
+_SPARSE = 10_000_000  # largest node number in a small file: meshio makes an array that long
 _CORNERS = {"triangle6": 3, "quad9": 4, "tetra10": 4, "hexahedron27": 8}
 
 
 def read_mesh(path: str | Path) -> Mesh:
     """Read a mesh by meshio; physical groups of Gmsh become named boundaries and subdomains.
-
-    Cells of first and second order; boundary cells of second order keep their names, too.
-
-    Parameters
-    ----------
-    path : str or Path
-        .msh, .vtu, .xdmf, ...
-
-    Returns
-    -------
-    Mesh
-
-    Raises
-    ------
-    InputError
-        The file is missing, truncated, holds no mesh of dimension 2 or 3, or cells of several
-        kinds.
-    """
+    Cells of one kind, of first or second order; boundary cells of second order keep their names,
+    too."""
     import meshio
     from skfem.io.meshio import from_meshio
 
@@ -66,10 +50,8 @@ def read_mesh(path: str | Path) -> Mesh:
 
 def _check_gmsh_nodes(data: bytes) -> None:
     """Refuse node numbers that are out of proportion, repeated, or other than announced.
-
-    meshio makes an array as long as the largest number, and leaves those that are missing to
-    chance. Formats 2.2, 4.0 and 4.1 (Gmsh reference manual, "MSH file format").
-    """
+    meshio makes an array as long as the largest number and leaves missing ones uninitialised.
+    Formats 2.2, 4.0 and 4.1 (Gmsh reference manual, "MSH file format")."""
     words, begin, end = data[:80].split(), data.find(b"$Nodes\n"), data.find(b"$EndNodes")
     if words[:1] != [b"$MeshFormat"] or min(begin, end) < 0:
         return  # meshio says what is wrong
@@ -109,10 +91,8 @@ def _check_gmsh_nodes(data: bytes) -> None:
 
 def _named(file: Any) -> Any:
     """The same mesh in scikit-fem's order: boundary cells by their corners, corners numbered first.
-
-    scikit-fem numbers the vertices of a mesh of second order anew, and looks boundary cells up by
-    the new numbers: they must be the old ones.
-    """
+    scikit-fem numbers the vertices of a mesh of second order anew, and looks boundary cells up
+    by the new numbers: they must be the old ones."""
     import meshio
 
     kinds = [block.type for block in file.cells]

@@ -16,9 +16,9 @@ from contact.errors import InputError
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-LARGEST = 4000  # unknowns that the equations may link to one another, which are solved densely
-_RANK = 1e-10  # singular values of equations of unit length below this are rounding
-_AGREE = 1e-9  # of the largest term: right sides that differ by less do not contradict each other
+LARGEST = 4000  # unknowns that a group of equations may link: it is solved as a dense matrix
+_RANK = 1e-10  # singular values of normalised equations below this are rounding
+_AGREE = 1e-9  # relative to the largest term: right sides that differ by less agree
 _NOISE = 1e-14  # entries of orthonormal columns below this are rounding
 
 
@@ -38,35 +38,9 @@ class Coupling:
 def coupled(
     P: sparse.csr_array, u0: Array, couplings: Sequence[Coupling], of_dof: Array
 ) -> tuple[sparse.csr_array, Array]:
-    """Free unknowns of supports and equations together.
-
-    The equations link the unknowns of ``u = P y + u0`` in groups that are independent of each
-    other. The solutions of each group are found by a singular value decomposition of its
-    equations, in which every unknown is a displacement, so that the unit of length has no say in
-    which of them are redundant.
-
-    Parameters
-    ----------
-    P : csr_array, shape (ndofs, n)
-        With orthonormal columns, each of dofs of one kind.
-    u0 : ndarray, shape (ndofs,)
-        Orthogonal to the columns of P.
-    couplings : sequence of Coupling
-    of_dof : ndarray, shape (ndofs,)
-        Length that makes each dof a displacement.
-
-    Returns
-    -------
-    P : csr_array, shape (ndofs, nfree)
-        Unknowns that no equation contains come first and are as before; the further columns are
-        orthonormal, those that mix values and derivatives after multiplication by `of_dof`.
-    u0 : ndarray, shape (ndofs,)
-
-    Raises
-    ------
-    InputError
-        The equations contradict each other or the supports, or link more than `LARGEST` unknowns.
-    """
+    """Free unknowns P (ndofs, nfree) and u0 of supports ``u = P y + u0`` and equations together.
+    Each group of linked unknowns is solved by an SVD, in displacements by `of_dof`. Unknowns of
+    no equation come first, unchanged; the other columns are orthonormal."""
     C = sparse.csr_array(sparse.vstack([each.C for each in couplings]))
     c = np.concatenate([each.c for each in couplings])
     owner = np.repeat(np.arange(len(couplings)), [each.c.size for each in couplings])
@@ -111,9 +85,7 @@ def coupled(
 
 def picked_by(P: sparse.csr_array, lengths: Callable[[], Array]) -> sparse.csr_array:
     """E with ``E^T P = I``: P itself where its columns hold dofs of one kind only.
-
-    The lengths of the dofs are asked for where columns hold several.
-    """
+    The function `lengths` of the dofs is called where columns hold several kinds."""
     if _single(P):
         return P
     of_dof = lengths()
@@ -170,7 +142,7 @@ def _groups(A: sparse.csr_array) -> list[tuple[Index, Index]]:
 
 
 def _solve(A: Array, right: Array) -> tuple[Array, Array, Array]:
-    """Orthonormal null space, least solution, and what it leaves of the right side."""
+    """Orthonormal null space, least-norm solution, and its residual."""
     U, s, V = np.linalg.svd(A)
     rank = int(np.sum(s > _RANK * s[0]))
     y = V[:rank].T @ ((U[:, :rank].T @ right) / s[:rank])

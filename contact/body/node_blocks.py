@@ -16,26 +16,13 @@ Index = NDArray[np.int64]
 @dataclass(frozen=True)
 class NodeBlocks:
     """A numbering in which unknowns that supports take away keep a place, with a unit row.
+    Multigrid joins the unknowns of a node only where all nodes have equally many."""
 
-    Multigrid joins the unknowns of a node only where all nodes have equally many.
-
-    Attributes
-    ----------
-    size : int
-        Of a block; one where supports turn the unknowns.
-    place : ndarray
-        Place of each own unknown among the own places.
-    count : int
-        Number of own places.
-    first, total : int
-        Number of the first own place, and of all.
-    """
-
-    size: int
-    place: Index
-    count: int
-    first: int
-    total: int
+    size: int  # of a block; 1 where supports turn the unknowns
+    place: Index  # place of each own unknown among the own places
+    count: int  # number of own places
+    first: int  # number of the first own place
+    total: int  # number of all places
 
     @classmethod
     def of(cls, body: Any) -> NodeBlocks:
@@ -93,14 +80,8 @@ class NodeBlocks:
         return rows, np.concatenate((numbers, self.first + empty))
 
     def change(self, change: sparse.csr_array, at: Index) -> tuple[sparse.csr_array, Index]:
-        """Own rows of a matrix that differs from the identity at some places, and its columns.
-
-        Parameters
-        ----------
-        change : csr_array, shape (n, n)
-        at : ndarray, shape (n,)
-            Numbers of the places.
-        """
+        """Own rows, and their columns, of a matrix that is `change` (n, n) at the places `at`,
+        else identity."""
         own = self.first + np.arange(self.count)
         numbers = np.union1d(own, at)
         block = change.tocoo()

@@ -24,15 +24,8 @@ _KINDS = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2, "u_xy": _MIXED}
 
 def rigid_modes(body: Discretised) -> Array:
     """Rigid motions of every connected piece, shape (ndofs, npieces * dim (dim + 1) / 2).
-
-    Translations first, then rotations about the piece's middle, u_a = -x_b and u_b = x_a for
-    a < b. An axisymmetric piece has one, the translation along the axis. Supports are ignored.
-
-    Raises
-    ------
-    InputError
-        A dof of the element is neither a value, a first derivative nor u_xy.
-    """
+    Translations, then rotations about the piece's middle, u_a = -x_b and u_b = x_a for a < b; of
+    a ring the translation along the axis alone. Supports are ignored."""
     basis = body.basis
     entity, points, cells = dof_entities(basis)
     pieces, piece = _pieces(cells, points.shape[1])
@@ -60,10 +53,8 @@ def rigid_modes(body: Discretised) -> Array:
 
 def rigid_field(body: Discretised, centre: Array) -> Array:
     """Rigid motions of all of space in the body's dofs, shape (ndofs, dim (dim + 1) / 2).
-
     Translations, then rotations about `centre`: counter-clockwise in 2-D, about x, y, z in 3-D.
-    They are those of the mesh: for an axisymmetric body only that along the axis is rigid.
-    """
+    Those of the section of a ring are not rigid, but for that along the axis."""
     basis = body.basis
     kind, dim = dof_kinds(basis), basis.elem.dim
     component = np.arange(basis.N) % dim
@@ -121,10 +112,8 @@ def value_dofs(body: Discretised) -> NDArray[np.bool_]:
 
 
 def dof_lengths(body: Discretised) -> Array:
-    """Length by which each dof is multiplied to become a displacement: 1 or the mean cell size.
-
-    Shape (ndofs,); 1 for values. Residuals and norms over dofs of several kinds use these units.
-    """
+    """Factor that makes each dof a displacement, (ndofs,): 1 for values, else a mean cell size.
+    Residuals and norms over dofs of several kinds use these units."""
     basis = body.basis
     lengths = np.ones(basis.N)
     slopes = [pair for pair in _kinds_of_rows(basis) if pair[1] != _VALUE]
@@ -138,10 +127,8 @@ def dof_lengths(body: Discretised) -> Array:
 
 def describe_motion(body: Discretised, u: Array) -> str:
     """Name a rigid motion, e.g. "a translation along x" or "a rotation about (0, 1)".
-
-    The motion may come from a linear program that friction within 1e-6 of its limit satisfies: its
-    rotation is then determined to that order and its direction to the root of it.
-    """
+    The motion may come from a linear program that friction within 1e-6 of its limit satisfies:
+    its rotation is then known to that order only, and its direction to the square root of it."""
     if body.is_ring:
         return "a translation along the axis y"
     modes = rigid_modes(body)

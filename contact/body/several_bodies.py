@@ -19,31 +19,9 @@ Array = NDArray[np.float64]
 
 
 class Bodies(Solid):
-    """The bodies of a contact problem, which sees them as one.
-
-    No matrix is copied: products are formed body by body. `ContactProblem` makes one of the bodies
-    that it is given; they may get other loads, supports and material constants afterwards.
-
-    Parameters
-    ----------
-    bodies : sequence of Solid
-        Of one dimension, each once.
-
-    Raises
-    ------
-    InputError
-        No body, one twice, of different dimensions, some of them axisymmetric, or two of one name.
-
-    Examples
-    --------
-    >>> from skfem import MeshQuad
-    >>> from contact import ElasticBody
-    >>> mesh = MeshQuad().refined(1).with_defaults()
-    >>> upper, lower = (ElasticBody.from_mesh(mesh, E=E, nu=0.3) for E in (1.0, 2.0))
-    >>> both = Bodies([upper, lower.named("lower")])
-    >>> both.f.size == 2 * upper.f.size, both.number_of(upper), both.number_of("lower")
-    (True, 0, 1)
-    """
+    """The bodies of a contact problem, each once and of one dimension, as one `Solid`.
+    No matrix is copied: products are formed body by body. Loads, supports and material constants
+    of the bodies may change afterwards."""
 
     def __init__(self, bodies: Sequence[Solid]) -> None:
         if isinstance(bodies, str) or not isinstance(bodies, Sequence) or not bodies:
@@ -112,13 +90,8 @@ class Bodies(Solid):
         return tuple(link for body in self._bodies for link in body._couplings)
 
     def number_of(self, body: Any) -> int:
-        """Which of the bodies is meant by one of them, as it is or was, by a number or a name.
-
-        Raises
-        ------
-        InputError
-            None of them, or not one alone.
-        """
+        """Position of a body given by itself, an earlier state or copy of it, its number or its
+        name."""
         found = [k for k, own in enumerate(self._bodies) if own is body]
         if not found and isinstance(body, Solid):
             found = [k for k, own in enumerate(self._bodies) if own.is_same_body(body)]
@@ -154,12 +127,8 @@ class Bodies(Solid):
         return self._of(body.snapshot() for body in self._bodies)
 
     def under(self, f: Array, u0: Array) -> Self:
-        """The same bodies, sharing their matrices, with other loads and prescribed displacements.
-
-        Parameters
-        ----------
-        f, u0 : ndarray, shape (ndofs,)
-        """
+        """The same bodies, sharing their matrices, with other loads f and prescribed
+        displacements u0."""
         return self._of(
             body.under(f[own], u0[own]) for body, own in zip(self.bodies, self.slices, strict=True)
         )
@@ -213,7 +182,7 @@ class Bodies(Solid):
         return sparse.csr_array((rows.data, place, rows.indptr), shape=(rows.shape[0], total))
 
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports do not fix: those that those of some body do not."""
+        """Rows that are live in some body: those that its supports do not fix."""
         P, lengths = [], []
         for body in self._bodies:
             trace = body.trace
@@ -233,7 +202,7 @@ class Bodies(Solid):
         ]
 
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
-        """Those of the body with the largest ratio of residual to cancelling forces."""
+        """Residual and sum of moduli of the body in which the residual is relatively largest."""
         found = [body.equilibrium(*own) for body, *own in self._each(u, contact, load)]
         return max(found, key=lambda pair: pair[0] / (pair[1] or 1.0))
 

@@ -24,21 +24,11 @@ Array = NDArray[np.float64]
 
 
 class Solid(Portable, ABC):
-    """An elastic body under loads and supports, as contact sees it.
-
-    Attributes
-    ----------
-    dim : int
-    plane : {"strain", "stress", "axisymmetric", None}
-    f : ndarray, shape (ndofs,)
-        Load on every dof.
-    name : str
-        By which errors and results of several bodies know it; see `named`.
-    """
+    """An elastic body under loads and supports, as contact sees it."""
 
     dim: int
     plane: str | None
-    name: str = ""
+    name: str = ""  # in errors and results of several bodies, see `named`
     _f: Array
     _supports: list[Any]
     _couplings: tuple[Any, ...] = ()
@@ -116,7 +106,8 @@ class Solid(Portable, ABC):
         return other
 
     def has_stiffness_of(self, other: Solid) -> bool:
-        """Whether two bodies answer alike, as far as their matrices are at hand."""
+        """Whether two bodies have the same material, or the same stiffness matrix up to
+        rounding."""
         if self._material is other._material:
             return True
         S: Any = self.stiffness
@@ -381,18 +372,7 @@ class Solid(Portable, ABC):
 
 def motion_of_support(held: Any, boundary: Any, components: Any, value: Any) -> Array:
     """Displacement of all dofs that a support on a boundary would prescribe by a value.
-
-    Parameters
-    ----------
-    held : Solid
-    boundary, components, value
-        As for `ElasticBody.fix`.
-
-    Raises
-    ------
-    InputError
-        The body is not fixed there, or the value contradicts another support.
-    """
+    The body must be fixed there; boundary, components and value are as for `ElasticBody.fix`."""
     at_rest = copy(held)
     at_rest._supports = []
     at_rest.fix(boundary, components, value)  # checks the value

@@ -26,26 +26,17 @@ from skfem_adini.distributed import DistributedBasis, DistributedMatrix, largest
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-ROUND_OFF = 1e-12  # of the largest coordinate
+ROUND_OFF = 1e-12  # relative to the largest coordinate: distance that is rounding
 
 
 class SpreadSolid(Solid):
     """A `Solid` of cells on many processes.
-
-    A vector of all dofs holds, on each process, the dofs of the contact strip, the same everywhere,
-    and then the other dofs that belong to the process.
-
-    Attributes
-    ----------
-    space : DistributedBasis
-    comm : Communicator
-    local : ElasticBody
-        On the cells of this process and those around them.
-    """
+    A vector of all dofs holds, on each process, the dofs of the contact strip, the same
+    everywhere, and then the other dofs that belong to the process."""
 
     space: DistributedBasis
     comm: Any
-    local: ElasticBody
+    local: ElasticBody  # on the cells of this process and those around them
     _strip: ElasticBody
 
     def _place(self, cells: Index) -> None:
@@ -391,50 +382,24 @@ class _Product:
 
 @dataclass(frozen=True)
 class SpreadUnknowns:
-    """The map ``u = P z + u0``, with the unknowns z numbered process by process.
+    """The map ``u = P z + u0``, with the unknowns z numbered process by process."""
 
-    Attributes
-    ----------
-    own : csr_array, shape (owned dofs, own unknowns)
-        P on the owned dofs.
-    all : csr_array, shape (local dofs, known unknowns)
-        P on all local dofs.
-    numbers : ndarray
-        Number of each known unknown, ascending.
-    first, total : int
-        Number of the first own unknown, and of all of them.
-    strip : csr_array, shape (dofs of the contact strip, its unknowns)
-    strip_numbers : ndarray
-        Number of each unknown of the strip, ascending.
-    P : csr_array
-        On a vector of the body: the strip's dofs, then the others.
-    u0 : ndarray, shape (local dofs,)
-    table : ndarray, shape (local dofs, k)
-        Numbers of the unknowns of each dof, -1 where there are fewer.
-    space : DistributedBasis
-    """
-
-    own: sparse.csr_array
-    all: sparse.csr_array
-    numbers: Index
-    first: int
-    total: int
-    strip: sparse.csr_array
-    strip_numbers: Index
-    P: sparse.csr_array
-    u0: Array
-    table: Index
+    own: sparse.csr_array  # P on the owned dofs, shape (owned dofs, own unknowns)
+    all: sparse.csr_array  # P on all local dofs, shape (local dofs, known unknowns)
+    numbers: Index  # number of each known unknown, ascending
+    first: int  # number of the first own unknown
+    total: int  # number of all unknowns
+    strip: sparse.csr_array  # P on the contact strip, shape (its dofs, its unknowns)
+    strip_numbers: Index  # number of each unknown of the strip, ascending
+    P: sparse.csr_array  # on a vector of the body: the strip's dofs, then the others
+    u0: Array  # shape (local dofs,)
+    table: Index  # unknowns of each local dof, (local dofs, k), -1 where fewer
     space: Any
 
     @classmethod
     def of(cls, body: Any) -> SpreadUnknowns:
         """Number the unknowns that the supports of a `DistributedBody` leave.
-
-        Raises
-        ------
-        InputError
-            A condition links dofs of several processes.
-        """
+        No condition may link dofs of several processes."""
         space, comm = body.space, body.comm
         P, u0 = body.local.constraint
         mine = sparse.csr_array(P[space.owned])

@@ -15,19 +15,8 @@ def live_rows(
     rows: sparse.csr_array, P: sparse.csr_array, lengths: tuple[Array, Array]
 ) -> NDArray[np.bool_]:
     """Rows that the prescribed displacements do not fix: those with ``rows @ P`` not zero.
-
-    Parameters
-    ----------
-    rows : csr_array, shape (nrows, ndofs)
-    P : csr_array, shape (ndofs, nfree)
-        Free unknowns z of ``u = P z + u0``.
-    lengths : pair of ndarray, shapes (ndofs,) and (nfree,)
-        Lengths that make each dof, and each free unknown, a displacement.
-
-    Returns
-    -------
-    ndarray of bool, shape (nrows,)
-    """
+    P maps the free unknowns z of ``u = P z + u0``; the lengths turn dofs, and unknowns, into
+    displacements."""
     of_dof, of_free = lengths
     left, given = few_times(rows, P), rows.copy()
     left.data /= of_free[left.indices]
@@ -36,19 +25,13 @@ def live_rows(
 
 
 def scaled_columns(matrix: sparse.csr_array, by: Array) -> sparse.csr_array:
-    """The matrix times a diagonal one, whose pattern is not computed anew."""
+    """The matrix times a diagonal one; the pattern is shared, not computed anew."""
     parts = matrix.data * by[matrix.indices], matrix.indices, matrix.indptr
     return sparse.csr_array(parts, shape=matrix.shape)
 
 
 def few_times(rows: sparse.csr_array, P: sparse.csr_array) -> sparse.csr_array:
-    """``rows @ P`` for few rows of few entries, without work for each column of P.
-
-    Parameters
-    ----------
-    rows : csr_array, shape (nrows, ndofs)
-    P : csr_array, shape (ndofs, nfree)
-    """
+    """``rows @ P`` for few rows of few entries, without work for each column of P."""
     touched, at = np.unique(rows.indices, return_inverse=True)
     part = sparse.csr_array(P[touched])
     seen, to = np.unique(part.indices, return_inverse=True)
@@ -85,9 +68,7 @@ def norms(rows: sparse.csr_array) -> Array:
 
 def in_order(P: sparse.csr_array) -> sparse.csr_array:
     """The same free unknowns in the order of the dofs, where each is one dof; else P itself.
-
-    The free rows and columns of a matrix then keep their order, which spares sorting them.
-    """
+    The free rows and columns of a matrix then keep their order, which spares sorting them."""
     filled = np.zeros(P.shape[1], dtype=bool)
     filled[P.indices] = True
     if P.nnz != P.shape[1] or not filled.all() or np.any(np.diff(P.indptr) > 1):

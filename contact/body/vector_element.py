@@ -13,9 +13,8 @@ from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 from skfem_adini.arguments.kept_functions import without_functions
 
 _OURS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
-# Elements with u and its gradient at the vertices; scikit-fem has a class ElementQuadBFS as well.
-GRADIENT_DOFS = (*_OURS, skfem.ElementQuadBFS)
-# What a body of a mesh without an element gets, by the name of the mesh.
+GRADIENT_DOFS = (*_OURS, skfem.ElementQuadBFS)  # elements with u and its gradient at the vertices
+# The element of a body that is made from a mesh alone, by the mesh's class.
 DEFAULT_ELEMENT = {
     "MeshTri1": skfem.ElementTriP2,
     "MeshTri2": skfem.ElementTriP2,
@@ -29,17 +28,9 @@ DEFAULT_ELEMENT = {
 
 
 def vector_element(element: Any, mesh: Mesh) -> ElementVector:
-    """Return an `ElementVector` of a scalar element, or the vector element itself.
-
-    Scalar elements of `skfem_adini` are constructed anew without Hessian: strains need none, and
-    `ElementVector` would copy it into every function, at twice the time and memory. Those of
-    scikit-fem that keep the shape functions of the first mesh they met are copied without them.
-
-    Raises
-    ------
-    InputError
-        No element, or one that does not live on the cells of the mesh.
-    """
+    """Return an `ElementVector` of a scalar element, or the vector element itself. Elements of
+    `skfem_adini` are made anew without Hessian, which strains do not need and which would double
+    time and memory; those that keep functions of another mesh are copied without them."""
     if not isinstance(element, Element):
         raise InputError(
             f"element: expected one of scikit-fem's, such as ElementQuad2(), got {element!r}"

@@ -18,11 +18,9 @@ from contact.result.contact_system import ContactSystem
 Array = NDArray[np.float64]
 
 
-# Relative difference up to which two solutions agree, and residual up to which the other solver has
-# converged.
+# Relative difference of solutions that agree, and residual of a solver that has converged.
 AGREES = 1e-6
-# Unknowns of the contact boundary up to which the other solver is given the dense problem. In
-# variables in which its quadratic form is the identity, solvers reach 1e-8 for any element.
+# Boundary unknowns up to which the other solver gets the dense problem, on which it reaches 1e-8.
 _DENSE = 2000
 
 
@@ -230,10 +228,8 @@ def _has_cones(result: ContactResult) -> bool:
 
 
 def _with_prescribed(result: ContactResult, bound: Array, u: Array, t: Array) -> Array:
-    """The peer's t with the law where the whole slip is prescribed, which is not asked of it.
-
-    Where free obstacles alone move a point along its tangents, their forces decide: it is ours.
-    """
+    """The peer's t, by the friction law where the whole slip is prescribed: it does not solve that.
+    Where free obstacles alone move a point along its tangents, t is that of the result."""
     system = result.system
     asked = replace(system, law=None if system.law is None else "tresca", friction=bound)
     dead = ~system.body.live(system.rows.T).reshape(t.shape).any(axis=1) & ~system.rows.ties

@@ -26,20 +26,11 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Answer:
-    """The solution that a solver of another package found.
+    """The solution that a solver of another package found."""
 
-    Attributes
-    ----------
-    z : ndarray, shape (n,), or None
-        None if it found none.
-    mu, t : ndarray, shapes (m,) and (m, dim - 1)
-        Contact forces of all contact points.
-    seconds : float
-    """
-
-    z: Array | None
-    mu: Array
-    t: Array
+    z: Array | None  # shape (n,), None if it found none
+    mu: Array  # normal forces of all contact points, shape (m,)
+    t: Array  # tangential forces, shape (m, dim - 1)
     seconds: float
 
 
@@ -49,59 +40,28 @@ class FrozenProblem:
 
     .. math::
         \min_z \tfrac12 z^T S z - f^T z + \sum_i g_i |R_i z + o_i| \quad
-        \text{s.t.} \quad G z \le d, \; E z = e .
+        \text{s.t.} \quad G z \le d, \; E z = e ."""
 
-    Attributes
-    ----------
-    S, f : array or sparse array, shape (n, n), and ndarray, shape (n,)
-        Stiffness and load of the body's free unknowns, or of those of the contact boundary, then
-        of the slacks of compliant surfaces.
-    G, gap : array or sparse array, shape (j, n), and ndarray, shape (j,)
-        Rows of points that can touch, and their gaps d; then the limits of the slacks.
-    R, offset : array or sparse array, shape (k * slips, n), and ndarray, shape (k * slips,)
-        Rows of points with friction, those of one point consecutive, and their offsets o.
-    E, closed : array or sparse array, shape (l, n), and ndarray, shape (l,)
-        Rows of bonded points, and their values e.
-    bound : ndarray, shape (k,)
-        The bounds g.
-    pressing, rubbing, bonded : ndarray of int, shapes (i,), (k * slips,) and (l,)
-        Entry of each of the first rows of G, of each row of R and of E among the contact forces,
-        the normal ones of all points and then the tangential ones.
-    shape : (int, int)
-        The shape of the tangential forces t, (m, dim - 1).
-    cones : bool
-        The friction terms are cones, as in three dimensions.
-    unknowns : int
-        How many of the unknowns are not slacks.
-    """
-
-    S: Any
-    f: Array
-    G: Any
-    gap: Array
-    R: Any
-    offset: Array
-    E: Any
-    closed: Array
-    bound: Array
-    pressing: Index
-    rubbing: Index
-    bonded: Index
-    shape: tuple[int, int]
-    cones: bool
-    unknowns: int
+    S: Any  # stiffness of free or boundary unknowns, then slacks, shape (n, n)
+    f: Array  # load, shape (n,)
+    G: Any  # rows of points that can touch, then limits of slacks, shape (j, n)
+    gap: Array  # d, shape (j,)
+    R: Any  # rows of points with friction, point by point, shape (k * slips, n)
+    offset: Array  # o, shape (k * slips,)
+    E: Any  # rows of bonded points, shape (l, n)
+    closed: Array  # e, shape (l,)
+    bound: Array  # g, shape (k,)
+    pressing: Index  # entries of the first rows of G in the forces (mu, t)
+    rubbing: Index  # entries of the rows of R, shape (k * slips,)
+    bonded: Index  # entries of the rows of E, shape (l,)
+    shape: tuple[int, int]  # of the tangential forces t, (m, dim - 1)
+    cones: bool  # friction terms are cones, as in three dimensions
+    unknowns: int  # n without the slacks
 
     @classmethod
     def of(cls, result: ContactResult, boundary: CondensedContact | None, cones: bool) -> Self:
-        """Freeze friction and obstacles at a result.
-
-        Parameters
-        ----------
-        result : ContactResult
-        boundary : CondensedContact or None
-            Use the unknowns of its contact boundary; None for all free ones of the body.
-        cones : bool
-        """
+        """Freeze friction and obstacles at a result, in the unknowns of a contact boundary.
+        Without `boundary`, in all free unknowns of the body."""
         system = result.system
         rows, (P, u0) = system.rows, system.body.constraint
         m, columns = result.t.shape
@@ -172,14 +132,8 @@ class FrozenProblem:
 
     def solved_by(self, solver: str) -> Answer:
         """Solve the program, in variables of unit size, with another package.
-
-        Raises
-        ------
-        InputError
-            qpsolvers has no such solver.
-        MissingDependency
-            The solver is not installed.
-        """
+        Raises InputError for a name unknown to qpsolvers, MissingDependency if it is not
+        installed."""
         if self.bonded.size and not sparse.issparse(self.S):
             return self._without_ties(solver)
         k = self.bound.size
@@ -276,9 +230,7 @@ def solve_split(
     solver: str, unit: UnitProgram, gap: Array, offset: Array, g: Array, closed: Array
 ) -> tuple[Array | None, Array, Array, Array, float]:
     """Solve a QP with a slack for the modulus of each slip.
-
-    Returns w, the forces of the rows G, R and E, and seconds.
-    """
+    Returns w, the forces of the rows G, R and E, and seconds."""
     n, k = unit.f.size, g.size
     if sparse.issparse(unit.P):
         one: Any = sparse.eye_array(k, format="csr")
@@ -305,27 +257,18 @@ def solve_split(
     return solution.x[:n], solution.z[: gap.size], pushed, pulled, seconds
 
 
-# Part of the largest pivot below which an equation follows from the others.
+# Relative to the largest pivot: an equation with a smaller one follows from the others.
 _DEPENDENT = 1e-10
 
 
 @dataclass(frozen=True)
 class TieElimination:
     """The solutions ``z = start + free y`` of ``E z = e``, and the forces of these equations.
+    QR with column pivoting of E^T in units of z: other packages lose digits on nearly dependent
+    equations (Golub, Van Loan, Matrix Computations, 2013, 5.4.2 and 6.2)."""
 
-    Other packages lose digits on equations that nearly depend on each other or on inequalities,
-    as at a corner where three bodies meet. By the QR decomposition with column pivoting of the
-    equations' transpose, in unknowns scaled by `unit` (Golub, Van Loan, Matrix Computations, 2013,
-    5.4.2 and 6.2).
-
-    Attributes
-    ----------
-    start : ndarray, shape (n,)
-    free : ndarray, shape (n, n - rank)
-    """
-
-    start: Array
-    free: Array
+    start: Array  # shape (n,)
+    free: Array  # shape (n, n - rank)
     _unit: Array
     _own: Array
     _triangle: Array
@@ -343,60 +286,22 @@ class TieElimination:
         return cls(unit * start, unit[:, None] * Q[:, rank:], unit, own, triangle, order)
 
     def forces(self, load: Array, count: int) -> Array:
-        """Forces r of all equations with ``E^T r = load`` in their span; dependent ones have none.
-
-        Parameters
-        ----------
-        load : ndarray, shape (n,)
-            What the other forces leave unbalanced.
-        count : int
-            Number of equations.
-        """
+        """Forces r (count,) with ``E^T r = load`` in their span; dependent equations have none.
+        `load`, (n,), is what the other forces leave unbalanced."""
         found = np.zeros(count)
         found[self._order] = solve_triangular(self._triangle, self._own.T @ (self._unit * load))
         return found
 
 
-_TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)  # tried in turn: rounding may prevent the first ones
+_TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)  # tried in turn, as far as rounding permits
 
 
 def solve_cones(
     unit: UnitProgram, gap: Array, offset: Array, bound: Array, closed: Array
 ) -> tuple[Array, Array, Array, Array, float]:
     r"""Minimise ``z^T S z / 2 - f^T z + sum_i g_i |R_i z + o_i|`` with ``G z <= d``, ``E z = e``.
-
-    Each friction term becomes a slack :math:`s_i \ge |R_i z + o_i|`, a second-order cone with one
-    dimension more than the slip.
-
-    Parameters
-    ----------
-    unit : UnitProgram
-        S = P, f, and the rows G, R and E.
-    gap : ndarray, shape (m,)
-    offset : ndarray, shape (k, dim_t)
-        Rows of R that belong to one point are consecutive.
-    bound : ndarray, shape (k,)
-    closed : ndarray, shape (l,)
-        The values e.
-
-    Returns
-    -------
-    z : ndarray, shape (n,)
-    mu : ndarray, shape (m,)
-    t : ndarray, shape (k, dim_t)
-    r : ndarray, shape (l,)
-        Multipliers, with ``S z + G^T mu + R^T t + E^T r = f``.
-    seconds : float
-
-    Raises
-    ------
-    MissingDependency
-        Clarabel is not installed.
-
-    Notes
-    -----
-    The last iterate is returned, converged or not: the caller checks its residuals.
-    """
+    Clarabel, cones :math:`s_i \ge |R_i z + o_i|`. Returns z, mu (m,), t (k, dim_t) and r (l,) of
+    ``S z + G^T mu + R^T t + E^T r = f``, and seconds, converged or not: check the residuals."""
     try:
         clarabel = importlib.import_module("clarabel")
     except ImportError as error:
@@ -442,51 +347,29 @@ def solve_cones(
     return size * np.array(solution.x[:n]), y[e : e + m], t, y[:e], seconds
 
 
-_LOOSE = 1e-10  # a motion with less stiffness, in units of the diagonal, is rigid up to rounding
+_LOOSE = 1e-10  # relative to the diagonal: motions with less stiffness are rigid
 
 
 @dataclass(frozen=True)
 class UnitProgram:
-    r"""The program ``min z^T S z / 2 - f^T z`` with rows G z, R z and E z, in w of ``z = M w``.
+    """The program ``min z^T S z / 2 - f^T z`` with rows G, R, E in w of unit size, z = M w.
+    Dense ``S = L L^T`` has :math:`M = L^{-T}`, sparse S a diagonal M; rows are divided by their
+    lengths, those of a point by one: tolerances of other packages are absolute."""
 
-    Other packages use absolute tolerances, and one step length for all unknowns. For a dense S with
-    ``S = L L^T`` the change of variables is ``M = L^{-T}``: the quadratic form becomes the
-    identity, and the program is as well conditioned as possible. Free rigid motions become
-    variables without stiffness. For a sparse S, M is diagonal and gives S a diagonal of ones. Every
-    row is divided by its length, all rows of one contact point by the same.
-
-    Attributes
-    ----------
-    P : array or sparse array, shape (n, n)
-    f : ndarray, shape (n,)
-    G, R, E : like P, shapes (m, n), (k * dim_t, n) and (l, n)
-    normal, tangential, tied : ndarray, shapes (m,), (k,) and (l,)
-        Lengths of the rows: value of a row in the caller's units = its value here * length.
-    back : array or sparse array, shape (n, n)
-        M.
-    """
-
-    P: Any
-    f: Array
-    G: Any
-    R: Any
-    E: Any
-    normal: Array
-    tangential: Array
-    tied: Array
-    back: Any
+    P: Any  # M^T S M, shape (n, n)
+    f: Array  # shape (n,)
+    G: Any  # shape (m, n)
+    R: Any  # shape (k * dim_t, n)
+    E: Any  # shape (l, n)
+    normal: Array  # lengths of the rows of G, shape (m,)
+    tangential: Array  # of those of R, shape (k,): value in the caller's units = value * length
+    tied: Array  # of those of E, shape (l,)
+    back: Any  # M, shape (n, n)
 
     @classmethod
     def of(cls, S: Any, f: Array, G: Any, R: Any, dim_t: int, E: Any) -> Self:
-        """Change variables; S a dense or a sparse array, like G and R.
-
-        Parameters
-        ----------
-        S, f, G, R, E
-            As above, in any units; S positive semidefinite with a positive diagonal.
-        dim_t : int
-            Rows of R that belong to one contact point.
-        """
+        """Change variables of S, dense or sparse, semidefinite with a positive diagonal.
+        `dim_t` rows of R belong to one contact point."""
         unit = 1.0 / np.sqrt(S.diagonal())
         back: Any
         P: Any

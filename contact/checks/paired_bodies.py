@@ -22,20 +22,14 @@ from contact.body.layers.layers import PER_NODE
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-_CELLS = 2**12  # whose forces are kept at a time
+_CELLS = 2**12  # cells whose forces are kept at a time
 _VALUES = np.arange(PER_NODE) < 2  # displacements among the dofs of a node
 
 
 class PairedBody(ABC):
-    """What a check in pairs needs of a body, of which forces are `Pairs` of shape (ndofs,).
+    """Forces of a body as `Pairs` of shape (ndofs,), for checks with twice the digits."""
 
-    Attributes
-    ----------
-    host : Solid
-        The body on the host, for scales in float64.
-    """
-
-    host: Any
+    host: Any  # the body on the host, for scales in float64
 
     @abstractmethod
     def internal(self, u: Array) -> Pairs:
@@ -55,17 +49,11 @@ class PairedBody(ABC):
 
     @abstractmethod
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times their length."""
+        """Largest deviation from a prescribed displacement; of derivatives times their length."""
 
 
 def paired_body(body: Any) -> PairedBody:
-    """A body for checks in pairs.
-
-    Raises
-    ------
-    InputError
-        A kind of body that has none.
-    """
+    """A body for checks in pairs; raises InputError for a kind of body that has none."""
     if isinstance(body, BasisSolid):
         return PairedBasisBody(body)
     if isinstance(body, LayeredBlock):
@@ -77,12 +65,7 @@ def paired_body(body: Any) -> PairedBody:
 
 
 class PairedBasisBody(PairedBody):
-    """A body with a Basis: its sparse matrices, or the strains of its cells if these are slender.
-
-    Parameters
-    ----------
-    body : BasisSolid
-    """
+    """A body with a Basis: its sparse matrices, or the strains of its cells if slender."""
 
     def __init__(self, body: BasisSolid) -> None:
         self.host = body.on_host()
@@ -112,19 +95,14 @@ class PairedBasisBody(PairedBody):
         return Pairs.where(moved, forces, 0.0).reshape(-1, body.dim).sum()
 
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times their length."""
+        """Largest deviation from a prescribed displacement; of derivatives times their length."""
         off = Pairs.of(u) - self._u0
         off = off - rows_times(self._P, rows_times(self.host.picked.T, off))
         return _largest(self.host.lengths[0] * off.rounded)
 
 
 class PairedBlock(PairedBody):
-    """A block without a matrix: the element matrix of each layer, cell by cell.
-
-    Parameters
-    ----------
-    block : LayeredBlock
-    """
+    """A block without a matrix: the element matrix of each layer, cell by cell."""
 
     def __init__(self, block: LayeredBlock) -> None:
         self.host = block.on_host()
@@ -163,7 +141,7 @@ class PairedBlock(PairedBody):
         return forces.reshape(-1, PER_NODE)[:, :2].sum()
 
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times the cell size."""
+        """Largest deviation from a prescribed displacement; of derivatives times the cell size."""
         return _largest(self._length[self._held] * (Pairs.of(u)[self._held] - self._values).rounded)
 
 
@@ -171,24 +149,13 @@ def _largest(x: Array) -> float:
     return float(np.abs(x).max(initial=0.0))
 
 
-# Internal forces of slender cells in pairs of numbers, from the strains of each cell.
-#
-# The cells compute :math:`\int \sigma(u) : \nabla v` as `contact.body.cell_strains` does, with the
-# same gradients of the basis functions, weights and constants. No sum is rounded to float64, and
-# the first node of a cell takes what the others leave of the resultant, which is zero.
-
-
-_STRAIN_CELLS = 2**9  # whose gradients are there at the same time
+_STRAIN_CELLS = 2**9  # cells whose gradients are kept at a time
 
 
 def strained_forces(body: Any, u: Array) -> Pairs:
-    """Forces of a displacement on all dofs, shape (ndofs,).
-
-    Parameters
-    ----------
-    body : BasisSolid
-    u : ndarray, shape (ndofs,)
-    """
+    r"""Internal forces :math:`\int \sigma(u) : \nabla v` of slender cells, shape (ndofs,).
+    As `contact.body.cell_strains`, but no sum is rounded to float64; the first node of a cell takes
+    the rest of the resultant, which is zero."""
     basis, dim = body.basis, body.dim
     dofs, measure = basis.element_dofs.T, body.measure
     local = u[dofs].reshape(len(dofs), -1, dim)
@@ -275,7 +242,7 @@ def _trace(G: Pairs) -> Pairs:
 
 
 def _by_function(rows: Array) -> Array:
-    """Of each cell, point and function, (ncells, npoints, n), as (n, ncells, npoints)."""
+    """Values (ncells, npoints, n) with the functions first, (n, ncells, npoints)."""
     return rows.transpose(2, 0, 1)
 
 

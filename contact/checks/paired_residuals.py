@@ -16,14 +16,7 @@ Array = NDArray[np.float64]
 
 
 class PairedResiduals:
-    """Residuals of a result, and the scales that they are divided by.
-
-    Parameters
-    ----------
-    state : ContactState
-    bodies : list of PairedBody
-        Those of the state.
-    """
+    """Residuals of a state and its bodies in pairs, and the scales that they are divided by."""
 
     def __init__(self, state: ContactState, bodies: list[PairedBody]) -> None:
         self.system = state.system
@@ -66,7 +59,7 @@ class PairedResiduals:
         return kkt
 
     def _relative(self) -> tuple[Pairs, Pairs]:
-        """Displacement of contact points relative to obstacles, the tangential one since last."""
+        """Displacement relative to obstacles, the tangential one since the last step."""
         rows, motion = self.rows, self.system.motion
         u_n = rows_times(rows.G, self.u)
         u_t = rows_times(rows.T, self.u)

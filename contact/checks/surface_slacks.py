@@ -19,29 +19,17 @@ Index = NDArray[np.int64]
 class SurfaceSlacks:
     r"""The overclosure of a point as a sum of its parts s_j on the pieces of its law.
 
-    Because the pressure grows with the overclosure, the energy of the surface
-
     .. math::
         \min \sum_j \int_0^{s_j} A (p_j + k_j \sigma)\, d\sigma \quad
         \text{s.t.} \quad \sum_j s_j \ge u_n - d - h(0), \; 0 \le s_j \le l_j
 
-    is convex and fills the pieces in their order; the multiplier of the sum is the contact force.
+    is convex for growing pressures; the multiplier of the sum is the contact force."""
 
-    Attributes
-    ----------
-    point : ndarray of int, shape (k,)
-        Contact point of each slack.
-    force, stiffness : ndarray, shape (k,)
-        ``A p_j`` where the piece begins, and ``A k_j``.
-    begin, length : ndarray, shape (k,)
-        Overclosure where the piece begins, and how long it is; the last one of a law is endless.
-    """
-
-    point: Index
-    force: Array
-    stiffness: Array
-    begin: Array
-    length: Array
+    point: Index  # contact point of each slack, shape (k,)
+    force: Array  # A p_j where the piece begins, shape (k,)
+    stiffness: Array  # A k_j, shape (k,)
+    begin: Array  # overclosure where the piece begins, shape (k,)
+    length: Array  # l_j, infinite for the last piece of a law, shape (k,)
 
     @classmethod
     def of(cls, system: ContactSystem) -> Self:

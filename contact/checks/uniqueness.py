@@ -46,7 +46,7 @@ DISTINCT = 1e-6  # relative distance beyond which two certified solutions count 
 
 @dataclass(frozen=True)
 class Uniqueness:
-    """What `uniqueness` found out.
+    """The result of `uniqueness`: a proof, or other solutions.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What another thread computes of a body while the library of a sparse solver works."""
+"""Work on the host in another thread while the library of a sparse solver factors a body."""
 
 from __future__ import annotations
 
@@ -14,15 +14,8 @@ from contact.condensation.elimination_order import dissected_if_large, eliminati
 
 
 class Beside:
-    """For a device the dissection of a body, which begins at once, then its free rigid motions.
-
-    The solver waits for the first and not for the others.
-
-    Parameters
-    ----------
-    body : BasisSolid
-    on_device : bool
-    """
+    """Dissection of a body for a device, begun at once, then its free rigid motions.
+    The solver waits for the dissection and not for the motions."""
 
     def __init__(self, body: Any, on_device: bool) -> None:
         self._pool, self._body = ThreadPoolExecutor(1), body
@@ -42,7 +35,7 @@ class Beside:
         return self._begin_motions().result()
 
     def tree(self, kept: NDArray[np.int64]) -> Callable[[], Any]:
-        """What waits for the tree of `contact.condensation.elimination_order.elimination_tree`."""
+        """A function that waits for `elimination_tree` in the other thread and returns its tree."""
         parts = self._parts
         assert parts is not None
         tree = self._pool.submit(lambda: elimination_tree(parts.result(), kept))

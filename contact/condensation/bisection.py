@@ -1,8 +1,4 @@
-"""Kernels of the nested dissection: cells cut in halves again and again, and counting sorts.
-
-Plain Python that numba can compile; `dissection` compiles `leaves_of` with what it calls, and the
-others by themselves.
-"""
+"""Kernels of the nested dissection, for numba: recursive bisection of cells, and counting sorts."""
 
 from __future__ import annotations
 
@@ -33,18 +29,9 @@ def sort_steps(steps: Any, order: Any, spare: Any) -> None:
 
 
 def leaves_of(steps: Any, levels: int) -> Any:
-    """Number of the leaf of each cell, shape (n,): its bits are the halves it lies in.
-
-    A set of cells is cut across its longest coordinate, between different steps, next to the
-    median; at the median if all are equal. Each coordinate is sorted once, and its order kept in
-    both halves.
-
-    Parameters
-    ----------
-    steps : ndarray of int32, shape (dim, n)
-        Coordinates, from 0 to 2^28 - 1.
-    levels : int
-    """
+    """Number of the leaf of each cell, shape (n,): its bits are the halves that it lies in.
+    A set is cut between different steps next to the median of its longest coordinate, given in
+    steps, int32 (dim, n) below 2^28. Each coordinate is sorted once; halves keep its order."""
     dim, n = steps.shape
     orders, spare = np.empty((dim, n), dtype=np.int32), np.empty(n, dtype=np.int32)
     for a in range(dim):
@@ -99,15 +86,7 @@ def leaves_of(steps: Any, levels: int) -> Any:
 
 def spans_of(leaf: Any, cells: Any, n: int) -> Any:
     """Smallest and largest leaf of the cells of each vertex, shapes (n,); 0 for none.
-
-    Parameters
-    ----------
-    leaf : ndarray, shape (ncells,)
-    cells : ndarray, shape (k, ncells)
-        Vertices of each cell.
-    n : int
-        Vertices.
-    """
+    `cells`, shape (k, ncells), holds the vertices of each cell."""
     first, last = np.full(n, 1 << 62), np.full(n, -1)
     for j in range(cells.shape[0]):
         for c in range(cells.shape[1]):

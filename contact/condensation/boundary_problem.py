@@ -25,60 +25,22 @@ class Compliance(Protocol):
 
 @dataclass(frozen=True)
 class BoundaryProblem:
-    """Displacements of the contact points as a function of the contact forces.
+    """Displacements ``v = v0 - W l + C a`` of the live rows under contact forces l = (mu, t).
+    Motions a of bodies and obstacles are balanced by ``C^T l = s``. Every point is scaled by its
+    own compliance, so that the laws are ``mu = max(0, mu + u_n - d)`` and ``t = P_g(t + u_t)``."""
 
-    With forces l = (mu, t) the displacements of the rows are ``v = v0 - W l + C a``. Only live rows
-    occur, those whose displacement the supports do not prescribe. The motions a are the rigid ones
-    of a body that is held by contact alone, and the free ones of obstacles; the forces balance the
-    loads on them: ``C^T l = s``.
-
-    Every point is scaled by its own compliance, so that diag(W) is about one and the laws have
-    unit constants, ``mu = max(0, mu + u_n - d)`` and ``t = P(t + u_t)``, where P projects onto
-    the ball of radius g: this is the local choice c_i = 1 / W_ii of the active-set constant.
-
-    Attributes
-    ----------
-    W : ndarray or DeviceMatrix, shape (n, n)
-        Symmetric positive definite compliance of the live rows.
-    v0 : ndarray, shape (n,)
-        Displacement without contact forces (and without rigid motion).
-    C : ndarray, shape (n, k)
-        Displacements of the rows for unit motions a.
-    s : ndarray, shape (k,)
-        Work of the loads on unit motions a.
-    gap : ndarray, shape (m,)
-        The gap d; ``inf`` where contact is impossible.
-    normal : ndarray of int, shape (m,)
-        Row of each point's normal; -1 where the normal displacement is prescribed.
-    tangent : ndarray of int, shape (m, dim - 1)
-        Rows of each point's tangents; -1 where the tangential displacement is prescribed. If only
-        one of two components is prescribed and not zero, its row is kept and has no compliance.
-    prescribed_slip : ndarray, shape (m, dim - 1)
-        Tangential displacement where it is prescribed.
-    K : ndarray, shape (k, k), optional
-        Stiffness of the motions a, where these are more than rigid
-        (`contact.problem.stiffness_form`): ``C^T l + K a = s``.
-    bonded : ndarray of bool, shape (m,), optional
-        Points tied to the obstacle: ``u_n = d`` and ``u_t = 0`` whatever the forces, which have no
-        sign and no bound. None: no point is.
-    compliance : Compliance, optional
-        The law ``u_n - d = h(mu)`` of compliant surfaces takes the place of ``u_n = d``.
-    swept : ndarray of bool, shape (m,), optional
-        Points of which one of two components slips as prescribed: no force lets them stick.
-    """
-
-    W: Array
-    v0: Array
-    C: Array
-    s: Array
-    gap: Array
-    normal: Index
-    tangent: Index
-    prescribed_slip: Array
-    K: Array | None = None
-    bonded: NDArray[np.bool_] | None = None
-    compliance: Compliance | None = None
-    swept: NDArray[np.bool_] | None = None
+    W: Array  # s.p.d. compliance of the live rows, or DeviceMatrix, shape (n, n)
+    v0: Array  # displacement without contact forces and rigid motion, shape (n,)
+    C: Array  # displacements of the rows for unit motions a, shape (n, k)
+    s: Array  # work of the loads on unit motions a, shape (k,)
+    gap: Array  # d, infinite where contact is impossible, shape (m,)
+    normal: Index  # row of each point's normal, -1 where prescribed, shape (m,)
+    tangent: Index  # rows of the tangents, -1 where prescribed, shape (m, dim - 1)
+    prescribed_slip: Array  # tangential displacement where prescribed, (m, dim - 1)
+    K: Array | None = None  # stiffness of motions that are not rigid, C^T l + K a = s, (k, k)
+    bonded: NDArray[np.bool_] | None = None  # u_n = d, u_t = 0 whatever the forces, shape (m,)
+    compliance: Compliance | None = None  # u_n - d = h(mu) takes the place of u_n = d
+    swept: NDArray[np.bool_] | None = None  # one of two slips is prescribed: cannot stick, (m,)
 
     @property
     def ties(self) -> NDArray[np.bool_]:

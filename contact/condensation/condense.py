@@ -21,32 +21,17 @@ from contact.condensation.sparse import SparseBody
 from contact.errors import InputError
 
 _log = logging.getLogger(__name__)
-# Contact rows up to which the compliance is a dense matrix: of this many it takes 5 GB. Where it is
-# made of columns, each of which costs a solution, Krylov's method needs fewer of them from here on.
+# Contact rows up to which the compliance is a dense matrix: for lack of memory (5 GB); where every
+# column costs a solution, of which Krylov's method needs fewer beyond.
 MOST_ROWS, MOST_COLUMNS = 25_000, 5_000
 MOST_ALONE = 300  # the same where a device solves for one column at a time, deterministically
 
 
 @singledispatch
 def condense(body: Solid, rows: BodyRows, solver: str, device: str) -> CondensedBody:
-    """Reduce a body to its contact boundary.
-
-    Another kind of body registers its own function: ``@condense.register(Kind)``.
-
-    Parameters
-    ----------
-    body : Solid
-    rows : BodyRows
-        Its columns of the contact rows.
-    solver : {"auto", "pardiso", "superlu"}
-        Sparse factorisation.
-    device : {"cpu", "cuda"}
-
-    Raises
-    ------
-    InputError
-        A solver or a device that this kind of body does not support, or an unknown kind of body.
-    """
+    """Reduce a body to its contact boundary; other kinds register ``@condense.register(Kind)``.
+    Raises InputError for an unknown kind of body, or a solver or device that it does not
+    support."""
     raise InputError(f"body: no way is known to condense a {type(body).__name__}")
 
 
@@ -63,17 +48,8 @@ def solved(
     body: BasisSolid, rows: BodyRows, solver: str, device: Device, deterministic: bool = False
 ) -> SolvedBody:
     """A body of which nothing is eliminated; its compliance follows from solutions.
-
-    Parameters
-    ----------
-    body : BasisSolid
-    rows : BodyRows
-    solver : {"auto", "pardiso", "superlu"}
-    device : {"cpu", "cuda"} or tuple of str
-        Of several devices that share the factors, "cuda:0" and so on.
-    deterministic : bool
-        Whether a device refuses what it cannot do in the same bits at each call.
-    """
+    Several devices, "cuda:0" and so on, share the factors; if `deterministic`, a device refuses
+    what it cannot do in the same bits at each call."""
     if device == "cpu":
         return SolvedBody(body, rows, solver)
     several = None if isinstance(device, str) else tuple(int(word[5:]) for word in device)
@@ -83,10 +59,8 @@ def solved(
 
 
 def repeatable(body: Solid, rows: BodyRows, solver: str, device: str) -> CondensedBody:
-    """A body on a device in the same bits at each call.
-
-    cuDSS has no deterministic Schur complement: bodies with a Basis take solutions.
-    """
+    """A body condensed on a device with the same bits at each call.
+    cuDSS has no deterministic Schur complement, so that bodies with a Basis use solutions."""
     if isinstance(body, BasisSolid):
         return solved(body, rows, solver, device, deterministic=True)
     return condense(body, rows, solver, device)
@@ -95,24 +69,9 @@ def repeatable(body: Solid, rows: BodyRows, solver: str, device: str) -> Condens
 def way_of(
     bodies: Sequence[Solid], rows: int, solver: str, device: Device, deterministic: bool
 ) -> tuple[Any, bool]:
-    """The function that condenses bodies, and whether their compliance is dense.
-
-    Parameters
-    ----------
-    bodies : sequence of Solid
-    rows : int
-        Contact rows, the order of the compliance.
-    solver : {"auto", "pardiso", "superlu"}
-    device : {"cpu", "cuda"} or tuple of str
-    deterministic : bool
-        Whether equal calls are to give equal bits on a device.
-
-    Raises
-    ------
-    InputError
-        Several devices for a body without an assembled stiffness or with `deterministic`, or a
-        solver of the host for a body with such a stiffness.
-    """
+    """The function that condenses bodies with so many rows, and whether their compliance is dense.
+    Raises InputError for several devices with `deterministic` or without an assembled stiffness,
+    and for a solver of the host with such a stiffness on a device."""
     way: Any = solved
     assembled = all(isinstance(body, BasisSolid) for body in bodies)
     if assembled and device != "cpu" and solver != "auto":

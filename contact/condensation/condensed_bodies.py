@@ -16,20 +16,12 @@ Array = NDArray[np.float64]
 
 
 class CondensedBodies:
-    """What is done body by body: loads are carried to the boundary, displacements recovered.
+    """Operations body by body: loads reduced to the boundary, displacements recovered."""
 
-    Attributes
-    ----------
-    body : Solid
-        The body, or all together.
-    rows : ContactRows
-    parts : tuple of CondensedBody
-    """
-
-    body: Any
+    body: Any  # a Solid, or several together as Bodies
     rows: ContactRows
     parts: tuple[CondensedBody, ...]
-    _unit: float  # of a motion a, in physical displacements
+    _unit: float  # physical displacement of a unit motion a
 
     @property
     def always_refined(self) -> bool:
@@ -78,7 +70,7 @@ class CondensedBodies:
         return np.concatenate([part.flexed(own) for part, own in pairs])
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
         pairs = zip(self.parts, self._split(load), strict=True)
         return self._unit * np.concatenate([part.resultants(own) for part, own in pairs])
 
@@ -88,12 +80,12 @@ class CondensedBodies:
         return np.asarray(block_diag(*[part.stiffness for part in self.parts]))
 
     def reduce(self, load: Array) -> Array:
-        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Load on all dofs, condensed onto the contact boundary's unknowns, shape (nb,)."""
         pairs = zip(self.parts, self._split(load), strict=True)
         return np.concatenate([part.reduce(own) for part, own in pairs])
 
     def carried(self, forces: Array) -> Array:
-        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
         pairs = zip(self.parts, self._split(forces), strict=True)
         return np.concatenate([part.carried(own) for part, own in pairs])
 

@@ -21,18 +21,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BodyRows:
-    """The columns of one body in the contact rows.
+    """The columns of one body in the contact rows."""
 
-    Attributes
-    ----------
-    normal, tangential : csr_array, shapes (k, ndofs) and (l, ndofs)
-    keep : csr_array, shape (1, ndofs), optional
-        Other dofs to be kept, for rows that come later.
-    """
-
-    normal: sparse.csr_array
-    tangential: sparse.csr_array
-    keep: sparse.csr_array | None = None
+    normal: sparse.csr_array  # shape (k, ndofs)
+    tangential: sparse.csr_array  # shape (l, ndofs)
+    keep: sparse.csr_array | None = None  # (1, ndofs), entries at dofs kept for later rows
 
     @property
     def count(self) -> int:
@@ -42,32 +35,15 @@ class BodyRows:
 
 class CondensedBody:
     """The Schur complement S_b of a body's unknowns in contact rows, factored once.
+    A subclass computes the complement, sets the attributes and calls `_hold`."""
 
-    How the complement is computed is said by the subclass, which sets the attributes below and then
-    calls `_hold`.
-
-    Attributes
-    ----------
-    body : Solid
-    arrays : HostArrays
-        Where the dense matrices lie.
-    B : csr_array, shape (n, nb)
-        The contact rows in the unknowns that they touch.
-    N : ndarray, shape (nb, k)
-        Orthonormal rigid motions of these unknowns that no support resists.
-    modes : ndarray
-        The same motions of all unknowns.
-    slender, thin : bool
-        Cells, or the body, are so thin that digits are lost.
-    """
-
-    arrays: HostArrays = HostArrays()
+    arrays: HostArrays = HostArrays()  # where the dense matrices lie
     body: Any
-    B: sparse.csr_array
-    N: Array
-    modes: Array
-    slender: bool = False
-    thin: bool
+    B: sparse.csr_array  # contact rows in the unknowns that they touch, shape (n, nb)
+    N: Array  # orthonormal free rigid motions of these unknowns, shape (nb, k)
+    modes: Array  # the same motions of all unknowns
+    slender: bool = False  # cells are so thin that digits are lost
+    thin: bool  # the body is so thin that digits are lost
     path = "sparse"  # how the complement is computed: "sparse", "slabs" or "fourier"
     always_refined = True  # or only where the forces of a displacement are out of balance
     serial = True  # a second thread of BLAS gains nothing, see `CondensedContact.blas_threads`
@@ -100,7 +76,7 @@ class CondensedBody:
         return sparse.csr_array(sparse.vstack([normal, tangential], format="csr"))
 
     def touched_by(self, rows: BodyRows) -> CondensedBody:
-        """The same factorisation for other rows, on dofs that were kept."""
+        """The same factorisation for other rows on dofs that were kept."""
         other, B = copy(self), self._in_unknowns(rows)
         if np.setdiff1d(B.indices, self._boundary).size:
             raise AssertionError("rows: they touch unknowns that were eliminated")
@@ -108,7 +84,7 @@ class CondensedBody:
         return other
 
     def _hold(self, N: Array, modes: Array) -> None:
-        """Factor S_b, free rigid motions held; N are these on its unknowns, modes on all."""
+        """Factor S_b, holding free rigid motions, given on its unknowns (N) and on all (modes)."""
         if N.shape[1]:
             N, R = np.linalg.qr(N)
             modes = np.linalg.solve(R.T, modes.T).T
@@ -136,7 +112,7 @@ class CondensedBody:
         return np.asarray(arrays.get(arrays.solve(self._L, half, transposed=True)))[:, 0]
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
         if not self.modes.shape[1]:
             return np.zeros(0)
         work: Array = self.modes.T @ (self._P.T @ load)
@@ -160,11 +136,11 @@ class CondensedBody:
         return np.zeros(self.body.ndofs) if self._u0 is None else self._u0
 
     def reduce(self, load: Array) -> Array:
-        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Load on all dofs, condensed onto the contact boundary's unknowns, shape (nb,)."""
         return self.carried(self._from_rest(load))
 
     def carried(self, forces: Array) -> Array:
-        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
         carried: Array = self._factor.reduce(self._gathered(forces))
         return carried
 
@@ -196,14 +172,8 @@ class CondensedBody:
         return self._spread(self._factor.expand(self._gathered(forces), z_b))
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
-        """Forces on free dofs that nothing balances; None where refinement gains nothing.
-
-        Parameters
-        ----------
-        rest : ndarray, shape (ndofs,)
-            The load less the contact forces.
-        u : ndarray, shape (ndofs,)
-        """
+        """Residual forces on free dofs; None where refinement gains nothing.
+        `rest` is the load less the contact forces, shape (ndofs,)."""
         return None
 
     def motion_of(self, motion: Array) -> tuple[str, Array]:

@@ -19,18 +19,9 @@ def condensed_contact(
     device: Device = "cpu",
     deterministic: bool = False,
 ) -> CondensedContact:
-    """The contact rows of bodies, reduced to the contact boundary where that is possible.
-
-    Parameters
-    ----------
-    body, rows, solver, device, deterministic
-        As for `CondensedContact`.
-
-    Raises
-    ------
-    InputError
-        Several bodies, of which one asks for "krylov".
-    """
+    """Reduce the contact rows of bodies to the contact boundary where that is possible.
+    Arguments as of `CondensedContact`; raises InputError where one of several bodies asks for
+    "krylov"."""
     if isinstance(body, DistributedBody):
         if body.chosen_backend(rows.G.shape[0] * body.dim) == "krylov":
             return PrimalContact(body, rows, body.multigrid)

@@ -25,9 +25,8 @@ from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 
-# Added to the compliance for the functional ``thesis``, whose rows are linearly dependent, relative
-# to its largest entry: selects the multipliers of least norm. They remain unstable; the functional
-# serves to reproduce the dissertation.
+# Shift, relative to the largest entry, of the compliance of the functional ``thesis``, whose rows
+# are linearly dependent: selects the multipliers of least norm.
 REGULARISATION = 1e-10
 
 
@@ -428,18 +427,10 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class PointRows:
-    """Numbers of the live rows, those that supports do not prescribe entirely.
+    """Numbers of the live rows, those that supports do not prescribe entirely."""
 
-    Attributes
-    ----------
-    normal : ndarray of int, shape (m,)
-        Row of each point's normal; -1 where the normal displacement is prescribed.
-    tangent : ndarray of int, shape (m, dim - 1)
-        Rows of each point's tangents; -1 where the whole tangential displacement is prescribed.
-    """
-
-    normal: Index
-    tangent: Index
+    normal: Index  # row of each point's normal, -1 where prescribed, shape (m,)
+    tangent: Index  # rows of the tangents, -1 where wholly prescribed, shape (m, dim - 1)
 
     def stacked(self, of_normal: Array, of_tangent: Array) -> Array:
         """Stack values of points, shapes (m,) and (m, dim - 1), on the live rows, shape (n,)."""
@@ -450,11 +441,9 @@ class PointRows:
         return values
 
     def lengths(self, compliance: Array) -> Array:
-        """Root of the mean compliance of each point, on all its rows, shape (n,).
-
-        All rows of a point have the same value, so that its friction ball remains a ball. Rows
-        without compliance do not count in the mean; where a point has no other, the value is one.
-        """
+        """Root of the mean compliance of the rows of each point, on all its rows, shape (n,).
+        One value a point keeps its friction ball a ball; rows without compliance do not count, and
+        a point without any other has the value one."""
         rows = np.column_stack((self.normal, self.tangent))
         own = np.where(rows >= 0, compliance[rows], 0.0)
         count = np.maximum((own > 0).sum(axis=1), 1)

@@ -14,26 +14,13 @@ from contact.errors import InputError, MissingDependency
 
 _log = logging.getLogger(__name__)
 Device = str | tuple[str, ...]  # "cpu", "cuda", or "cuda:0" and so on for several
-# Unknowns from which a device is quicker in a fresh process: there its libraries take three seconds
-# to start, and SuperLU about as long for so many unknowns in the plane.
+# Unknowns from which a device is quicker in a fresh process, where its libraries start in 3 s.
 LARGE = 100_000
 
 
 def chosen_device(device: Any, body: Any, solver: str) -> Device | None:
-    """Check the word for a device, and choose one for "auto", which is logged with its reason.
-
-    Parameters
-    ----------
-    device : {"cpu", "cuda", "auto", None} or sequence of str
-        "cuda:0" and so on for several devices that share the factors.
-    body : Solid or Bodies
-    solver : str
-
-    Raises
-    ------
-    InputError
-        Another word, or the same device twice.
-    """
+    """Check the name of a device, or several that share the factors; choose for "auto" and log why.
+    Raises InputError for another name, or the same device twice."""
     if device is None:
         return None
     if isinstance(device, (tuple, list)) and device:
@@ -57,13 +44,7 @@ def _names_one(word: Any) -> bool:
 
 
 def choose_device(body: Any, solver: str) -> tuple[str, str]:
-    """The device, and why.
-
-    Parameters
-    ----------
-    body : Solid or Bodies
-    solver : str
-    """
+    """The device for a body and a solver, and the reason."""
     if isinstance(body, DistributedBody):
         return "cpu", "a DistributedBody is condensed on the processes of the host"
     if solver != "auto":

@@ -32,30 +32,8 @@ Tree = Blocks | Callable[[], Blocks | None] | None
 
 class DeviceSchur(ForwardCache):
     """A `contact.condensation.schur.SchurFactor` whose complement lies on the device.
-
-    Parameters
-    ----------
-    stiffness : csr_array, shape (n, n)
-        Symmetric; its block without the boundary must be positive definite.
-    boundary : ndarray, shape (nb,)
-        Ascending indices of the unknowns to keep, fewer than n.
-    tree : tuple of ndarray, or callable () -> tuple of ndarray or None
-        See `contact.condensation.elimination_order.elimination_tree`; a callable is asked when the
-        matrix is on the device.
-
-    Raises
-    ------
-    InputError
-        The inner block is not positive definite.
-    MissingDependency
-        cuDSS, CuPy or a device is not there.
-    ContactError
-        cuDSS fails, for lack of memory say.
-
-    Notes
-    -----
-    Factors that will not fit into the device lie on the host, which is logged.
-    """
+    `boundary` (nb,), ascending, is kept; `tree`, of `elimination_tree`, may be a callable. Factors
+    too large for the device lie on the host, which is logged; raises as `on_device`."""
 
     def __init__(
         self,
@@ -77,7 +55,7 @@ class DeviceSchur(ForwardCache):
         return self._cudss.forward(load)
 
     def reduce(self, load: Any) -> Vector:
-        """Carry a load, here or on the device, to the boundary: f_b - S_bI S_II^-1 f_I."""
+        """Reduce a load, on host or device, to the boundary: f_b - S_bI S_II^-1 f_I."""
         carried = self._forward(load)[load.size - self._boundary.size :]
         return np.array(self._cudss.on_host(carried))
 
@@ -103,20 +81,9 @@ def restricted(system: ScaledStiffness) -> Restricted | None:
 
 
 def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Factors:
-    """Factors on the device, or on the host where they do not fit and cuDSS can do with less.
-
-    Parameters
-    ----------
-    factored : callable
-        Factors, with hybrid memory or without it.
-    hybrid : bool
-        Whether factors may lie on the host.
-
-    Raises
-    ------
-    InputError, MissingDependency, ContactError
-        As for `DeviceSchur`.
-    """
+    """Factors by ``factored(hybrid)`` on the device, or hybrid with the host where they do not fit.
+    Raises InputError (not definite), MissingDependency (no cuDSS, CuPy or device) or ContactError
+    (cuDSS fails, as for lack of memory)."""
     try:
         try:
             return factored(False)
@@ -134,7 +101,7 @@ def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Facto
 
 
 def missing_for_cudss() -> str | None:
-    """What cuDSS lacks to run here, with the line that installs it; None if nothing."""
+    """The reason why cuDSS cannot run here, and how to install it; None if it can."""
     try:
         device_arrays()
         load_cudss()

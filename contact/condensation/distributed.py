@@ -27,23 +27,8 @@ Array = NDArray[np.float64]
 
 class CondensedDistributed(CondensedBody):
     """A `DistributedBody`, condensed by MUMPS onto the unknowns that contact rows touch.
-
-    Every process holds the Schur complement and the boundary problem, and solves it in the same
-    way; what belongs to the inside of the body stays where it is.
-
-    Parameters
-    ----------
-    body : DistributedBody
-    rows : BodyRows
-        On the dofs of the contact strip.
-
-    Raises
-    ------
-    Unbounded
-        Nothing holds the body, and contact does not see its motion.
-    InputError
-        The stiffness is not positive definite.
-    """
+    Every process holds the Schur complement and solves the same boundary problem. Raises Unbounded
+    if nothing holds a motion and contact does not see it, InputError if not definite."""
 
     def __init__(self, body: DistributedBody, rows: BodyRows, solver: str = "auto") -> None:
         z = body.unknowns
@@ -119,7 +104,7 @@ class CondensedDistributed(CondensedBody):
         return free
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
         here = self.modes.T @ self._to_own(load)
         return np.asarray(sum(self.body.comm.allgather(here)))
 
@@ -129,7 +114,7 @@ class CondensedDistributed(CondensedBody):
         return own
 
     def carried(self, forces: Array) -> Array:
-        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
         carried: Array = self._factor.reduce(self._to_own(forces))
         return carried
 

@@ -15,10 +15,9 @@ from contact.condensation import bisection
 from skfem_adini.jit import compiled
 
 Index = NDArray[np.int64]
-# Levels of the tree that cuDSS gets: its own have ten. With fewer than six its factorisation is
-# slower than with those of its own order.
+# Levels of the tree for cuDSS: its own has ten; with fewer than six it factors slower than without.
 _DEEPEST, _FLATTEST = 10, 6
-_FEWEST = 20_000  # unknowns below which cuDSS has its own order in milliseconds
+_FEWEST = 20_000  # unknowns below which cuDSS finds its own order in milliseconds
 
 
 def elimination_order(body: Any) -> Index:
@@ -32,22 +31,9 @@ def elimination_order(body: Any) -> Index:
 def elimination_tree(
     parts: tuple[Index, Dissection] | None, kept: Index
 ) -> tuple[Index, Index] | None:
-    """An order of elimination of the free unknowns by levels, in the blocks of a binary tree.
-
-    Parameters
-    ----------
-    parts : tuple, optional
-        What `dissected_if_large` returned.
-    kept : ndarray, shape (nb,)
-        Ascending numbers of unknowns that come last, as a part of the last block.
-
-    Returns
-    -------
-    order : ndarray, shape (n,)
-        Its blocks are the leaves of the tree, then the separators of ever larger sets.
-    sizes : ndarray, shape (2**levels - 1,)
-        Unknowns in each block. None instead of both for small bodies, and where one is empty.
-    """
+    """Order of elimination by levels, (n,), and the sizes of its blocks, (2**levels - 1,).
+    Blocks are the leaves of the tree, then the separators of ever larger sets; the unknowns `kept`
+    (nb,), ascending, end the last block. None for small bodies or where a block is empty."""
     if parts is None:
         return None
     entity, dissection = parts
@@ -82,29 +68,18 @@ def dissected(body: Any) -> tuple[Index, Dissection]:
     return entity[leading], dissection
 
 
-_STEPS = 2.0**26  # coordinates this part of a body's size apart are one: rounding differs less
+_STEPS = 2.0**26  # steps of a coordinate in a body's size, coarser than rounding
 
 
 @dataclass(frozen=True)
 class Dissection:
     """The vertices of a mesh graph as parts of a binary tree of sets of cells.
-
     A vertex belongs to the smallest set that holds all of its cells: to a leaf, or to the separator
-    of a set that is cut between its cells.
+    of a set that is cut between its cells."""
 
-    Attributes
-    ----------
-    levels : int
-        Cuts from the whole mesh to a leaf.
-    height : ndarray, shape (n,)
-        0 for a vertex of a leaf, h for one of the separator of a set of 2**h leaves.
-    part : ndarray, shape (n,)
-        Number of that set among those of its height.
-    """
-
-    levels: int
-    height: Index
-    part: Index
+    levels: int  # cuts from the whole mesh to a leaf
+    height: Index  # 0 in leaves, h in the separator of a set of 2**h leaves, shape (n,)
+    part: Index  # number of that set among those of its height, shape (n,)
 
     @property
     def order(self) -> Index:
@@ -114,21 +89,9 @@ class Dissection:
         return counted_order(heights * end + self.height, heights * ((1 << self.levels) + 1))
 
     def breadth_first(self, depth: int) -> tuple[Index, Index]:
-        """An order of elimination that ends with the separators of the largest sets.
-
-        Parameters
-        ----------
-        depth : int
-            Levels of the tree that are told apart, from 1 to ``levels + 1``; smaller sets are
-            parts of its leaves, with their vertices in the order of `order`.
-
-        Returns
-        -------
-        order : ndarray, shape (n,)
-            First all leaves, then the separators of their pairs, and so on to that of the mesh.
-        block : ndarray, shape (n,)
-            Number of the block of this order, of ``2**depth - 1``, to which a vertex belongs.
-        """
+        """Order of elimination, (n,), from the leaves to the largest separator, and its blocks.
+        Of the tree, `depth` levels from 1 to ``levels + 1`` are told apart; a vertex belongs to one
+        of ``2**depth - 1`` blocks, shape (n,), within which `order` remains."""
         cut = self.levels - depth + 1  # height of the leaves that are told apart
         height = np.maximum(self.height, cut)
         part = self.part >> (height - self.height)
@@ -145,38 +108,9 @@ def counted_order(keys: NDArray[np.integer], count: int) -> Index:
 
 
 def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int = 8) -> Dissection:
-    """Cut a mesh in two again and again, each set of cells across its longest coordinate.
-
-    The cut is between different coordinates of the cells' middles, next to the median: on a grid
-    the separators are whole lines or planes.
-
-    Parameters
-    ----------
-    points : ndarray, shape (dim, n)
-        Coordinates of the vertices: nodes, edges, facets or cells that carry unknowns.
-    cells : ndarray, shape (k, ncells)
-        Vertices of each cell; unknowns of one cell are neighbours.
-    leaf_size : int
-        Sets are cut until they have about so many cells.
-
-    Returns
-    -------
-    Dissection
-        Of the n vertices; those without cells are in a leaf.
-
-    References
-    ----------
-    A. George, Nested dissection of a regular finite element mesh, SIAM J. Numer. Anal. 10 (1973).
-
-    Examples
-    --------
-    A path of seven vertices, whose cells are its edges: the middle one is eliminated last.
-
-    >>> import numpy as np
-    >>> path = nested_dissection(np.arange(7.0)[None], np.array([np.arange(6), np.arange(1, 7)]), 2)
-    >>> int(path.order[-1])
-    3
-    """
+    """Cut a mesh in halves recursively, sets of cells (k, ncells) across their longest coordinate.
+    Cuts run between different coordinates, so that separators of a grid are planes; points (dim, n)
+    are the vertices, which carry the unknowns. A. George, SIAM J. Numer. Anal. 10 (1973)."""
     n = points.shape[1]
     levels = max(0, int(np.ceil(np.log2(max(cells.shape[1], 1) / leaf_size))))
     middles = np.zeros((len(points), cells.shape[1]))

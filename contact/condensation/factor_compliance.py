@@ -14,11 +14,9 @@ _SAMPLES = 16  # rows whose compliance is computed
 
 
 def guessed_diagonal(parts: tuple[Any, ...]) -> Array:
-    """About the compliance of each row under a force of its own, shape (n,).
-
-    The shares of the rows come from the diagonals of the stiffness, their common factor from some
-    rows. It scales the problem, and changes no result.
-    """
+    """Approximate compliance of each row under a force of its own, shape (n,).
+    Relative values come from the diagonals of the stiffness, their common factor from a few rows;
+    it scales the problem and changes no result."""
     guess = np.asarray(sum(part.row_compliance() for part in parts))
     live = np.flatnonzero(guess > 0)
     some = live[np.unique(np.linspace(0, live.size - 1, _SAMPLES).astype(np.int64))]
@@ -29,7 +27,7 @@ def guessed_diagonal(parts: tuple[Any, ...]) -> Array:
 
 
 class ProductArrays(HostArrays):
-    """The arrays of the host, with a compliance that is no array."""
+    """The arrays of the host, for a compliance that is an operator."""
 
     def shifted(self, W: FactorCompliance, shift: float) -> FactorCompliance:
         """``W + shift I``."""
@@ -37,15 +35,8 @@ class ProductArrays(HostArrays):
 
 
 class FactorCompliance:
-    """The matrix W of a `BoundaryProblem`, of which only products with vectors are known.
-
-    Parameters
-    ----------
-    parts : tuple of SolvedBody
-        The bodies, whose compliances add.
-    scale : ndarray, shape (n,)
-        Physical over scaled displacement of each row.
-    """
+    """The matrix W of a `BoundaryProblem` as an operator, the sum over the bodies `parts`.
+    `scale`, (n,), is physical over scaled displacement of each row."""
 
     __array_ufunc__ = None  # leave products with an array on the left to __rmatmul__
     arrays = ProductArrays()
@@ -53,7 +44,7 @@ class FactorCompliance:
     def __init__(self, parts: tuple[Any, ...], scale: Array) -> None:
         self._parts, self._scale, self._shift = parts, scale, 0.0
         self.shape = scale.size, scale.size
-        # The residual and the zones of a step ask for one product; it is never modified.
+        # The residual and the zones of a step need the same product; it is never modified.
         self._last: tuple[Array, Array] | None = None
 
     def __matmul__(self, forces: Array) -> Array:

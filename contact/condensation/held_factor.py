@@ -13,31 +13,17 @@ from contact.condensation.boundary_problem import Array
 from contact.condensation.strain_factor import STRAIN_UNKNOWNS
 from contact.errors import InputError
 
-# Multiples of the mean stiffness that are added to the diagonal, tried in turn, because the matrix
-# of a thin body may be indefinite by rounding. The solution with a shift is only a start for
-# `contact.problem.stiffness_form`, which needs no factor.
+# Multiples of the mean stiffness added to the diagonal, tried in turn: rounding may make that of a
+# thin body indefinite. Shifted solutions only start `contact.problem.stiffness_form`.
 SHIFTS = (0.0, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9)
-# Ratio of the least to the largest pivot below which displacements by bending are so large that
-# those by compression lose digits.
+# Least over largest pivot below which bending is so soft that compression loses digits.
 THIN = 1e-6
 
 
 def held_factor(arrays: HostArrays, stiffness: Callable[[], Any], N: Array) -> tuple[Any, bool]:
     """Factor of ``S_b + rho N N^T``, and whether bending is far softer than compression.
-
-    Parameters
-    ----------
-    arrays : HostArrays
-    stiffness : callable () -> array, shape (nb, nb)
-        Returns a new copy of S_b at each call.
-    N : ndarray, shape (nb, k)
-        Free rigid motions of the boundary.
-
-    Raises
-    ------
-    InputError
-        The stiffness is indefinite by more than rounding.
-    """
+    `stiffness` returns a new copy of S_b (nb, nb); N (nb, k) are the free rigid motions. Raises
+    InputError where the matrix is indefinite by more than rounding."""
     on_device = arrays.put(N)
     for shift in SHIFTS:
         S = stiffness()

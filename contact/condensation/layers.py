@@ -1,4 +1,4 @@
-"""Condensation of layers of equal cells onto their bottom by slab doubling."""
+"""Condensation of layers of equal cells onto their bottom."""
 
 from __future__ import annotations
 
@@ -22,18 +22,7 @@ Array = NDArray[np.float64]
 
 
 class CondensedLayers(CondensedBody):
-    """A `LayeredBlock`, condensed onto its bottom.
-
-    The dense matrices may lie on a GPU.
-
-    Parameters
-    ----------
-    body : LayeredBlock
-    rows : BodyRows
-        On the bottom's dofs only.
-    arrays : HostArrays
-        Where to compute.
-    """
+    """A `LayeredBlock`, condensed onto its bottom by slab doubling, perhaps on a GPU."""
 
     serial = False  # recovery has large products
 
@@ -73,10 +62,9 @@ class CondensedLayers(CondensedBody):
             self._u0, self._lifted = u0, body.stiffness @ u0
 
     def _free_motions(self) -> tuple[Array, Array]:
-        """Free rigid motions: on the free unknowns of the bottom row, and of which they consist.
-
-        These are both translations and the rotation about the middle, shape (3, k).
-        """
+        """Free rigid motions on the free unknowns of the bottom row, and their coefficients.
+        The coefficients, (3, k), are those of both translations and the rotation about the
+        middle."""
         body = self.body
         held = body.prescribed[0]
         node, kind = np.divmod(held, PER_NODE)
@@ -151,7 +139,7 @@ class CondensedLayers(CondensedBody):
         return u0
 
     def reduce(self, load: Any) -> Array:
-        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Load on all dofs, condensed onto the contact boundary's unknowns, shape (nb,)."""
         return super().reduce(self.placed(load))
 
     def expand(self, load: Any, z_b: Array) -> Any:
@@ -160,7 +148,7 @@ class CondensedLayers(CondensedBody):
         return self.arrays.get(u) if isinstance(load, np.ndarray) else u
 
     def carried(self, forces: Any) -> Array:
-        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
         carried: Array = self._per_length * self._factor.reduce(forces)
         return carried
 
@@ -170,11 +158,8 @@ class CondensedLayers(CondensedBody):
 
     def unbalanced(self, rest: Any, u: Any) -> Any:
         """Residual forces on free dofs, for one step of iterative refinement.
-
-        The stiffness of a slab of n rows for smooth motions is 1/n^2 of its largest entries:
-        rounding of these leaves a residual of n^2 machine precisions. The product with the
-        stiffness, cell by cell, has no such error.
-        """
+        The stiffness of n rows for smooth motions is 1/n^2 of its largest entries, whose rounding
+        leaves n^2 eps; the product cell by cell has no such error."""
         left = rest - self.body.stiffness @ u
         held = self.body.prescribed[0]
         left[held if isinstance(left, np.ndarray) else self.placed(held)] = 0.0

@@ -1,4 +1,4 @@
-"""Contact rows of a body that are made unknowns of it, so that nothing dense is needed."""
+"""Contact rows as unknowns of the body, so that nothing dense is needed."""
 
 from __future__ import annotations
 
@@ -27,22 +27,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PrimalProblem(BoundaryProblem):
-    """Contact rows v as unknowns of a body on many processes, in the scale of a `BoundaryProblem`.
+    """A `BoundaryProblem` with rows v as unknowns of a body on many processes, scaled alike."""
 
-    Attributes
-    ----------
-    system : AlteredSystem
-        The stiffness, in unknowns among which are the rows without prescribed parts.
-    load : ndarray
-        Own forces on its unknowns.
-    v : ndarray, shape (n,)
-        The rows at the present state: it takes the place of ``v0 - W l + C a``; v0 is what is
-        prescribed.
-    """
-
-    system: Any = None
-    load: Any = None
-    v: Any = None
+    system: Any = None  # stiffness in unknowns that include the rows not prescribed
+    load: Any = None  # own forces on its unknowns
+    v: Any = None  # rows at the present state, in the place of v0 - W l + C a; v0: prescribed
 
     def displacements(self, mu: Array, t: Array, a: Array) -> tuple[Array, Array]:
         """Normal and tangential displacement of every point at the present state."""
@@ -53,7 +42,7 @@ class PrimalProblem(BoundaryProblem):
 
 @dataclass(frozen=True)
 class PrimalForces(Forces):
-    """Forces with the own unknowns x that belong to them."""
+    """Forces with the process's own unknowns x that belong to them."""
 
     x: Any = None
 
@@ -71,11 +60,9 @@ class PrimalBody(CondensedDistributed):
 
 
 class PrimalContact(CondensedContact):
-    """What `CondensedContact` is to bodies that are condensed, for one that is not.
-
-    The contact rows are unknowns: ``B z = v``. Newton's methods then prescribe those of points in
-    contact and solve for all others by multigrid, see `contact.laws.primal_newton`.
-    """
+    """`CondensedContact` for a body that is not condensed: the rows ``B z = v`` are unknowns.
+    Newton's methods prescribe those in contact and solve for the others by multigrid, see
+    `contact.laws.primal_newton`."""
 
     _keeps_stiff = False
 
@@ -192,26 +179,9 @@ _FILL = 60.0  # entries in a row of the change of unknowns, beyond which it is n
 def rows_as_unknowns(
     B: sparse.csr_array,
 ) -> tuple[NDArray[np.int64], sparse.csr_array, sparse.csr_array]:
-    """Take the place of one unknown of each row by the row's value.
-
-    Parameters
-    ----------
-    B : csr_array, shape (n, nb)
-
-    Returns
-    -------
-    pivots : ndarray, shape (n,)
-        The unknown of each row.
-    change : csr_array, shape (nb, nb)
-        T of ``z = T x`` with ``x[pivots] = B z``.
-    back : csr_array, shape (nb, nb)
-        Its inverse.
-
-    Raises
-    ------
-    InputError
-        Rows depend on each other, or the change of unknowns is not sparse.
-    """
+    """Replace one unknown of each row of B (n, nb) by the row's value: ``x[pivots] = B z``.
+    Returns pivots (n,), the change T of ``z = T x`` and its inverse, both (nb, nb). Raises
+    InputError where rows depend on each other or T is not sparse."""
     n, nb = B.shape
     B.eliminate_zeros()
     largest = abs(B).max(axis=1).toarray().ravel()

@@ -16,37 +16,20 @@ from contact.arrays.dense_arrays import HostArrays
 from contact.arrays.sparse_rows import SparseRows
 
 Array = NDArray[np.float64]
-# A stiffness stays on a device if it takes less than one in so many of the free bytes; it is
-# assembled there if its local matrices, of which there are two to three times as many, take less
-# than one in so many.
+# Divisors of the free bytes of a device: a smaller stiffness stays there, and smaller local
+# matrices, of two to three times its size, are assembled there.
 _SMALL, _LOCAL = 16, 8
 
 
 @dataclass(frozen=True)
 class ScaledStiffness:
-    """``D S D``, or the same of the free rows and columns of S.
+    """``D S D``, or the same of the free rows and columns of S."""
 
-    Attributes
-    ----------
-    given : csr_array, or callable () -> csr_array
-        S on the host, or what computes it where it was assembled on a device.
-    free : ndarray, shape (n,), or None
-        Rows and columns of S that remain; None for all.
-    unit : ndarray, shape (n,)
-        Diagonal of D. The magnitudes of values and derivatives, and of directions, then depend
-        neither on the unit of length nor on the aspect ratio of cells. Powers of two cause no
-        rounding.
-    diagonal : ndarray, shape (n,)
-        Of ``D S D``.
-    placed : SparseRows, optional
-        S where dense matrices lie, if it is that of the body and there is room.
-    """
-
-    given: sparse.csr_array | Callable[[], sparse.csr_array]
-    free: NDArray[np.integer] | None
-    unit: Array
-    diagonal: Array
-    placed: SparseRows | None = None
+    given: sparse.csr_array | Callable[[], sparse.csr_array]  # S on the host, or what fetches it
+    free: NDArray[np.integer] | None  # rows and columns of S that remain, (n,); None: all
+    unit: Array  # diagonal of D, powers of two (no rounding), shape (n,)
+    diagonal: Array  # of D S D, about one in any unit or aspect ratio, shape (n,)
+    placed: SparseRows | None = None  # S of the body where dense matrices lie, if there is room
 
     @classmethod
     def of(cls, body: Any, arrays: HostArrays) -> ScaledStiffness:
@@ -81,7 +64,7 @@ class ScaledStiffness:
 
 
 def _stiffness(body: Any, then: Any) -> sparse.csr_array:
-    """That of a body, or of its copy as it was then if its material was changed since."""
+    """That of the body, or of the copy `then` if its material was changed since."""
     same = all(a is b for a, b in zip(body.materials, then.materials, strict=True))
     S: sparse.csr_array = (body if same else then).stiffness
     return S

@@ -17,12 +17,9 @@ Vector = NDArray[np.float64]
 
 
 class SchurFactor(Protocol):
-    """A factorisation of S with the unknowns split into inner ones I and boundary ones b.
-
-    ``schur`` is S_bb - S_bI S_II^-1 S_Ib, shape (nb, nb). `reduce` carries a load to the boundary,
-    `expand` returns all unknowns from the boundary's. Only S_II must be positive definite: a body
-    that is held by contact alone has a singular S, but its Schur complement exists.
-    """
+    """A factorisation of S, unknowns split in inner ones I and boundary ones b, with `schur`
+    S_bb - S_bI S_II^-1 S_Ib, shape (nb, nb). Only S_II must be definite: a floating body has a
+    singular S, but its complement exists."""
 
     schur: Vector
 
@@ -41,26 +38,9 @@ def schur_factor(
     order: Callable[[], NDArray[np.int64]],
     solver: str = "auto",
 ) -> SchurFactor:
-    """Factor once and keep the boundary's Schur complement.
-
-    Parameters
-    ----------
-    stiffness : csr_array, shape (n, n)
-        Symmetric; its block without the boundary must be positive definite.
-    boundary : ndarray, shape (nb,)
-        Ascending indices of the unknowns to keep.
-    order : callable () -> ndarray, shape (n,)
-        Fill-reducing elimination order, called for SuperLU only; PARDISO computes its own.
-    solver : {"auto", "pardiso", "superlu"}
-        "auto" takes PARDISO when pypardiso is importable.
-
-    Raises
-    ------
-    InputError
-        Unknown solver, or the inner block is not positive definite.
-    MissingDependency
-        PARDISO is chosen and not installed.
-    """
+    """Factor S once and keep the complement of the ascending unknowns `boundary`, shape (nb,).
+    `order` gives a fill-reducing order to SuperLU; "auto" takes PARDISO where installed. Raises
+    InputError (solver, not definite) or MissingDependency."""
     if solver not in ("auto", "pardiso", "superlu"):
         raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
     if solver == "pardiso" and not has_pardiso():
@@ -88,10 +68,8 @@ KEPT = 6  # loads whose forward elimination is cached
 
 class ForwardCache:
     """Cache of the forward elimination of the last loads, which `reduce` and `expand` both need.
-
-    Only an identical load is looked up, so that no result depends on earlier solves or on other
-    threads. The cached pairs are never modified, and threads replace the tuple as a whole.
-    """
+    Only identical loads are looked up, so that no result depends on earlier solves; the pairs are
+    never modified, and threads replace the tuple as a whole."""
 
     _known: tuple[tuple[Vector, Vector], ...] = ()
 
@@ -157,7 +135,7 @@ class SuperLUSchur(ForwardCache):
         return carried
 
     def reduce(self, load: Vector) -> Vector:
-        """Carry a load to the boundary: f_b - S_bI S_II^-1 f_I."""
+        """Reduce a load to the boundary: f_b - S_bI S_II^-1 f_I."""
         carried: Vector = load[self._boundary] - self._forward(load)
         return carried
 
@@ -172,10 +150,7 @@ class SuperLUSchur(ForwardCache):
 
 
 class PardisoSchur(ForwardCache):
-    """MKL PARDISO's own partial factorisation (Schur complement control).
-
-    Reference: Intel oneMKL developer reference, ``pardiso`` parameter iparm[35].
-    """
+    """MKL PARDISO's partial factorisation, Schur complement control (oneMKL, iparm[35])."""
 
     def __init__(
         self, stiffness: sparse.csr_array, boundary: NDArray[np.int64], shift: Vector
@@ -211,7 +186,7 @@ class PardisoSchur(ForwardCache):
         return halfway
 
     def reduce(self, load: Vector) -> Vector:
-        """Carry a load to the boundary: f_b - S_bI S_II^-1 f_I."""
+        """Reduce a load to the boundary: f_b - S_bI S_II^-1 f_I."""
         carried: Vector = self._forward(load)[self._boundary]
         return carried
 

@@ -1,33 +1,23 @@
 r"""Schur complement of a stack of layers of equal cells, by doubling slabs.
 
-Node rows are lines of unknowns; a slab of 2^k equal cell rows, its inner node rows eliminated, has
+A slab of 2^k equal cell rows, its inner node rows eliminated, has on its bottom and top node rows
 the matrix
 
-.. math:: \begin{pmatrix} a_k & b_k \\ b_k^T & c_k \end{pmatrix}
+.. math:: \begin{pmatrix} a_k & b_k \\ b_k^T & c_k \end{pmatrix} .
 
-on its bottom and top node rows. A slab of one material is its own mirror image: with the diagonal
-signs P that a reflection up-down gives the unknowns, ``a = P c P`` and ``b^T = P b P``. Hence the
-matrix ``c_k + a_k`` of the row between two such slabs has no entries between the unknowns of sign
-+1 and those of sign -1: it falls into two blocks. With its Cholesky factor L and ``Y = L^-1 b_k``,
+Of one material it is its own mirror image: with the signs P of unknowns reflected up-down,
+``a = P c P`` and ``b^T = P b P``, so that the matrix ``c_k + a_k`` of the row between two slabs
+falls into the blocks of sign + and -. With its Cholesky factor L and ``Y = L^-1 b_k``,
 
 .. math::
     c_{k+1} = c_k - Y_+^T Y_+ - Y_-^T Y_-, \qquad b_{k+1} = -P (Y_+^T Y_+ - Y_-^T Y_-),
 
-the signs naming the rows of Y. For m unknowns a node row this takes about 1.6 m^3 floating-point
-operations (2.1 m^3 where A^T A is a full product) instead of the sparse factorisation of 2^k rows.
-All slabs of one size are the same matrix; only loads and displacements differ.
+about 1.6 m^3 operations for m unknowns a node row. Layers, split into powers of two, are folded
+from the top: below a body of stiffness A the stiffness is ``a - b (c + A)^-1 b^T``. All matrices
+that are factored belong to slabs clamped below, so they are definite without supports too.
 
-The layers are then folded (eliminated) from the top: if A is the stiffness of everything above a
-slab, condensed onto its top node row, the stiffness on its bottom row is ``a - b (c + A)^-1 b^T``.
-A number of rows that is no power of two is split into powers of two. Every matrix that is factored
-belongs to slabs clamped on the row below, so it is positive definite also for a body without
-supports.
-
-References
-----------
-G. H. Golub and C. F. Van Loan, Matrix Computations, 4th ed., section 4.5.4 (cyclic reduction).
-The reduction for equal blocks by doubling: R. W. Hockney, J. ACM 12 (1965) 95-113.
-"""
+G. H. Golub and C. F. Van Loan, Matrix Computations, 4th ed., section 4.5.4 (cyclic reduction);
+R. W. Hockney, J. ACM 12 (1965) 95-113 (doubling of equal blocks)."""
 
 from __future__ import annotations
 
@@ -50,7 +40,7 @@ REFLECTION = np.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
 
 
 class Slab(NamedTuple):
-    """Blocks of c and b of one slab, in the order of the comments; -+ are c_+-^T and -b_+-^T."""
+    """Blocks ++, --, +- of c and b of one slab; those of -+ are c_+-^T and -b_+-^T."""
 
     c: tuple[Any, Any, Any]  # ++, --, +-
     b: tuple[Any, Any, Any]
@@ -65,25 +55,13 @@ class Middle(NamedTuple):
 
 @dataclass(frozen=True)
 class Fold:
-    """A slab of 2^levels cell rows, eliminated together with everything above it.
+    """A slab of 2^levels cell rows, eliminated together with everything above it."""
 
-    Attributes
-    ----------
-    row : int
-        Number of its bottom node row.
-    middles : tuple of Middle
-        One for each level, finest first.
-    L, Y : arrays
-        Factors of its top row: L L^T = c + A, Y = L^-1 b^T.
-    free : slice or array
-        The free unknowns of its top row; all of them, except at the top of the body.
-    """
-
-    row: int
-    middles: tuple[Middle, ...]
-    L: Any
-    Y: Any
-    free: Any
+    row: int  # number of its bottom node row
+    middles: tuple[Middle, ...]  # one for each level, finest first
+    L: Any  # factor of its top row: L L^T = c + A
+    Y: Any  # L^-1 b^T
+    free: Any  # free unknowns of its top row: all, except at the top of the body
 
     @property
     def height(self) -> int:
@@ -92,34 +70,9 @@ class Fold:
 
 
 class SlabDoubling:
-    """Factorisation of a stack of layers; a `contact.condensation.schur.SchurFactor` on all dofs of
-    the stack.
-
-    Parameters
-    ----------
-    columns : int
-        Number of cells of each row.
-    layers : sequence of CellRows
-        From the bottom up.
-    free : ndarray of bool, shape (6 (columns + 1),)
-        Free unknowns of every node row.
-    free_top : ndarray of bool, shape (6 (columns + 1),)
-        Free unknowns of the topmost node row, a subset of ``free``.
-    boundary : ndarray of int
-        Unknowns of the bottom node row to keep, ascending.
-    arrays : HostArrays
-        Where to compute.
-
-    Raises
-    ------
-    InputError
-        A matrix that should be positive definite is not.
-
-    Attributes
-    ----------
-    schur : array, shape (nb, nb)
-        Schur complement of the kept unknowns, on the device.
-    """
+    """A `contact.condensation.schur.SchurFactor` of a stack of layers, given from the bottom up.
+    `free` and `free_top`, (6 (columns + 1),), mark free unknowns of every node row and of the top
+    one; `boundary`, ascending, are those of the bottom row to keep."""
 
     def __init__(
         self,
@@ -216,17 +169,14 @@ class SlabDoubling:
         return dense.reshape((rows.size, cols.size), order="F")
 
     def reduce(self, load: Array) -> Array:
-        """Carry a load of all dofs to the kept unknowns, shape (nb,)."""
+        """Reduce a load of all dofs to the kept unknowns, shape (nb,)."""
         k = self.arrays
         bottom = k.xp.concatenate([part[0] for part in self._forward(load)])
         reduced = bottom[self._kept] - self._Y.T @ bottom[self._rest]
         return np.asarray(k.get(reduced))
 
     def expand(self, load: Any, z_b: Array) -> Any:
-        """All dofs, shape (rows * width,), from the kept unknowns, where the load lies.
-
-        Zero where not free.
-        """
+        """All dofs, (rows * width,), from the kept unknowns, where the load lies; zero if held."""
         k, xp = self.arrays, self.arrays.xp
         w = self._forward(load)
         split = self._plus.size
@@ -249,10 +199,8 @@ class SlabDoubling:
         return k.get(full).ravel() if isinstance(load, np.ndarray) else full.ravel()
 
     def _forward(self, load: Any) -> Pair:
-        """Eliminate a load: in each row what `expand` needs, in row 0 the load carried to it.
-
-        The result for the last load is cached: `reduce` and `expand` both need it.
-        """
+        """Eliminate a load: in each row what `expand` needs, in row 0 the load reduced to it.
+        The last load's result is cached, since `reduce` and `expand` both need it."""
         k, xp = self.arrays, self.arrays.xp
         load = xp.asarray(load)
         if self._last is not None and bool(xp.array_equal(self._last[0], load)):

@@ -21,26 +21,12 @@ from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
 from contact.errors import ContactError
 
-_MANY = 8  # rows of the stiffness are copied where there are fewer than one in so many
+_MANY = 8  # rows of the stiffness are copied where they are fewer than one in so many
 
 
 class SparseBody(CondensedBody):
-    """A body with a Basis; its stiffness matrix is factored by a sparse solver.
-
-    Parameters
-    ----------
-    body : BasisSolid
-    rows : BodyRows
-    solver : {"auto", "pardiso", "superlu"}
-        See `contact.condensation.schur`.
-    arrays : HostArrays
-        Where the complement is computed and the dense matrices lie.
-
-    Raises
-    ------
-    Unbounded
-        A piece of the body is neither fixed nor connected to the contact boundary.
-    """
+    """A body with a Basis, whose stiffness is factored by a sparse solver on host or device.
+    Raises Unbounded where a piece is neither fixed nor connected to the contact boundary."""
 
     always_refined = False
     _there: tuple[Any, Any] | None = None  # on a device, dofs of unknowns and what multiplies them
@@ -66,12 +52,9 @@ class SparseBody(CondensedBody):
     def _eliminate(
         self, B: sparse.csr_array, beside: Beside, system: ScaledStiffness, solver: str
     ) -> None:
-        """Factor what is not the boundary's, and then the boundary's complement.
-
-        Free motions are computed by another thread while the library of the solver works. A motion
-        that no row sees is refused whatever becomes of the factorisation, in which rounding decides
-        whether a pivot is zero.
-        """
+        """Factor the inner unknowns, and then the boundary's complement; motions in another thread.
+        A motion that no row sees is refused even if the factorisation fails, where rounding decides
+        whether a pivot is zero."""
         back: Any = None
         with one_blas_thread(max(self.B.shape)):
             try:
@@ -91,7 +74,7 @@ class SparseBody(CondensedBody):
             self._hold(modes[self._boundary], modes)
 
     def _seen(self, beside: Beside, unit: Array) -> Array:
-        """Free rigid motions of the unknowns; refused if no row sees one."""
+        """Free rigid motions of the unknowns; raises where no row sees one."""
         modes: Array = beside.motions() / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
         return modes
@@ -108,11 +91,8 @@ class SparseBody(CondensedBody):
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
         """Residual forces on free dofs, for a step of iterative refinement.
-
-        The stiffness of n cells in a row for smooth motions is 1/n^2 of its largest entries, whose
-        rounding leaves forces of one sign: their sum is n^2 machine precisions. The forces of
-        `BasisSolid.internal`, without the mean translation, have no such error.
-        """
+        Rounding of a stiffness of n cells in a row leaves n^2 eps for smooth motions; the forces of
+        `BasisSolid.internal`, without the mean translation, have no such error."""
         body = self.body
         if self.slender:  # the stiffness form refines these
             return None
@@ -139,7 +119,7 @@ class SparseBody(CondensedBody):
         return unit * self.arrays.xp.asarray(forces)[dofs]
 
     def reduce(self, load: Array) -> Array:
-        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        """Load on all dofs, condensed onto the contact boundary's unknowns, shape (nb,)."""
         if self._there is None:
             return super().reduce(load)
         reduced: Array = self._factor.reduce(self._rest(load))
@@ -153,7 +133,7 @@ class SparseBody(CondensedBody):
         return u if self._u0 is None else u + self._u0
 
     def _rest(self, load: Array) -> Any:
-        """The load less the forces of prescribed displacements, in the factors' unknowns there."""
+        """The load less the forces of prescribed displacements, in the factors' unknowns."""
         gathered = self._gathered(load)
         return gathered if self._lifted is None else gathered - self._lifted
 
@@ -167,7 +147,7 @@ class SparseBody(CondensedBody):
 
 
 def forces_of_supports(body: Any, u0: Array, on_device: bool) -> Array:
-    """Internal forces of prescribed displacements, which are zero but at few dofs."""
+    """Internal forces of prescribed displacements u0, which are zero except at few dofs."""
     moved = np.flatnonzero(u0)
     if on_device or body.slender or _MANY * moved.size > u0.size:
         return np.asarray(body.internal(u0))

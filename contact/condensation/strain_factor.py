@@ -5,14 +5,8 @@ With the matrix A of all weighted strains, ``S = A^T A``, and the inner unknowns
 .. math:: A = Q \begin{pmatrix} R_{II} & R_{Ib} \\ & R_{bb} \end{pmatrix}, \qquad
           S_b = R_{bb}^T R_{bb} .
 
-The error of Householder's QR factorisation grows with the condition number of A, the square root of
-that of S. In a column of cells a thousand times as high as wide, the Cholesky factorisation of S
-breaks down because of bending.
-
-References
-----------
-A. Bjoerck, Numerical Methods for Least Squares Problems, SIAM 1996, section 2.4.
-"""
+Its error grows with the condition of A, the root of that of S, for which Cholesky breaks down on
+slender cells (A. Bjoerck, Numerical Methods for Least Squares Problems, SIAM 1996, section 2.4)."""
 
 from __future__ import annotations
 
@@ -32,20 +26,8 @@ STRAIN_UNKNOWNS = 3000  # at most: the dense factorisation of so many takes some
 
 class StrainFactor:
     """A `contact.condensation.schur.SchurFactor` of a body of moderate size with slender cells.
-
-    Parameters
-    ----------
-    body : BasisSolid
-    P : csr_array, shape (ndofs, nfree)
-        Free unknowns z of ``u = P z``.
-    boundary : ndarray, shape (nb,)
-        Ascending indices of the unknowns to keep.
-
-    Raises
-    ------
-    InputError
-        Some motion of the inner unknowns alone causes no strain.
-    """
+    Free unknowns z of ``u = P z``, those to keep ascending in `boundary`. Raises InputError where a
+    motion of the inner unknowns alone causes no strain."""
 
     def __init__(self, body: BasisSolid, P: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
         cells: Array = np.asarray(np.linalg.qr(strain_rows(body), mode="r"))
@@ -69,23 +51,9 @@ class StrainFactor:
             raise InputError("stiffness: parts of the mesh hang together by a hinge alone")
 
     def equilibrate(self, node: NDArray[np.int64]) -> tuple[sparse.csr_array, sparse.csr_array]:
-        """Change to unknowns y of unit stiffness, with ``z = U y`` on the boundary.
-
-        The bending stiffness of a thin body is smaller than the stiffness of its boundary against
-        stretching by the fourth power of the slenderness, and would be lost in rounding. Therefore
-        the stiff and the soft direction at each node become separate unknowns.
-
-        Parameters
-        ----------
-        node : ndarray of int, shape (nb,)
-            The same number for unknowns that are components of one vector.
-
-        Returns
-        -------
-        U : csr_array, shape (nb, nb)
-        inverse : csr_array, shape (nb, nb)
-            The inverse of U.
-        """
+        """Change to unknowns y of unit stiffness, ``z = U y`` on the boundary; returns U and U^-1.
+        At each `node` (nb,) stiff and soft directions become separate unknowns: bending is softer
+        than stretching by slenderness^4 and would be lost in rounding."""
         nb = self._boundary.size
         U, inverse = sparse.lil_array((nb, nb)), sparse.lil_array((nb, nb))
         R_bb = np.empty_like(self._R_bb)
@@ -104,7 +72,7 @@ class StrainFactor:
         return change, sparse.csr_array(inverse)
 
     def reduce(self, load: Array) -> Array:
-        """Carry a load to the boundary: f_b - S_bI S_II^-1 f_I."""
+        """Reduce a load to the boundary: f_b - S_bI S_II^-1 f_I."""
         half = solve_triangular(self._R_II, load[self._inner], trans="T")
         carried: Array = load[self._boundary] - self._R_Ib.T @ half
         return carried
@@ -126,21 +94,8 @@ def strains_can_be_factored(body: BasisSolid, unknowns: int) -> bool:
 def factor_of_strains(
     body: BasisSolid, P: sparse.csr_array, boundary: NDArray[np.int64]
 ) -> tuple[StrainFactor, sparse.csr_array, sparse.csr_array]:
-    """Factor in unknowns y that have unit stiffness on the boundary.
-
-    Parameters
-    ----------
-    body : BasisSolid
-    P : csr_array, shape (ndofs, nfree)
-    boundary : ndarray, shape (nb,)
-
-    Returns
-    -------
-    factor : StrainFactor
-        In the unknowns y.
-    change, back : csr_array, shape (nfree, nfree)
-        ``z = change y`` and its inverse.
-    """
+    """Factor in unknowns y that have unit stiffness on the boundary (nb,), of ``u = P z``.
+    Returns the factor, ``change`` of ``z = change y`` and its inverse, (nfree, nfree)."""
     factor, n, nb = StrainFactor(body, P, boundary), P.shape[1], boundary.size
     node = np.arange(nb)
     if P.nnz == n:  # each unknown is one dof, and dofs are numbered vector by vector

@@ -1,18 +1,12 @@
-r"""Steps in which bodies of small strain slide by more than a facet.
+"""Steps in which bodies of small strain slide by more than a facet.
 
-The contact rows depend on the displacement: in a step they are projected anew, at the places
-:math:`x + u` of the last iterate, until the displacement does not change any more. The first of
-these problems in a step is one of small sliding, on the same sparse factorisation of each body,
-because all dofs of both boundaries were kept. In the plane, and unless a body floats, the others
-are steps of Newton's method with the derivative of the projection, see
-`contact.histories.finite_sliding`. The slip that friction opposes is the part of the step's
-displacement along the present tangents. A result has the rows of its own displacement, and so has
-its certificate.
+Contact rows are projected anew at the places :math:`x + u` of the last iterate, until u does not
+change any more. The first problem of a step is one of small sliding on the factorisation of the
+bodies, which keeps all dofs of both boundaries; in the plane, unless a body floats, the others are
+steps of Newton's method (`newton_step`). The slip that friction opposes is the step's displacement
+along the present tangents. A result has the rows of its own displacement, as has its certificate.
 
-References
-----------
-P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4 and 9.
-"""
+P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4 and 9."""
 
 from __future__ import annotations
 
@@ -52,27 +46,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-PROJECTIONS = 30  # at most, in one step
+PROJECTIONS = 30  # most in one step
 SMALL_ANGLE = 0.1  # radians: small strains are then off by 5e-3
-# Change of the displacement, relative to the largest, at which a step ends, over the tolerance.
+# Relative change of the displacement at which a step ends, over the tolerance.
 SETTLED = 1e-2
 
 
 class FiniteSliding:
     """Solves the steps of a history in which the bodies of a problem slide.
-
-    Parameters
-    ----------
-    problem : ContactProblem
-    largest_rotation : float or None
-        Angle in radians; default: `SMALL_ANGLE`.
-
-    Raises
-    ------
-    InputError
-        A problem without two bodies that touch, or one whose clearance is given; an angle that is
-        none.
-    """
+    `largest_rotation` in radians, `SMALL_ANGLE` by default. Raises InputError without two touching
+    bodies, with a given clearance, or for no angle."""
 
     def __init__(self, problem: ContactProblem, largest_rotation: float | None = None) -> None:
         interfaces = problem.boundaries
@@ -113,28 +96,9 @@ class FiniteSliding:
         options: Options,
         moving: dict[str, Any],
     ) -> ContactResult:
-        """Solve one step.
-
-        Parameters
-        ----------
-        body : Bodies
-            Under the loads and prescribed displacements of the step.
-        last : ContactResult or None
-            The last step.
-        near : ndarray, shape (ndofs,), or None
-            Where to look first; default: the last step.
-        options : Options
-        moving : dict
-            Rigid obstacles that vary, as for `ContactProblem.system_of`.
-
-        Raises
-        ------
-        NotConverged
-            The displacement does not settle, or a solve fails.
-        InputError
-            Boundaries that do not face each other any more; a body, or its boundary, that turns by
-            more than a small angle.
-        """
+        """Solve one step of `body` under its loads, near u (ndofs,) or the last step.
+        `moving` has rigid obstacles that vary, as `ContactProblem.system_of`. Raises NotConverged,
+        or InputError where boundaries lose each other or a body turns too far."""
         rest = np.zeros(body.f.size) if last is None else last.u
         u, result, change = (rest if near is None else near), last, np.inf
         kept, lines = self._all_kept(), list[Iteration]()
@@ -276,18 +240,6 @@ def _line(k: int, result: ContactResult, change: float) -> Iteration:
     return Iteration(k + 1, "projection", active, int(stick), int(slip), change)
 
 
-# One step of Newton's method for bodies that slide, with the derivative of the projection.
-#
-# With the derivatives E of the contact conditions and K of the contact forces with respect to the
-# displacement at which they were projected, the change :math:`\delta` of the displacement solves
-#
-# .. math::
-#     (S + K) \delta + B^T l = f - S u, \qquad v = v(u) + (B + E) \delta ,
-#
-# and the laws of contact between v and the forces l. Only dofs of the two boundaries occur in E and
-# K, so that the inner ones are eliminated by the factorisation of S alone, as ever.
-
-
 if TYPE_CHECKING:
     from contact.condensation.condensed_contact import CondensedContact
     from contact.result.contact_result import ContactResult
@@ -302,25 +254,13 @@ def newton_step(
     last: ContactResult,
     tol: float,
 ) -> tuple[Array, Array, Array]:
-    """Displacement and contact forces (u, mu, t) of the next iterate.
+    r"""The next iterate (u, mu, t) by Newton's method with the derivative of the projection.
 
-    Parameters
-    ----------
-    system : ContactSystem
-        With the rows projected at the displacement of `last`.
-    condensed : CondensedContact
-        Of these rows; without free motions.
-    change : RowsInMotion
-        The derivatives.
-    last : ContactResult
-        The last iterate.
-    tol : float
+    With derivatives E of the contact conditions and K of the forces in the displacement,
 
-    Raises
-    ------
-    NotConverged, LinAlgError
-        The laws of contact are not solved, or the matrix is singular.
-    """
+    .. math:: (S + K) \delta + B^T l = f - S u, \qquad v = v(u) + (B + E) \delta ,
+
+    and the laws between v and l, in boundary dofs alone. Raises NotConverged, or LinAlgError."""
     u, points = last.u, condensed.points
     left = system.load - system.body.internal(u)
     live_n = points.normal >= 0
@@ -350,39 +290,10 @@ def newton_step(
     return u, mu, system.with_held_points(u, mu, forces.t / scale[:, None], last.motion)
 
 
-# Rotations of bodies of small strain, and what they are allowed to be.
-#
-# Small strains are linear in the displacement: a body that turns by the angle :math:`\theta`
-# without
-# strain is given one of :math:`\cos\theta - 1`, and a motion without small strain stretches it by
-# :math:`1 / \cos\theta - 1`. Finite sliding allows the bodies any path along each other, and no
-# more rotation than makes this strain negligible beside those of the problem.
-#
-# The rotation is the one that takes the places X closest to the places x = X + u. It does not see
-# slopes that strains cause, those of an indented surface, say, which cancel over the boundary.
-#
-# References
-# ----------
-# P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, section 3.1; W. Kabsch, Acta
-# Cryst. A 32 (1976), 922-923, for the closest rotation.
-
-
 def refuse_large_rotations(interfaces: Interfaces, u: Array, largest: float) -> None:
-    """Raise if a body or one of its contact boundaries turns by more than a small angle.
-
-    Parameters
-    ----------
-    interfaces : Interfaces
-    u : ndarray, shape (ndofs,)
-        Displacement of all dofs of all bodies.
-    largest : float
-        Angle in radians.
-
-    Raises
-    ------
-    InputError
-        It names the body and the angle.
-    """
+    r"""Raise InputError if a body or a contact boundary turns by more than `largest` (radians).
+    Small strains give a rotation by :math:`\theta` a strain of :math:`\cos\theta - 1`, which must
+    be negligible (P. Wriggers, Computational Contact Mechanics, 2006, section 3.1)."""
     bodies = interfaces.bodies
     for side in interfaces.sides:
         if not isinstance(side, Interface | SolidInterface):
@@ -422,21 +333,8 @@ def _of_vertices(body: Any, u: Array) -> Array:
 
 
 def rotation(X: Array, u: Array, weight: Array) -> float:
-    """Angle in radians of the rotation that takes places X closest to X + u.
-
-    Parameters
-    ----------
-    X, u : ndarray, shape (dim, n)
-    weight : ndarray, shape (n,)
-        Of the squares of the distances.
-
-    Examples
-    --------
-    >>> X = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
-    >>> u = 0.1 * np.array([-X[1], X[0]])  # a rotation of small displacements
-    >>> round(float(np.tan(rotation(X, u, np.ones(3)))), 12)
-    0.1
-    """
+    """Angle in radians of the rotation that takes places X closest to X + u, both (dim, n).
+    Least squares with weights (n,): W. Kabsch, Acta Cryst. A 32 (1976), 922-923."""
     x = X + u
     here, there = (v - (v @ weight / weight.sum())[:, None] for v in (X, x))
     U, _, V = np.linalg.svd((there * weight) @ here.T)

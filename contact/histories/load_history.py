@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LoadStep:
-    """What a progress callback is told of a finished step.
+    """A finished step, as a progress callback receives it.
 
     `LoadStepper.run` hands it to `callback` after each step.
 

@@ -26,12 +26,7 @@ Boundary = str | Sequence[str] | ArrayLike
 
 
 class LoadProgram(Portable):
-    """Loads, motions of supports and an obstacle that vary, on top of what a problem has.
-
-    Parameters
-    ----------
-    problem : ContactProblem
-    """
+    """Loads, motions of supports and an obstacle that vary, added to those of a problem."""
 
     _FUNCTIONS = ("_loads", "_heats", "_motions", "_obstacle")
 
@@ -273,7 +268,7 @@ class LoadProgram(Portable):
         return found
 
     def _said_between(self, begin: float, end: float) -> Any:
-        """How far obstacles have moved, as far as the caller says it; begin is NaN in rest."""
+        """Given displacements of obstacles between two times; begin is NaN in rest."""
         said = {which: _change(motion, begin, end) for which, _, motion in self._obstacle}
         if not self.problem.pairs:
             return said.get(None)
@@ -300,7 +295,7 @@ class LoadProgram(Portable):
 
 
 def _change(motion: Any, begin: float, end: float) -> Any:
-    """The change of a displacement, number by number, of a list entry by entry."""
+    """Change of a displacement that is a function of time; of a list entry by entry."""
     if motion is None or not callable(motion):
         return motion
     now, before = motion(end), 0.0 if np.isnan(begin) else motion(begin)

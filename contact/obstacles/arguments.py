@@ -10,9 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from contact.errors import InputError, numbers
 
 Array = NDArray[np.float64]
-# Sine of a degree. A normal at a smaller angle to a surface does not face it: where the two touch,
-# the condition along the normal would press the body sideways, and further off it is far to go.
-GRAZING = 0.0175
+GRAZING = 0.0175  # sine of 1 degree: contact along normals at smaller angles would press sideways
 
 
 def vector(name: str, value: ArrayLike) -> Array:

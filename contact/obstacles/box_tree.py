@@ -12,20 +12,13 @@ Index = NDArray[np.int64]
 Meets = Callable[[Index, Array, Array], NDArray[np.bool_]]
 Batches = Iterator[tuple[Index, Index]]
 
-_TOGETHER = 2**18  # pairs of a query and a box that are looked at in one step: bounds the memory
+_TOGETHER = 2**18  # pairs of a query and a box tested in one step: bounds the memory
 
 
 class BoxTree:
-    """Boxes around the simplices of a surface, in pairs up to one box around all of them.
-
+    """Boxes around segments or triangles (nfacets, dim, dim), in pairs up to one around them all.
     Neighbours along a Morton curve share a box. All queries descend together, one level a step,
-    unless they meet too many boxes to keep.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (nfacets, dim, dim)
-        Corners of each segment or triangle: facet, corner, coordinate.
-    """
+    unless they meet too many boxes to keep."""
 
     def __init__(self, corners: Array) -> None:
         low, high = corners.min(axis=1), corners.max(axis=1)
@@ -70,13 +63,8 @@ class BoxTree:
 
     def near_points(self, x: Array, bound: Array) -> Batches:
         """Pairs (point, facet), in batches, that hold the facets nearest to places (npoints, dim).
-
-        Parameters
-        ----------
-        x : ndarray, shape (npoints, dim)
-        bound : ndarray, shape (npoints,)
-            Squares of known distances to some facet, which may be lowered between batches.
-        """
+        `bound` (npoints,): squares of known distances to a facet; may be lowered between
+        batches."""
         places = np.ascontiguousarray(x.T)
 
         def meets(query: Index, low: Array, high: Array) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""What a surface of facets must be before it can bound an obstacle, and which side is its front."""
+"""Checks that facets form an oriented surface, and which side of it is outside."""
 
 from __future__ import annotations
 
@@ -16,10 +16,8 @@ from contact.obstacles.facet_rays import facet_normals
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Beside the size of the surface. Files in single precision know places to some 1e-7 only: points
-# nearer than that are the same, and thinner facets have no normal that means anything.
-SAME = 1e-7
-LARGEST = 1e75  # whose fourth powers are numbers: solid angles multiply three lengths
+SAME = 1e-7  # relative to the surface: nearer points are one, as files in single precision round
+LARGEST = 1e75  # coordinates whose fourth powers do not overflow: solid angles multiply lengths
 _NAMES = {2: ("segment", "end"), 3: ("triangle", "edge")}
 
 
@@ -94,14 +92,8 @@ def is_free(facets: Index) -> NDArray[np.bool_]:
 
 
 def check_facets(points: Array, facets: Index) -> None:
-    """Refuse what is no oriented surface.
-
-    Raises
-    ------
-    InputError
-        Facets without an area, edges of more than two facets, neighbours that are turned
-        differently.
-    """
+    """Refuse facets that form no oriented surface.
+    Every facet needs an area, every edge at most two facets, turned the same way."""
     corners = points.T[facets.T]
     facet, edge = _NAMES[len(points)]
     edges = corners - np.roll(corners, -1, axis=1)
@@ -133,7 +125,7 @@ def check_facets(points: Array, facets: Index) -> None:
 
 
 def _edges(facets: Index) -> tuple[Index, Index, Array]:
-    """The number of each facet's edges, flat, edge by edge; facets at each; sum of their turns."""
+    """Edge number of each facet's edges, facets at each edge, and the sum of their directions."""
     ends = edges_of(facets)
     turn = np.ones(ends.shape[1])
     if len(ends) == 1:
@@ -155,13 +147,8 @@ def edges_of(facets: Index) -> Index:
 
 def outwards(points: Array, facets: Index) -> Index:
     """Facets of a closed surface, turned so that it encloses what is behind them.
-
-    Raises
-    ------
-    InputError
-        A closed part that lies in another and is turned the same way, or beside it and turned the
-        other way.
-    """
+    Parts must be nested by turns: one inside another turned the other way, one beside it the
+    same way."""
     corners = points.T[facets.T]
     number, _, _ = _edges(facets)
     of_edge = np.tile(np.arange(facets.shape[1]), len(number) // facets.shape[1])
@@ -197,13 +184,9 @@ def _check_nesting(corners: Array, part: Index, turn: Array) -> None:
 
 
 def _winding(c: Array, place: Array) -> float:
-    """How often facets go around a place: the angle that they are seen at, over the whole one.
-
-    References
-    ----------
+    """How often facets go around a place: the angle that they are seen at, over the full one.
     A. van Oosterom and J. Strackee, The solid angle of a plane triangle, IEEE Transactions on
-    Biomedical Engineering 30 (1983), 125-126, equation (8).
-    """
+    Biomedical Engineering 30 (1983), 125-126, equation (8)."""
     r = c - place
     length = np.linalg.norm(r, axis=2)
     if c.shape[2] == 2:

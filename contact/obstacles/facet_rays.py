@@ -14,10 +14,8 @@ _ENTERS, _FACES = 1, 2  # a line enters the obstacle there, by so small an angle
 
 def facet_normals(corners: Array) -> Array:
     """Normals of segments or triangles (nfacets, dim, dim), as long as the facet is large.
-
-    A triangle turns counter-clockwise seen from its outside; a segment has its outside on the
-    right of the way from its first to its second end, so that a counter-clockwise outline is solid.
-    """
+    Triangles turn counter-clockwise seen from outside; the outside of a segment is on the right
+    of the way from its first to its second end, so that a counter-clockwise outline is solid."""
     edge = corners[:, 1] - corners[:, 0]
     if corners.shape[2] == 2:
         return np.stack((edge[:, 1], -edge[:, 0]), axis=1)
@@ -25,17 +23,9 @@ def facet_normals(corners: Array) -> Array:
 
 
 def gap_to_facets(corners: Array, tree: BoxTree, x: Array, n: Array) -> Array:
-    """Gap along n from x, both (npoints, dim), to flat facets; inf where the line meets none.
-
-    The nearest meeting ahead is the gap if the line enters the obstacle there. Otherwise x lies
-    inside it, if the line entered at the nearest meeting behind, whose distance is the (negative)
-    gap. Between two layers of an open surface, both of which it enters, the nearer one counts.
-
-    References
-    ----------
-    T. Moeller and B. Trumbore, Fast, minimum storage ray/triangle intersection, Journal of
-    Graphics Tools 2 (1997), 21-28.
-    """
+    """Gap along n from x, both (npoints, dim), to the facet ahead that the line enters, or inf.
+    If it entered behind x, x lies inside: negative. Between two layers of an open surface the
+    nearer counts (Moeller and Trumbore, Journal of Graphics Tools 2 (1997), 21-28)."""
     line, facet = tree.near_lines(x, n)
     c, normal = corners[facet], facet_normals(corners)[facet]
     slope = np.sum(normal * n[line], axis=1)

@@ -18,30 +18,9 @@ Array = NDArray[np.float64]
 
 
 def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) -> None:
-    """Raise or warn if the position of an obstacle is almost certainly a mistake.
-
-    Parameters
-    ----------
-    obstacle : obstacle, number, callable, array or None
-    gap : ndarray, shape (m,)
-        Of the contact points.
-    x, n : ndarray, shape (dim, ...)
-        Places on the boundary and outward normals of the body there.
-    size : float
-        Largest extent of the body.
-
-    Raises
-    ------
-    InputError
-        Every part of the boundary faces away from a `Plane`.
-
-    Warns
-    -----
-    ContactWarning
-        No ray along the normals meets the obstacle; or most of the boundary lies inside the
-        obstacle with its nearest surface ahead, so that the body would be pushed out on the other
-        side; or body and obstacle overlap by more than the size of the body.
-    """
+    """Raise or warn if the position of an obstacle is almost certainly a mistake. Warn if no ray
+    meets it, if most of the boundary lies inside it with its nearest surface ahead (the body
+    would be pushed out on the other side), or if they overlap by more than the body's `size`."""
     if obstacle is None:
         return
     plain = obstacle.obstacle if isinstance(obstacle, ClosestPoint) else obstacle

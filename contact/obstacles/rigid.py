@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError, array_of, numbers
 
-_ACROSS = 1e-12  # of the largest: a displacement along a tangent that is rounding
+_ACROSS = 1e-12  # relative to the largest: a tangential displacement that is rounding
 
 Array = NDArray[np.float64]
 Components = float | Sequence[float | None]
@@ -121,31 +121,17 @@ def _read(name: str, given: Any, count: int) -> Array:
 
 @dataclass(frozen=True)
 class ObstacleMotion:
-    """The motions of all obstacles, expressed at the contact points.
+    """The k motions of all obstacles, expressed at the m contact points."""
 
-    Attributes
-    ----------
-    normal : ndarray, shape (m, k)
-        w_n of each contact point for unit motions, by the functional of the displacement.
-    tangent : ndarray, shape (m * (dim - 1), k)
-    prescribed : ndarray, shape (k,)
-        NaN for a free motion.
-    force : ndarray, shape (k,)
-        External force or moment on a free motion; NaN elsewhere.
-    travel : ndarray, shape (m, dim - 1), optional
-        Tangential path of the obstacles' own shapes, from the state of rest through all steps of a
-        history; their normal one is in the gap.
-    """
-
-    normal: Array
-    tangent: Array
-    prescribed: Array
-    force: Array
-    travel: Array | None = None
+    normal: Array  # w_n of unit motions, by the functional of the displacement, (m, k)
+    tangent: Array  # shape (m * (dim - 1), k)
+    prescribed: Array  # NaN for a free motion, shape (k,)
+    force: Array  # force or moment on a free motion, else NaN, (k,)
+    travel: Array | None = None  # tangential path of shapes since rest, (m, dim - 1)
 
     @classmethod
     def with_travel(cls, motion: ObstacleMotion | None, travel: Array) -> ObstacleMotion:
-        """The motion besides, or only, the path of the shapes."""
+        """The given motion, or none, with the path of the shapes."""
         if motion is not None:
             return replace(motion, travel=travel)
         m, slips = travel.shape

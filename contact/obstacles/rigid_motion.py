@@ -1,15 +1,8 @@
-r"""The rigid motion that takes an obstacle from its place in one step of a history to the next.
+"""The rigid motion that takes an obstacle from one step of a history to the next.
 
-Friction acts on the slip, and the obstacle's part of it is the path of the points of its surface. A
-shape tells that path by where it was and where it is: its method ``motion_from(before)`` returns
-the motion, or None where the two are not the same shape. Between the two places the motion is
-
-.. math::
-    w(x) = c + \theta \times (x - m),
-
-with the translation c of a point of the shape, half way of which is m, and the rotation theta. It
-is evaluated where the contact is, so a wheel that turns by any angle slips by the length of the arc
-that has passed, and one that rolls does not slip at all.
+Friction acts on the slip, and the obstacle's part of it is the path of its surface points. A
+shape's method ``motion_from(before)`` returns its motion, or None where the two are not the same
+shape.
 """
 
 from __future__ import annotations
@@ -26,24 +19,19 @@ from contact.obstacles.rigid import Rigid
 
 Array = NDArray[np.float64]
 
-_SAME = 1e-9  # of the size of a surface: its points, moved rigidly, fit to this
-_HALF_TURN = np.pi - 1e-6  # about which axis, and which way round, is not known any longer
+_SAME = 1e-9  # relative to the surface's size: error to which a rigid motion fits its points
+_HALF_TURN = np.pi - 1e-6  # larger rotations have no unique axis and sense
 
 
 @dataclass(frozen=True)
 class RigidMotion:
-    """The motion ``w(x) = translation + rotation x (x - about)``.
+    r"""The motion :math:`w(x) = c + \theta \times (x - m)`.
+    It is evaluated where the contact is: a wheel that turns slips by the length of the arc that
+    has passed, and one that rolls does not slip."""
 
-    Attributes
-    ----------
-    translation, about : ndarray, shape (dim,)
-    rotation : ndarray, shape (1,) in 2-D and (3,) in 3-D
-        Radians, counter-clockwise.
-    """
-
-    translation: Array
-    rotation: Array
-    about: Array
+    translation: Array  # c, of a point of the shape, (dim,)
+    rotation: Array  # theta, radians, counter-clockwise, (1,) in 2-D and (3,) in 3-D
+    about: Array  # m, halfway between that point's places, (dim,)
 
     @classmethod
     def between(cls, p: ArrayLike, q: ArrayLike, rotation: ArrayLike | None = None) -> RigidMotion:
@@ -72,9 +60,7 @@ class RigidMotion:
 
 def motion_between(before: Any, now: Any) -> RigidMotion | None:
     """How an obstacle moved from step to step; None where its shapes do not tell.
-
-    The motion of a `Rigid` is its own and comes on top of that of the obstacle within.
-    """
+    The motion of a `Rigid` is its own and comes on top of that of the obstacle within."""
     before, now = (o.obstacle if isinstance(o, Rigid) else o for o in (before, now))
     for moved in (now, before):  # a Moved knows the shape within, whichever side it is on
         if hasattr(moved, "moved_between"):
@@ -87,10 +73,9 @@ def motion_between(before: Any, now: Any) -> RigidMotion | None:
 
 
 def along_normal(before: Any, now: Any, first: bool = False) -> bool:
-    """Whether a plain number, a gap that has no place beside the normal, stays one.
-
-    In the first step of a history a shape may take its place, too: it is set down where it is.
-    """
+    """Whether the obstacle is a number, a gap along the normal alone, in both steps.
+    In the first step of a history it may also be replaced by a shape, which then starts where it
+    is."""
     before, now = (o.obstacle if isinstance(o, Rigid) else o for o in (before, now))
     return is_number(before) and (is_number(now) or first)
 
@@ -149,11 +134,7 @@ def matrix_of(rotation: Array) -> Array:
 
 def fitted(before: Array, now: Array) -> RigidMotion | None:
     """The motion that takes points (dim, n) to their new places; None if none does.
-
-    References
-    ----------
-    W. Kabsch, Acta Cryst. A 32 (1976), 922-923.
-    """
+    W. Kabsch, Acta Cryst. A 32 (1976), 922-923."""
     p, q = before.mean(axis=1), now.mean(axis=1)
     here, there = before - p[:, None], now - q[:, None]
     size = float(np.abs(here).max())
@@ -168,13 +149,7 @@ def fitted(before: Array, now: Array) -> RigidMotion | None:
 
 
 def said_motion(said: Any, dim: int) -> Array | None:
-    """A displacement as the caller said it: dim numbers, or 0 for none; None where not said.
-
-    Raises
-    ------
-    InputError
-        Anything else.
-    """
+    """A displacement that the caller gave: dim numbers, or 0 for none; None where not given."""
     if said is None:
         return None
     value = numbers("motion", said)

@@ -389,20 +389,11 @@ DEGREES = {"linear": 1, "cubic": 3}
 
 @dataclass(frozen=True, eq=False)
 class HeightSpline:
-    """A spline through the heights, periodic or on one patch.
+    """A spline through the heights, periodic or on one patch."""
 
-    Attributes
-    ----------
-    lengths : ndarray, shape (dim - 1,)
-        Period, or size of the patch.
-    periodic : bool
-    steepest : float
-        A bound of the slope.
-    """
-
-    lengths: Array
+    lengths: Array  # period, or size of the patch, shape (dim - 1,)
     periodic: bool
-    steepest: float
+    steepest: float  # bound of the slope
     _spline: Any
     _heights: Array
 
@@ -441,13 +432,8 @@ class HeightSpline:
         return self._value(places, np.zeros(len(places), dtype=int))
 
     def over(self, axes: Sequence[Array]) -> Array:
-        """Heights of a periodic surface on a tensor grid; on its own points those that were given.
-
-        Parameters
-        ----------
-        axes : sequence of ndarray
-            Coordinates along each direction.
-        """
+        """Heights of a periodic surface on the tensor grid of the coordinates `axes`.
+        On the surface's own points they are those that were given."""
         numbers = []
         for x, length, n in zip(axes, self.lengths, self._heights.shape, strict=True):
             number = np.rint(x * (n / length))
@@ -499,13 +485,7 @@ FORMATS = (".npy", *TABLES, ".xyz", ".png")
 
 
 def read_heights(path: str | PathLike[str]) -> Array:
-    """The numbers of a file: first index along the first axis of the surface.
-
-    Raises
-    ------
-    InputError
-        No such file, another format, no numbers in it.
-    """
+    """The numbers of a file: first index along the first axis of the surface."""
     try:
         place = Path(fspath(path))
     except TypeError as error:
@@ -537,9 +517,7 @@ def _array(place: Path) -> Array:
 
 def _table(place: Path) -> Array:
     """One row of numbers a line, between blanks, commas or semicolons; # begins a comment.
-
-    A comma is the decimal mark where other marks part the numbers.
-    """
+    A comma is the decimal mark where other marks part the numbers."""
     text = [line.partition("#")[0].strip() for line in place.read_text().splitlines()]
     lines = [line for line in text if line]
     if not lines:
@@ -550,13 +528,7 @@ def _table(place: Path) -> Array:
 
 
 def _decimal_commas(lines: list[str]) -> bool:
-    """Whether commas stand in numbers and not between them.
-
-    Raises
-    ------
-    ValueError
-        They may mean either.
-    """
+    """Whether commas are decimal marks; a `ValueError` where they may also separate numbers."""
     parts = [part for line in lines for part in line.replace(";", " ").split()]
     inside = [bool(_WITH_COMMA.fullmatch(part)) for part in parts]
     if not any(inside):

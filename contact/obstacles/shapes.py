@@ -430,22 +430,8 @@ def _from_centre(obstacle: Cylinder | Sphere, x: Array) -> tuple[Array, Array]:
 
 
 def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
-    """Gap of any obstacle at points x with outward normals n.
-
-    Parameters
-    ----------
-    obstacle : obstacle, number, callable x -> d, or None
-    x, n : ndarray, shape (dim, ...)
-
-    Returns
-    -------
-    ndarray, shape (...)
-
-    Raises
-    ------
-    InputError
-        NaN, minus infinity or a wrong shape.
-    """
+    """Gap, shape (...), of any obstacle, number or function at points x with normals n, (dim,
+    ...)."""
     if obstacle is None:
         return np.full(x.shape[1:], np.inf)
     if isinstance(obstacle, type):
@@ -466,21 +452,9 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
 
 
 def within_reach(obstacle: ObstacleLike, gap: Array, nearest: float, size: float) -> Array:
-    """The gap, ``inf`` where it is longer than the body's size beyond the nearest place.
-
-    Towards the equator of a ball its normals run along a plane below it, which they meet far off.
-    A body that closes such a gap has sunk into the obstacle by more than its own size elsewhere.
-
-    Parameters
-    ----------
-    obstacle : obstacle, number, callable or None
-        Gaps that are given, or do not run along normals, stay as they are.
-    gap : ndarray
-    nearest : float
-        Least modulus of a gap on the whole boundary, ``inf`` without any.
-    size : float
-        Largest extent of the body.
-    """
+    """The gap, ``inf`` where it exceeds the boundary's least gap by more than the body's size.
+    Normals near the equator of a ball meet a plane below it far away; if such a gap closed, the
+    body would have sunk by more than its size. Gaps not along normals stay."""
     if isinstance(obstacle, (Plane, Cylinder, Sphere, Cone, SurfaceMesh, Rough, SignedDistance)):
         gap = np.where(np.abs(gap) <= nearest + size, gap, np.inf)
     return gap

@@ -22,15 +22,7 @@ FORMATS = (".stl", ".ply", ".obj", ".vtp")
 
 
 def read_surface(path: str | PathLike[str]) -> tuple[Array, Index]:
-    """Points (dim, npoints) and facets (dim, nfacets) of a file.
-
-    Raises
-    ------
-    InputError
-        No such file, another format, no facets in it.
-    MissingDependency
-        pyvista is not installed.
-    """
+    """Points (dim, npoints) and facets (dim, nfacets) of a file."""
     try:
         place = Path(fspath(path))
     except TypeError as error:
@@ -107,10 +99,8 @@ def _check(count: int, polygons: _Cells, lines: _Cells) -> None:
 
 
 def _check_claims(data: bytes) -> None:
-    """Refuse counts of a VTP file that its bytes cannot hold: VTK ends where memory does.
-
-    Zlib packs at most 1032 bytes into one (zlib.net/zlib_tech.html).
-    """
+    """Refuse counts of a VTP file that its bytes cannot hold: VTK would end the process.
+    Zlib packs at most 1032 bytes into one (zlib.net/zlib_tech.html)."""
     claims = re.findall(rb"NumberOf(\w+)\s*=\s*[\"']\s*(-?\d+)", data)
     wide, many = (
         max((int(n) for of, n in claims if (of == b"Components") == inner), default=1)
@@ -205,13 +195,7 @@ def _ply(place: Path) -> _Facets:
 def _ply_records(
     data: bytes, at: int, name: str, count: int, properties: list[list[str]], code: dict[str, str]
 ) -> tuple[list[Any], int]:
-    """Records of one element, in runs whose lists are equally long, and where the next begins.
-
-    Raises
-    ------
-    ValueError
-        The data end before.
-    """
+    """Records of one element, in runs whose lists are equally long, and where the next begins."""
     runs, done, most = [], 0, count
     while done < count and properties:
         kind, length = _ply_record(data, at, properties, code)

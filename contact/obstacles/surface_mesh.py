@@ -344,25 +344,14 @@ class SurfaceMesh:
 
 @dataclass(frozen=True)
 class FlatFacets:
-    """Facets with what is looked for beside them.
+    """Facets with the search structures for their nearest points and sides."""
 
-    Attributes
-    ----------
-    corners : ndarray, shape (nfacets, dim, dim)
-    pseudonormals : ndarray, shape (nfacets, nparts, dim)
-        Unit normals of the facet, its edges in 3-D, and its corners, as `Nearest.part` counts them.
-    border : ndarray of bool, shape (nfacets, nparts)
-        Parts on the border of a sheet.
-    size : float
-        Diagonal of the box around them.
-    """
-
-    corners: Array
+    corners: Array  # shape (nfacets, dim, dim)
     tree: BoxTree
     vertices: scipy.spatial.KDTree
-    pseudonormals: Array
-    border: NDArray[np.bool_]
-    size: float
+    pseudonormals: Array  # unit, of the parts in `Nearest.part`, (nfacets, nparts, dim)
+    border: NDArray[np.bool_]  # parts on the border of a sheet, (nfacets, nparts)
+    size: float  # diagonal of the box around them
 
     @classmethod
     def of(cls, points: Array, facets: Index) -> FlatFacets:
@@ -417,30 +406,19 @@ def _angles(corners: Array) -> Array:
 
 @dataclass(frozen=True)
 class Nearest:
-    """The nearest places of a surface.
+    """The nearest places of a surface."""
 
-    Attributes
-    ----------
-    foot : ndarray, shape (npoints, dim)
-    facet : ndarray, shape (npoints,)
-    part : ndarray, shape (npoints,)
-        Where on the facet: 0 within it, then its edges (in 3-D, the first from the first corner to
-        the second), then its corners.
-    """
-
-    foot: Array
+    foot: Array  # shape (npoints, dim)
     facet: Index
-    part: Index
+    part: Index  # 0 inside the facet, then its edges (3-D), then its corners
 
 
 def nearest_on_facets(
     corners: Array, tree: BoxTree, vertices: scipy.spatial.KDTree, x: Array
 ) -> Nearest:
     """Nearest places of facets (nfacets, dim, dim) to x (npoints, dim); of two, the first facet.
-
-    The nearest of the vertices and a facet in boxes near x bound the distance: among small facets
-    and beside large ones.
-    """
+    The distance is bounded by the nearest vertex, which is close among small facets, and by a
+    facet in the boxes near x, close beside large ones."""
     normals = facet_normals(corners)
     facet = tree.one_near(x)
     foot, part = _on_each(corners[facet], normals[facet], x)
@@ -469,11 +447,7 @@ def _least(place: Index, away: Array, facet: Index) -> Index:
 
 def _on_each(c: Array, normal: Array, x: Array) -> tuple[Array, Index]:
     """Nearest place of one facet for each x, and the part of the facet that it lies on.
-
-    References
-    ----------
-    C. Ericson, Real-Time Collision Detection, Morgan Kaufmann 2005, section 5.1.
-    """
+    C. Ericson, Real-Time Collision Detection, Morgan Kaufmann 2005, section 5.1."""
     dim = c.shape[2]
     if dim == 2:
         foot, s = _on_segment(c[:, 0], c[:, 1], x)

@@ -17,49 +17,25 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_PIECES = 16  # straight ones of a facet, which may be curved
-_NEAR = 1e-2  # of a facet's length: so near to its end a point is the vertex's
-_FACING = 0.1  # cosine below which the normals of a point and of a facet do not belong together
+_PIECES = 16  # straight pieces of a facet, which may be curved
+_NEAR = 1e-2  # relative to a facet's length: a point so near to its end belongs to the vertex
+_FACING = 0.1  # least cosine between the normals of a point and of its facet
 
 
 @dataclass(frozen=True)
 class Run:
-    """Contact points that follow one another along the boundary.
+    """Contact points that follow one another along the boundary."""
 
-    Attributes
-    ----------
-    points : ndarray of int, shape (n,)
-        Numbers of the contact points, in order along the boundary.
-    s : ndarray, shape (n,)
-        Arc length of each point along the run.
-    length : float
-        Length of the facets of the run, or from the first to the last knot of a cut arc.
-    closed : bool
-        The first point follows the last one.
-    """
-
-    points: Index
-    s: Array
-    length: float
-    closed: bool
+    points: Index  # contact points in order along the boundary, shape (n,)
+    s: Array  # arc length of each point along the run, shape (n,)
+    length: float  # of the facets of the run, or between the end knots of a cut arc
+    closed: bool  # the first point follows the last one
 
 
 def arc_length(result: Drawn) -> tuple[Array, Index]:
-    """Arc length of each contact point along the boundary, and the number of its connected run.
-
-    Lengths are measured from the start of the boundary, not from the first contact point. Each run
-    continues the lengths of the run before; a closed run starts at the facet of its first point.
-
-    Parameters
-    ----------
-    result : ContactResult
-        In two dimensions.
-
-    Returns
-    -------
-    s : ndarray, shape (m,)
-    run : ndarray of int, shape (m,)
-    """
+    """Arc length of each contact point along the boundary (2-D), and its connected run, (m,).
+    Measured from the start of the boundary; each run continues the lengths of the one before, a
+    closed one starts at the facet of its first point."""
     s, number = np.zeros(result.mu.size), np.zeros(result.mu.size, dtype=np.int64)
     begin = 0.0
     for k, run in enumerate(contact_runs(result)):
@@ -79,7 +55,7 @@ def contact_runs(result: Drawn) -> list[Run]:
 
 
 def _runs_of_arc(result: Drawn, here: Index) -> list[Run]:
-    """Knots of a cut arc begin where a curve of it does, and follow it."""
+    """Runs of a cut arc: its knots in order along each of its curves."""
     arc, x = side(result, here).body.arc(), result.x[:, here]
     owner = np.empty(arc.weights.size, dtype=np.int64)
     for k, curve in enumerate(arc.curves):
@@ -166,9 +142,7 @@ class _Line:
 
 def _lines(mesh: Mesh, nominal: Array, normals: Array, vertex: Index | None) -> list[_Line]:
     """The runs of the facets that the contact points belong to.
-
-    Points that belong to a `vertex` each may lie off the facets between them.
-    """
+    Points that belong to a `vertex` each may lie off the facets between them."""
     facets = mesh.boundary_facets()
     s = np.linspace(0.0, 1.0, _PIECES + 1)[None]
     curve = np.asarray(mesh.mapping().G(s, find=facets))

@@ -15,7 +15,7 @@ from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_ROUNDING = 1e-12  # of a row, if both sides of a pair move along
+_ROUNDING = 1e-12  # relative: normal displacement of a pair under a common translation
 
 
 class DrawnSystem(Protocol):
@@ -116,10 +116,10 @@ class Drawn(DrawnBody, Protocol):
 
 @dataclass(frozen=True)
 class Side:
-    """The body on whose boundary contact points lie, and rows of their normal displacement."""
+    """The body on whose boundary contact points lie."""
 
     body: Any
-    G: sparse.csr_array  # (n, ndofs) of this body
+    G: sparse.csr_array  # rows of the normal displacement, columns of this body, shape (n, ndofs)
 
     @property
     def trace(self) -> Any:
@@ -140,10 +140,8 @@ def pair_name(result: Drawn, k: int) -> str:
 
 
 def is_elastic(result: Drawn, points: Index) -> bool:
-    """Whether a body is opposite to points of one contact boundary, and no rigid obstacle.
-
-    A translation of all bodies together then changes no gap.
-    """
+    """Whether a body, not a rigid obstacle, is opposite to points of one contact boundary.
+    A translation of all bodies together then changes no gap."""
     rows, bodies = result.system.rows, result.system.body
     if not rows.owner.size:
         return False

@@ -1,4 +1,4 @@
-"""What pictures of contact are made of: cells, edges, faces; outlines, colours, legends."""
+"""Geometry for pictures of bodies: deformed cells, edges, pressures on faces; colours, legends."""
 
 from __future__ import annotations
 
@@ -26,14 +26,12 @@ COLOURS = {
     Status.UNDETERMINED: "#d9a441",
 }
 _BODIES = ("#3d3d3d", "#b0702a", "#4f7942", "#6a5acd")
-_ROOM = 0.3  # around the contact points, of their extent
+_ROOM = 0.3  # margin around the contact points, relative to their extent
 
 
 def triangulated(one: DrawnBody, per_cell: int, nodal: bool) -> tuple[Array, Array, Index]:
     """Places (n, 2), displacements (n, 2) and triangles (k, 3) of a body in 2-D.
-
-    `per_cell` parts of a cell's edge, of simplices a power of two; `nodal`: corners only.
-    """
+    `per_cell` parts an edge, of simplices powers of two; `nodal`: corners of the cells only."""
     body = one.body
     parts = per_cell if body.mesh.t.shape[0] == 4 else 2 ** int(np.ceil(np.log2(per_cell)))
     grid = to_pyvista(body.basis, {"u": one.u}, subdivide=1 if nodal else parts)
@@ -55,7 +53,8 @@ def deformed_cells(one: DrawnBody, magnification: float) -> tuple[list[Array], A
 
 
 def deformed_edges(one: DrawnBody, magnification: float, outline: bool) -> list[Array]:
-    """Edges (points, 2) of deformed cells in 2-D, or the boundary's, as the element bends them."""
+    """Edges of the deformed cells of a body in 2-D, or of its boundary, as the element bends them.
+    Each of shape (points, 2)."""
     body = one.body
     mesh = body.mesh
     s = np.linspace(0.0, 1.0, 7)[None]
@@ -107,10 +106,8 @@ def _polygons(grid: Any) -> list[Index]:
 
 
 def draw_outlines(result: Drawn, ax: Any) -> Any:
-    """Outlines and cells of deformed bodies in 2-D around their contact, and the contact points.
-
-    Displacements are drawn as they are: larger ones would let bodies overlap that touch.
-    """
+    """Outlines and cells of the deformed bodies (2-D) around their contact, and the contact points.
+    Displacements are not magnified, which would let touching bodies overlap."""
     from matplotlib.collections import LineCollection
 
     for k, one in enumerate(drawn_bodies(result)):

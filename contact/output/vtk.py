@@ -23,21 +23,9 @@ from skfem_adini import to_pyvista, von_mises
 
 
 def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
-    """Body as a pyvista.UnstructuredGrid with the displacement and the mean stress of each cell.
-
-    Parameters
-    ----------
-    result : ContactResult or BodyResult
-    subdivide : int, optional
-        Number of linear sub-cells along each edge, instead of exact high-order cells. A `CutBody`
-        always has sub-cells, 4 by default, clipped to the part inside.
-
-    Returns
-    -------
-    pyvista.UnstructuredGrid
-        Point data ``displacement``, ``nodal_stress`` (nine components), ``nodal_von_mises``; cell
-        data ``von_mises`` and ``stress`` (xx, yy, zz, xy, ...; hoop, if axisymmetric).
-    """
+    """Body as a pyvista.UnstructuredGrid: displacement, nodal stresses, mean stress of each cell.
+    `subdivide`: linear sub-cells along an edge instead of exact high-order cells; a `CutBody`
+    always has them, 4 by default, clipped to the part inside."""
     given = None if subdivide is None else numbers("subdivide", subdivide)
     if given is not None and (given.shape != () or not 1 <= given < np.inf or given % 1):
         raise InputError(f"subdivide={subdivide!r}: expected a whole number from 1")
@@ -62,16 +50,8 @@ def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
 
 
 def boundary_grid(result: Drawn) -> Any:
-    """Contact points as pyvista.PolyData: a polyline in 2-D, a point cloud in 3-D.
-
-    There is one polyline for each run of connected facets, closed where the facets are.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Point data ``pressure``, ``shear`` and ``slip`` (vectors), ``gap``, ``status``,
-        ``normal``; where there are ties also ``tie_pressure`` and ``tie_shear``.
-    """
+    """Contact points as pyvista.PolyData with their fields: polylines in 2-D, a cloud in 3-D.
+    There is one polyline for each run of connected facets, closed where the facets are."""
     return next(boundary_grids([result]))
 
 
@@ -83,12 +63,8 @@ def boundary_grids(results: Iterable[Drawn]) -> Iterator[Any]:
 
 def block_sets(results: Iterable[Drawn], subdivide: int | None = None) -> Iterator[Any]:
     """Bodies and contact surfaces of several results, a pyvista.MultiBlock each.
-
-    There is a block for each body, called by its name or "body 0", ...; one for the contact surface
-    of each pair, "contact 0", ..., or "tie 0", ..., as `boundary_grid` has it; and, if a body is
-    opposite, "contact 0 opposite": the points moved by the gap onto it, with its normals, and the
-    tractions that act on it.
-    """
+    Blocks: bodies by name, "contact 0" or "tie 0" as `boundary_grid`, and "contact 0 opposite": the
+    points moved by the gap onto the other body, with its normals and tractions."""
     pyvista = _import_pyvista()
     for result, runs in _joined(results):
         blocks = pyvista.MultiBlock()
@@ -126,7 +102,7 @@ def _joined(results: Iterable[Drawn]) -> Iterator[tuple[Drawn, list[Run]]]:
 
 
 def _fields(result: Drawn) -> dict[str, Any]:
-    """What is known at every contact point, by name."""
+    """Fields at the contact points, by name."""
     for name, forces in (("mu", result.mu), ("t", result.t)):
         if not np.all(np.isfinite(forces)):
             raise InputError(f"{name}: the result holds NaN or infinity, which cannot be written")

@@ -466,25 +466,13 @@ def _same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult
 
-_RATIO = 4.0  # of the lengths of facets that face each other in a contact zone
-_VARIES = 0.05  # part of the largest pressure: one that varies by less is resolved by any facets
+_RATIO = 4.0  # largest one of lengths of facets that face each other without a warning
+_VARIES = 0.05  # relative to the largest pressure: any facets resolve smaller variations
 
 
 def warn_of_coarse_facets(result: ContactResult, ratio: Array) -> None:
-    """Warn if facets in contact face others of less than a quarter of their length.
-
-    The coarser of the two meshes limits the accuracy of the pressure.
-
-    Parameters
-    ----------
-    result : ContactResult
-    ratio : ndarray, shape (m,)
-        See `contact.rows.mortar.resolution.facet_ratio`.
-
-    Warns
-    -----
-    ContactWarning
-    """
+    """Warn (ContactWarning) if facets in contact face others of less than a quarter the length.
+    The coarser mesh limits the accuracy of the pressure; `ratio` (m,) is that of `facet_ratio`."""
     p = result.pressure
     loaded = p > 1e-12 * p.max(initial=0.0)
     if not loaded.any() or np.ptp(p) <= _VARIES * p.max():

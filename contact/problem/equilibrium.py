@@ -36,19 +36,7 @@ def undetermined(condensed: CondensedContact, a: Array) -> Unbounded:
 
 def doubt(condensed: CondensedContact, problem: BoundaryProblem, friction: Friction | None) -> str:
     """A possible reason why no solution was found: the end of an error message, or empty.
-
-    Parameters
-    ----------
-    condensed : CondensedContact
-    problem : BoundaryProblem
-        The problem that could not be solved.
-    friction : Friction or None
-
-    Raises
-    ------
-    Unbounded
-        The loads are at the limit of what friction holds.
-    """
+    Raises Unbounded where the loads are at the limit of what friction holds."""
     limit, a = at_the_limit(problem, friction), by_friction_alone(problem)
     if limit is not None:
         raise undetermined(condensed, limit)

@@ -1,11 +1,9 @@
-r"""Loaded points that have moved along the obstacle so far that their gaps are others by now.
+"""Loaded points that have moved along the obstacle to where the gap is another one.
 
-At a contact point with the tangential displacement v, relative to the obstacle, the gap is no
-longer d(x) but :math:`d(x + v)`; the linearised law keeps d(x). The difference is compared with
-the penetration that contact removes, for which the largest deformation of the body stands. Where
-two bodies touch it is found by projecting them anew where they are. Cells that are turned inside
-out show motions that are too large along the normal.
-"""
+With a tangential displacement v relative to the obstacle the gap is :math:`d(x + v)`, not d(x) as
+in the linearised law. The difference is compared with the penetration that contact removes, taken
+as the largest deformation of the body; of two bodies it is found by projecting them anew. Cells
+turned inside out show motions that are too large along the normal."""
 
 from __future__ import annotations
 
@@ -30,18 +28,23 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Points with less than this part of the largest force hardly press.
+# Relative to the largest force: points with less do not count as loaded.
 _LOADED = 1e-3
 # Volume of cells that are turned inside out over that of a cube as wide as the contact.
 _TURNED = 0.1
-_VOLUMES = {RefTri: 1 / 2, RefQuad: 1.0, RefTet: 1 / 6, RefHex: 1.0}  # of the reference cells
+_VOLUMES = {
+    RefTri: 1 / 2,
+    RefQuad: 1.0,
+    RefTet: 1 / 6,
+    RefHex: 1.0,
+}  # of reference cells
 _CORNERS = {
     RefTri: ElementTriP1,
     RefQuad: ElementQuad1,
     RefTet: ElementTetP1,
     RefHex: ElementHex1,
 }
-# Part of the penetration below which the body has only been moved until it touches.
+# Relative to the penetration: with less the body has only been moved until it touches.
 _TOUCHES = 1e-9
 _REMEDY = (
     "; let bodies slide with LoadStepper(..., sliding='finite'), place a rigid obstacle where it "
@@ -51,23 +54,12 @@ _REMEDY = (
 
 @dataclass(frozen=True)
 class _Motion:
-    """Points that have moved by more than the distance of contact points.
+    """Points that have moved by more than the distance of contact points."""
 
-    Attributes
-    ----------
-    points : ndarray of int, shape (k,)
-    moves : ndarray, shape (dim, k)
-        Their tangential displacements relative to the obstacle.
-    spacing : ndarray, shape (k,)
-        Distance to the next contact point.
-    loaded : ndarray of bool, shape (k,)
-        Those that press.
-    """
-
-    points: NDArray[np.int64]
-    moves: Array
-    spacing: Array
-    loaded: NDArray[np.bool_]
+    points: NDArray[np.int64]  # shape (k,)
+    moves: Array  # tangential displacements relative to the obstacle, shape (dim, k)
+    spacing: Array  # distance to the next contact point, shape (k,)
+    loaded: NDArray[np.bool_]  # those that press, shape (k,)
 
 
 def check_motion(
@@ -77,28 +69,8 @@ def check_motion(
     sliding: bool = False,
 ) -> None:
     """Warn of, or refuse, a result whose loaded points have moved to where the gap is another one.
-
-    Parameters
-    ----------
-    result : ContactResult
-    boundaries : ContactBoundaries or Interfaces
-        Of its problem.
-    obstacle : obstacle, or a list of these
-        Where they are now; by default those of the pairs.
-    sliding : bool
-        Pairs of elastic bodies were projected at this displacement, and are not looked at.
-
-    Warns
-    -----
-    LargeMotionWarning
-        The gap changes along the motion by a quarter of the penetration; points of two bodies have
-        moved past a facet; cells are turned inside out.
-
-    Raises
-    ------
-    InputError
-        The gap changes by more than the penetration, or nothing lies opposite any more.
-    """
+    LargeMotionWarning from a quarter of the penetration, for points past a facet and inverted
+    cells; InputError beyond the penetration. `sliding`: pairs of bodies were projected anew."""
     _check_cells(result)
     motion = _large(result)
     if not motion.points.size:
@@ -196,10 +168,7 @@ def _of_pairs(
     motion: _Motion,
     sliding: bool,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Change of the gap at the points, and which of them have moved past a facet of another body.
-
-    The change is zero where it is not known.
-    """
+    """Change of the gap at the points, 0 if unknown, and which have moved past a facet."""
     change = np.zeros(motion.points.size)
     elastic = np.zeros(motion.points.size, dtype=bool)
     first = np.searchsorted(result.part, np.arange(len(interfaces.pairs)))

@@ -22,26 +22,9 @@ Array = NDArray[np.float64]
 def start_forces(
     result: ContactResult, system: ContactSystem, problem: BoundaryProblem, scale: Array
 ) -> Forces:
-    """Contact forces near a solution, in the scale of a boundary problem.
-
-    Tractions of another mesh are interpolated; the rigid motions are those that bring the loaded
-    points closest to the obstacle and the sticking ones closest to where they stuck.
-
-    Parameters
-    ----------
-    result : ContactResult
-    system : ContactSystem
-        The system to be solved.
-    problem : BoundaryProblem
-        Its condensation.
-    scale : ndarray, shape (m,)
-        Physical force = scaled force / scale.
-
-    Raises
-    ------
-    InputError
-        The result has another dimension.
-    """
+    """Contact forces near a solution, in the scale of a problem: physical = scaled / scale.
+    Tractions of another mesh are interpolated; rigid motions bring loaded points closest to the
+    obstacle and sticking ones to where they stuck. Raises InputError for another dimension."""
     dims = result.x.shape[0], system.rows.x.shape[0]
     if dims[0] != dims[1]:
         raise InputError(
@@ -63,10 +46,8 @@ def start_forces(
 
 def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, Array]:
     """Forces (mu, t) on the contact points of a system from the tractions of a result.
-
-    Each point takes the mean of the dim nearest ones on its contact boundary, weighted by the
-    inverse of their distances: linear interpolation between neighbours in two dimensions.
-    """
+    Each point takes the mean of the dim nearest ones on its boundary, weighted by inverse
+    distances: linear interpolation in two dimensions."""
     rows, theirs = system.rows, result.system.rows
     shear = np.einsum("djm,mj->dm", theirs.tangents, result.shear + result.tie_shear)
     traction = np.vstack((result.pressure + result.tie_pressure, shear))

@@ -30,27 +30,9 @@ _AIM = 0.05  # error with the finer facets that the warning recommends
 def warn_of_sagitta(
     result: ContactResult, rise: Array, condensed: CondensedContact, options: Options
 ) -> None:
-    """Warn if the pressures on a polygon differ from those on the curve that it approximates.
-
-    The middle of a facet of length h along a curve of radius R lies h^2 / 8R below it, and the mean
-    error of the gap to an exact cylinder is two thirds of that. The error of the pressures depends
-    on the overlap that contact removes, on the supports and on the extent of the contact. It is
-    found by solving the condensed problem once more, with the gaps of the curve.
-
-    Parameters
-    ----------
-    result : ContactResult
-    rise : ndarray, shape (m,)
-        Gap from the curve minus gap from the facets, see `GapRule.rise`; zero where facets
-        approximate no curve.
-    condensed : CondensedContact
-    options : Options
-
-    Warns
-    -----
-    ContactWarning
-        The relative rms difference of the pressures exceeds a tenth.
-    """
+    """Warn (ContactWarning) if pressures on a polygon and on its curve differ by a tenth (rms).
+    The middle of a facet of length h lies h^2 / 8R below the curve, the mean gap is off by 2/3 of
+    that: the problem is solved again with the gaps of the curve, by `rise` (m,) of `GapRule`."""
     system, body = result.system, result.system.body
     # A smaller difference is rounding of the coordinates.
     if np.abs(rise).max(initial=0.0) <= 1e-14 * body.extent:

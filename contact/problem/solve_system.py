@@ -32,10 +32,9 @@ from gpu import NotConverged as QPNotConverged
 
 Array = NDArray[np.float64]
 STIFF = ("newton", "pdas", "tresca_loop")  # methods that may fall back on the stiffness form
-# If at least so many iterations are allowed, a failure is not due to that limit.
+# Allowed iterations from which a failure is not due to their limit.
 THOROUGH = 50
-# Part of the tolerance of the certificate up to which the forces of a displacement may be out of
-# balance before it is refined: a digit is left for what rounding does elsewhere.
+# Imbalance of forces over the tolerance beyond which a displacement is refined: a digit to spare.
 RESERVE = 0.1
 
 
@@ -46,23 +45,8 @@ def solve_system(
     start: ContactResult | None,
     report: Report,
 ) -> ContactResult:
-    """Solve and certify; see `contact.problem.contact_problem.ContactProblem.solve`.
-
-    Parameters
-    ----------
-    system : ContactSystem
-    condensed : CondensedContact
-        The condensation of its body.
-    options : Options
-    start : ContactResult or None
-    report : callable
-        Receives each `Iteration`.
-
-    Raises
-    ------
-    NotConverged, Infeasible, Unbounded, InputError
-        As for `ContactProblem.solve`.
-    """
+    """Solve one system on a condensation of its body and certify it.
+    `report` takes each `Iteration`; errors as of `ContactProblem.solve`."""
     history: list[Iteration] = []
 
     def keep(line: Iteration) -> None:
@@ -158,9 +142,7 @@ def _refined(
     solved: Callable[..., _Solution],
 ) -> _Solution:
     """The solution after one step of iterative refinement, where that is needed and helps.
-
-    Its contact forces balance the loads themselves: the sum of what is left is rounding.
-    """
+    Its contact forces balance the given loads; residual loads add up to rounding."""
     always = condensed.always_refined
     before = np.inf if always else system.balance(*found.state)
     rest = condensed.unbalanced(load, *found.state) if before > RESERVE * tol else None

@@ -1,14 +1,10 @@
 r"""The condensed problem with the stiffness of its boundary in place of the compliance.
 
-Thin bodies that are held by contact alone bend far more easily than they are compressed: in
-``v = v_0 - W l + C a`` large displacements by bending cancel, those by compression remain, and
-digits are lost. Here the boundary's own unknowns z are kept beside the forces,
+Thin bodies held by contact alone bend far more easily than they are compressed: in
+``v = v_0 - W l + C a`` large displacements by bending cancel and digits are lost. Here the
+boundary's own unknowns z are kept beside the forces, with the same Newton's method,
 
-.. math:: v = v_0 + B z + B N a, \qquad B^T l + S_b z = f_b, \qquad N^T B^T l = s ,
-
-so that the contact conditions are equations of the system and no large terms cancel. The same
-Newton's method solves it, with a larger matrix.
-"""
+.. math:: v = v_0 + B z + B N a, \qquad B^T l + S_b z = f_b, \qquad N^T B^T l = s ."""
 
 from __future__ import annotations
 
@@ -35,26 +31,15 @@ if TYPE_CHECKING:
     from contact.result.contact_system import ContactSystem
 
 
-_REFINEMENTS = 10  # steps at most; each adds as many digits as the factorisation is accurate to
+_REFINEMENTS = 10  # steps at most; each adds the digits of the factorisation
 _CHANGE = 1e-8  # tolerance of one step, whose residual the next step reduces
-_SETTLED = 1e-6  # largest relative change in the last step: six digits are then reliable
+_SETTLED = 1e-6  # largest relative change in the last step: six reliable digits
 _LARGEST_ORDER = 8000  # order of a matrix that takes 20 s and half a gigabyte to factor
 
 
 class StiffnessForm:
-    """A condensation of moderate size in its stiffness form.
-
-    Parameters
-    ----------
-    condensed : CondensedContact
-    system : ContactSystem
-        The system to be solved.
-
-    Raises
-    ------
-    NotConverged
-        Its matrix would be too large for a second attempt.
-    """
+    """A condensation of moderate size in its stiffness form, for one system.
+    Raises NotConverged if its matrix is too large for a second attempt."""
 
     def __init__(self, condensed: CondensedContact, system: ContactSystem) -> None:
         if not fits(condensed):
@@ -104,16 +89,8 @@ class StiffnessForm:
         self, near: ContactResult | None, tol: float, report: Report
     ) -> tuple[Any, Array | None]:
         """Displacement and forces (u, mu, t), and the obstacles' motions, near those of a result.
-
-        This is iterative refinement: each step solves for a change of the displacement. If cells
-        are slender, the residual is computed from the strains, and has digits that the
-        factorisation lacks.
-
-        Raises
-        ------
-        NotConverged, LinAlgError
-            The steps do not converge, or a linear system is singular.
-        """
+        Iterative refinement: each step solves for a change; with slender cells the residual comes
+        from strains. Raises NotConverged, or LinAlgError for a singular system."""
         system, scale = self._system, self.point_scale
         # A free motion has the prescribed value NaN; here it starts from zero.
         motion = None if system.motion is None else np.nan_to_num(system.motion.prescribed)
@@ -213,12 +190,7 @@ def solved_stiffly(
     history: list[Iteration],
 ) -> ContactResult:
     """Solve and certify in the stiffness form, starting from a result or from rest.
-
-    Raises
-    ------
-    NotConverged, LinAlgError
-        As for `StiffnessForm.solve`, or the certificate fails.
-    """
+    Raises as `StiffnessForm.solve`, and NotConverged if the certificate fails."""
     form = StiffnessForm(condensed, system)
     (u, mu, t), motion = form.solve(near, INNER * options.tol, report)
     t = system.with_held_points(u, mu, t, motion)
@@ -236,12 +208,7 @@ def refined(
     history: list[Iteration],
 ) -> ContactResult:
     """The result for a body with slender cells after iterative refinement.
-
-    Raises
-    ------
-    NotConverged
-        The refined displacement has too few reliable digits, or fails its certificate.
-    """
+    Raises NotConverged if it has too few reliable digits, or fails its certificate."""
     try:
         return solved_stiffly(system, condensed, options, result, report, history)
     except (NotConverged, LinAlgError) as error:

@@ -1,25 +1,18 @@
 r"""Contact on a curve that cuts the cells of a mesh: hat functions along the arc as multipliers.
 
-The boundary of a cut domain crosses its cells in pieces of any length. With one multiplier per cell
-tiny pieces would have their own multipliers, too many for the trace space (inf-sup condition).
-Instead, length along the arc is measured in sizes of the cells that it crosses, and the arc is
-divided evenly in that measure, however the cells are cut. With the hat functions
-:math:`N_k \ge 0`, :math:`\sum N_k = 1`,
+The boundary of a cut domain crosses its cells in pieces of any length; one multiplier a cell would
+be too many for the trace space (inf-sup condition). Instead the arc is divided evenly, its length
+measured in sizes of the cells that it crosses. With hats :math:`N_k \ge 0`, :math:`\sum N_k = 1`,
 
 .. math::
     u_{n,k} = \frac{1}{w_k} \int N_k \, n \cdot u, \qquad
     d_k = \frac{1}{w_k} \int N_k \, d, \qquad w_k = \int N_k,
 
-and the multipliers :math:`\mu_k \ge 0` are those of the continuous, piecewise linear pressure
-:math:`p = \sum_k (\mu_k / w_k) N_k \ge 0`: it is nowhere negative, a uniform pressure is exact on
-any mesh, and friction within :math:`|t_k| \le F \mu_k` keeps :math:`|q| \le F p` everywhere.
+and the multipliers are those of the continuous pressure :math:`p = \sum_k (\mu_k / w_k) N_k \ge 0`:
+a uniform one is exact on any mesh, and :math:`|t_k| \le F \mu_k` keeps :math:`|q| \le F p`.
 
-The number of multipliers that the trace space admits was measured by the least eigenvalue of the
-compliance W, relative to W of the same hats on cells a quarter of the size, over shifted disks and
-slivers. For hats at a distance of 2, 1.5, 1, 0.75, 0.5 cells it is at least .75, .54, .30, .08, .02
-for the shear, and larger for the pressure; an exact trace space would give 1. The default distance
-is 1.5.
-"""
+The default distance of hats is 1.5 cells. At 2, 1.5, 1, .75, .5 cells the least eigenvalue of W,
+relative to that on cells a quarter of the size, is .75, .54, .30, .08, .02 for the shear."""
 
 from __future__ import annotations
 
@@ -48,19 +41,7 @@ def arc_rows(
     direction: Callable[[Array], Array] | None = None,
 ) -> tuple[ContactRows, ArcGap]:
     """Contact rows of an arc, and the rule that evaluates its gap.
-
-    Parameters
-    ----------
-    arc : CutArc
-    functional : {"hat", None}
-    direction : callable x -> n, optional
-        As for `contact.rows.discretise.contact_boundary`.
-
-    Raises
-    ------
-    InputError
-        A functional other than "hat".
-    """
+    `direction` as for `contact_boundary`; raises InputError for a functional other than "hat"."""
     if functional not in (None, HAT):
         raise InputError(f"functional={functional!r}: a cut arc offers {HAT!r} alone")
     hats, x = hats_along(arc)
@@ -89,24 +70,13 @@ def arc_rows(
 
 @dataclass(frozen=True)
 class ArcGap:
-    """The gap between an arc and an obstacle, averaged by the hats, as `gap_rule.GapRule`.
+    """The gap between an arc and an obstacle, averaged by the hats, as `gap_rule.GapRule`."""
 
-    Attributes
-    ----------
-    x, normals : ndarray, shape (2, n)
-        Quadrature points and outward normals there.
-    mean : csr_array, shape (m, n)
-        Mean values of a function weighted by each hat.
-    x_nominal : ndarray, shape (2, m)
-    size : float
-        Largest extent of the body.
-    """
-
-    x: Array
-    normals: Array
-    mean: sparse.csr_array
-    x_nominal: Array
-    size: float
+    x: Array  # quadrature points, shape (2, n)
+    normals: Array  # outward unit normals there, shape (2, n)
+    mean: sparse.csr_array  # means of a function weighted by each hat, shape (m, n)
+    x_nominal: Array  # shape (2, m)
+    size: float  # largest extent of the body
 
     @property
     def order(self) -> NDArray[np.int64]:
@@ -115,12 +85,7 @@ class ArcGap:
 
     def __call__(self, obstacle: ObstacleLike) -> Array:
         """Gap of every contact point, shape (m,); ``inf`` where there is no obstacle.
-
-        Raises
-        ------
-        InputError
-            NaN, minus infinity or a wrong shape.
-        """
+        Raises InputError for NaN, minus infinity or a wrong shape."""
         if isinstance(obstacle, np.ndarray | list | tuple):
             return given_gaps(obstacle, self.x_nominal)
         at = evaluate_gap(obstacle, self.x, self.normals)

@@ -36,39 +36,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ContactBoundaries:
-    """The contact boundaries of a body, discretised together.
-
-    Attributes
-    ----------
-    body : ElasticBody
-    rows : ContactRows
-        Rows of all boundaries, one after the other; their gap is not set.
-    rules : tuple of GapRule or ArcGap
-        The rule that evaluates the gap of each boundary.
-    several : bool
-        Obstacles and friction are given as lists, one entry for each boundary.
-    directions : tuple of (ndarray, shape (dim, m), or None)
-        Unit vectors towards the closest points of a `ClosestPoint`; None where contact is along the
-        normal.
-    """
+    """The contact boundaries of a body, each with its obstacle, discretised together."""
 
     body: ElasticBody
-    rows: ContactRows
-    rules: tuple[GapRule | ArcGap, ...]
-    several: bool
-    directions: tuple[Array | None, ...]
+    rows: ContactRows  # of all boundaries, one after the other; their gap is not set
+    rules: tuple[GapRule | ArcGap, ...]  # evaluate the gap, one for each boundary
+    several: bool  # obstacles and friction are given as lists, one entry for each boundary
+    directions: tuple[Array | None, ...]  # (dim, m) towards a `ClosestPoint`; None: along n
 
     @classmethod
     def of(
         cls, body: ElasticBody, boundary: Any, obstacle: Any, functional: Any
     ) -> ContactBoundaries:
         """Discretise the boundaries as given to `ContactProblem`.
-
-        Raises
-        ------
-        InputError
-            Lists of different lengths, or boundaries that share facets.
-        """
+        Raises InputError for lists of different lengths, or boundaries that share facets."""
         several = (
             isinstance(boundary, list | tuple)
             and isinstance(obstacle, list | tuple)
@@ -119,17 +100,8 @@ class ContactBoundaries:
         return np.concatenate(gaps)
 
     def change_of_gap(self, obstacle: Any, points: NDArray[np.int64], moves: Array) -> Array:
-        """Change of the gap where contact points move along their tangents, shape (k,).
-
-        It is ``inf`` where they lose the obstacle, and zero where it is not known: of gaps that are
-        given as numbers, and beyond the places where a function has a value.
-
-        Parameters
-        ----------
-        obstacle : obstacle, or a list of these
-        points : ndarray of int, shape (k,)
-        moves : ndarray, shape (dim, k)
-        """
+        """Change of the gap, (k,), where contact points move along tangents by `moves` (dim, k).
+        ``inf`` where they lose the obstacle; zero where unknown, as for gaps given as numbers."""
         change, start = np.zeros(points.size), 0
         for rule, o in zip(self.rules, self._obstacles(obstacle), strict=True):
             here = np.flatnonzero((points >= start) & (points < start + rule.order.size))
@@ -207,25 +179,8 @@ class ContactBoundaries:
         first: bool = False,
     ) -> Array:
         """Tangential path of the obstacles' shapes since the last step, (m, dim - 1).
-
-        Parameters
-        ----------
-        before, now
-            Obstacles of both steps as given to `ContactProblem`.
-        said : displacement since the last step, None, or a list of these for several boundaries
-            As the caller said it; None: what the shapes tell.
-        unchanged : ndarray of bool, shape (m,)
-            Points whose gap is that of the last step.
-        felt : ndarray, shape (m,)
-            Friction; where it is zero the motion need not be known.
-        first : bool
-            The first step of a history: a shape after a plain number is set down where it is.
-
-        Raises
-        ------
-        InputError
-            The motion is not known and felt.
-        """
+        `said` are displacements by the caller, None: from the shapes. Raises InputError if a motion
+        is unknown but felt: at points with friction `felt` whose gap is not `unchanged`."""
         dim, start, path = self.body.dim, 0, np.zeros(self.rows.T.shape[0])
         each = _each("motion", said, self.several, len(self.rules), shared=(type(None),))
         listed = self.several and isinstance(before, list | tuple) and len(before) == len(each)
@@ -251,13 +206,7 @@ class ContactBoundaries:
         return path.reshape(-1, dim - 1)
 
     def friction(self, friction: Any) -> Array:
-        """Coefficient or bound of every contact point, shape (m,).
-
-        Raises
-        ------
-        InputError
-            Not finite, negative, or of a wrong shape.
-        """
+        """Coefficient or bound of every contact point, shape (m,), finite and not negative."""
         if not self.several or not isinstance(friction, list | tuple):
             return friction_values(friction, self.rows.x)
         each = _each("friction", friction, True, len(self.rules), shared=())
@@ -315,13 +264,8 @@ def _each(name: str, given: Any, several: bool, count: int, shared: tuple[type, 
 
 
 def friction_values(friction: Any, x: Array) -> Array:
-    """Friction at places x, shape (dim, m), from a number, an array or a callable.
-
-    Raises
-    ------
-    InputError
-        Not finite, negative, or of a wrong shape.
-    """
+    """Friction at places x, (dim, m), from a number, an array or a callable.
+    Raises InputError if not finite, negative, or of a wrong shape."""
     value = evaluated("friction", friction, x)
     if value.shape not in ((), x.shape[1:]):
         raise InputError(

@@ -1,4 +1,4 @@
-"""Contact rows: normal and tangential displacement of a boundary as sparse functionals."""
+"""Contact rows: normal and tangential displacement at contact points, linear in the dofs."""
 
 from __future__ import annotations
 
@@ -15,52 +15,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, repr=False)
 class ContactRows:
-    """The contact boundary, discretised: m points, each with a normal and dim - 1 tangents.
+    """The contact boundary, discretised: m points, each with a normal and dim - 1 tangents."""
 
-    Attributes
-    ----------
-    G : csr_array, shape (m, ndofs)
-        ``G u`` is the normal displacement u_n along the outward normal of the body.
-    T : csr_array, shape (m * (dim - 1), ndofs)
-        Tangential displacement; the rows of one point are consecutive.
-    gap : ndarray, shape (m,)
-        The gap d under the same functional; ``inf`` where there is no obstacle.
-    weights : ndarray, shape (m,)
-        Length or area of each point: a multiplier (a force) over its weight is a pressure.
-    x : ndarray, shape (dim, m)
-        Mean place of the functional's dual function: where the pressure is reported.
-    x_nominal : ndarray, shape (dim, m)
-        Nominal place of the functional on the boundary, for instance a vertex.
-    normals : ndarray, shape (dim, m)
-        Outward unit normals of the body.
-    tangents : ndarray, shape (dim, dim - 1, m)
-        Unit tangents.
-    functional : str
-        Name of the functional; of several boundaries the different names, joined by commas.
-    part : ndarray of int, shape (m,)
-        Number of the contact boundary of each point; empty where there is one only.
-    bonded : ndarray of bool, shape (m,)
-        Points tied to the obstacle at the gap d, ``u_n = d`` and ``u_t = 0``, with forces of either
-        sign in every component and without friction; empty where no point is.
-    owner : ndarray of int, shape (m,)
-        Number of the body on whose boundary each point lies; empty where there is one body only.
-    axes : ndarray, shape (m, dim, dim)
-        Means of the normal and of the tangents under each functional: the directions in which unit
-        forces act. Where bodies touch each other, else empty.
-    """
-
-    G: sparse.csr_array
-    T: sparse.csr_array
-    gap: Array
-    weights: Array
-    x: Array
-    x_nominal: Array
-    normals: Array
-    tangents: Array
-    functional: str
+    G: sparse.csr_array  # G u = u_n along the outward normal of the body, shape (m, ndofs)
+    T: sparse.csr_array  # tangential, point by point, shape (m * (dim - 1), ndofs)
+    gap: Array  # d under the same functional, inf without obstacle, shape (m,)
+    weights: Array  # length or area: force over weight is a pressure, shape (m,)
+    x: Array  # mean places of the dual functions, where pressure is reported, (dim, m)
+    x_nominal: Array  # nominal places, such as vertices, shape (dim, m)
+    normals: Array  # outward unit normals, shape (dim, m)
+    tangents: Array  # unit tangents, shape (dim, dim - 1, m)
+    functional: str  # name; different ones of several boundaries joined by commas
+    # number of the contact boundary of each point, (m,); empty where there is one
     part: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    # points tied at u_n = d, u_t = 0, forces of any sign, (m,); empty where none is
     bonded: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    # number of the body of each point, (m,); empty where there is one
     owner: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    # directions of unit forces, mean normals and tangents of two bodies, (m, dim, dim); or empty
     axes: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
     @property

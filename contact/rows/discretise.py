@@ -32,23 +32,9 @@ Direction = Callable[[Array], Array]
 def contact_rows(
     body: ElasticBody, facets: NDArray[np.int64], obstacle: ObstacleLike, functional: str | None
 ) -> ContactRows:
-    """Discretise a contact boundary.
-
-    Parameters
-    ----------
-    body : ElasticBody
-    facets : ndarray of int
-    obstacle : obstacle, number, callable, array or None
-        See `contact.obstacles.shapes`; None means friction without a contact law, a gap of ``inf``.
-    functional : str or None
-        See `contact.rows.functionals`.
-
-    Raises
-    ------
-    InputError
-        The gap contains NaN or has a wrong shape; the element has no such functional, or the
-        functional is not accurate on a curve.
-    """
+    """Discretise a contact boundary; without an obstacle (None) the gap is infinite.
+    Raises InputError for a gap that is NaN or of a wrong shape, or a functional that the element
+    does not have or that is not accurate on a curve."""
     rows, rule = contact_boundary(body, facets, functional)
     return replace(rows, gap=rule(obstacle))
 
@@ -60,14 +46,7 @@ def contact_boundary(
     direction: Direction | None = None,
 ) -> tuple[ContactRows, GapRule]:
     """Discretise a contact boundary without its obstacle: rows, and the rule for its gap.
-
-    Parameters
-    ----------
-    body, facets, functional
-        As for `contact_rows`.
-    direction : callable x -> n, optional
-        Unit vectors that take the place of the outward normals, see `ClosestPoint`.
-    """
+    `direction` x -> n gives unit vectors in place of the outward normals, see `ClosestPoint`."""
     outline = Outline(body, facets)
     form = _usable(outline, functional)
     number, count = numbering(outline, form)
@@ -116,13 +95,8 @@ def contact_boundary(
 
 def _usable(outline: Outline, functional: str | None) -> FacetFunctional:
     """The functional of that name; on a curve the default of the element replaces ``gauss``.
-
-    Raises
-    ------
-    InputError
-        The boundary is curved, and the functional, not ``gauss``, is for straight ones only; or
-        the body is axisymmetric, its trace cubic and the functional ``gauss``.
-    """
+    Raises InputError for another functional of straight boundaries on a curve, and for ``gauss`` on
+    a cubic trace of an axisymmetric body."""
     element = outline.body.element
     form = facet_functional(element, functional)
     if form.trace is not None and outline.body.is_ring:
@@ -169,14 +143,7 @@ def _along_normals(
     trace: TraceRows, form: FacetFunctional, means: Array, own: Array, sharp: NDArray[np.bool_]
 ) -> tuple[sparse.csr_array, Array, tuple[Array, Array]]:
     """Rows of the normal displacement, their normals, and the two arrays of `GapRule.aside`.
-
-    Parameters
-    ----------
-    trace : TraceRows
-    form : FacetFunctional
-    means, own, sharp
-        The results of `Outline.mean_normals`.
-    """
+    `means`, `own` and `sharp` are the results of `Outline.mean_normals`."""
     outline, shares, P = trace.outline, trace.shares, trace.outline.body.constraint[0]
     G = trace.normal(means, sharp)
     normals = within_supports(trace.supported, means, P)

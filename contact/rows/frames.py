@@ -13,32 +13,9 @@ Array = NDArray[np.float64]
 
 
 def tangent_frame(normals: Array) -> Array:
-    """Orthonormal tangents of the unit normals of one contact boundary.
-
-    In two dimensions the tangent is the normal turned by +90 degrees: (1, 0) on a bottom edge. In
-    three the frame is a smooth function of the normal on the whole sphere except one pole,
-    (0, 0, 1) for a boundary whose mean normal has n_z <= 0, else (0, 0, -1): no frame is smooth on
-    all of a sphere. Where n_y = 0 the first tangent lies in the plane of x and z: it is (1, 0, 0)
-    on horizontal faces. Friction is isotropic: another frame changes the components of the shear,
-    not the vector.
-
-    Parameters
-    ----------
-    normals : ndarray, shape (dim, m)
-
-    Returns
-    -------
-    ndarray, shape (dim, dim - 1, m)
-
-    References
-    ----------
-    T. Duff et al., Building an orthonormal basis, revisited, J. Comput. Graph. Tech. 6 (2017).
-
-    Examples
-    --------
-    >>> tangent_frame(np.array([[0.0], [-1.0]])).ravel().tolist()
-    [1.0, 0.0]
-    """
+    """Orthonormal tangents, (dim, dim - 1, m), of unit normals (dim, m): (1, 0) on a bottom edge.
+    In space a smooth function of n except at one pole, (0, 0, 1) for a mean n_z <= 0; the first is
+    (1, 0, 0) on horizontal faces. T. Duff et al., J. Comput. Graph. Tech. 6 (2017)."""
     if normals.shape[0] == 2:
         return np.array([[-normals[1]], [normals[0]]])
     x, y, z = normals
@@ -56,15 +33,8 @@ def tangent_frame(normals: Array) -> Array:
 
 
 def turned_tangents(tangents: Array, mean: Array, normals: Array) -> Array:
-    r"""Tangents rotated with their normal: :math:`t - (n \cdot t) (m + n) / (1 + m \cdot n)`.
-
-    Parameters
-    ----------
-    tangents : ndarray, shape (dim, dim - 1, ...)
-        Orthonormal to `mean`.
-    mean, normals : ndarray, shape (dim, ...)
-        Unit normals m of the tangents, and n, to which the shortest rotation takes m.
-    """
+    r"""Tangents of unit normals m, rotated by the shortest rotation of m to n:
+    :math:`t - (n \cdot t) (m + n) / (1 + m \cdot n)`."""
     along = np.sum(normals[:, None] * tangents, axis=0)
     size = 1.0 + np.sum(mean * normals, axis=0)
     return np.asarray(tangents - (mean + normals)[:, None] * (along / size)[None])
@@ -72,19 +42,8 @@ def turned_tangents(tangents: Array, mean: Array, normals: Array) -> Array:
 
 def within_supports(B: sparse.csr_array, normals: Array, P: sparse.csr_array) -> Array:
     """Turn normals that lie in a plane of symmetry up to a small angle exactly into it.
-
-    Where a curved boundary ends at a support along an axis, the mean normal contains the facets of
-    one side only, and is off by half the angle between a facet and its mirror image. The tangent
-    would then have a small component that no support prescribes, and friction would act on it.
-
-    Parameters
-    ----------
-    B : csr_array, shape (m, scalar dofs)
-        Rows of the scalar trace.
-    normals : ndarray, shape (dim, m)
-    P : csr_array, shape (ndofs, nfree)
-        Free unknowns of the body.
-    """
+    At the end of a curve the mean lacks the mirror image's facet; its tangent would have a small
+    component without support. B (m, scalar dofs): the trace, P (ndofs, nfree): free unknowns."""
     dim = normals.shape[0]
     turned = normals.copy()
     for c in range(dim):
@@ -98,17 +57,8 @@ def within_supports(B: sparse.csr_array, normals: Array, P: sparse.csr_array) ->
 
 
 def along_supports(B: sparse.csr_array, tangents: Array, P: sparse.csr_array) -> Array:
-    """Turn the frames so that a prescribed tangential direction is one of their axes.
-
-    Where supports (a plane of symmetry, say) fix a contact point in one tangential direction
-    only, the two tangential rows in any other frame would be linearly dependent.
-
-    Parameters
-    ----------
-    B, P
-        As for `within_supports`.
-    tangents : ndarray, shape (3, 2, m)
-    """
+    """Turn the frames (3, 2, m) so that a prescribed tangential direction is one of their axes.
+    In any other frame the two rows would be linearly dependent. B, P as for `within_supports`."""
     rows = [few_times(directed(B, tangents[:, j]), P) for j in (0, 1)]
     a, b, c = (
         np.asarray(rows[i].multiply(rows[j]).sum(axis=1)).ravel()

@@ -1,12 +1,11 @@
 r"""Constraint functionals: the values of the displacement's trace that contact conditions act on.
 
-On each contact facet a functional combines the values of the trace at a few points into a few
-numbers, ``value_k = sum_j C[k, j] v(s_j)``. A number that belongs to a vertex is shared by the
-facets that meet there. The same combination is applied to the gap, so that a gap in the trace space
-is satisfied exactly.
+On each contact facet a functional combines values of the trace, ``value_k = sum_j C[k, j] v(s_j)``;
+facets that meet at a vertex share its value. The gap is combined in the same way, so that a gap in
+the trace space is satisfied exactly.
 
 ==============  ===================================  ========  =====================================
-name            numbers                              passes    remark
+name            values                               passes    remark
                                                      the patch
                                                      test
 ==============  ===================================  ========  =====================================
@@ -19,37 +18,28 @@ name            numbers                              passes    remark
 ``thesis``      3N + 1 points at thirds              --        rank 2N + 2: reproduction only
 ==============  ===================================  ========  =====================================
 
-For Adini and BFS the trace is a C1 cubic spline. At a vertex between two facets on a straight line
-the number is a mean of its two neighbours and is dropped; the remaining ones have full rank
-2N + 2.
+The trace of Adini and BFS is a C1 cubic spline: the value at a vertex within a straight line is a
+mean of its two neighbours and is dropped, which leaves full rank 2N + 2.
 
-Quadratic elements cannot use vertex and midpoint values: in the mean over a quadratic triangle its
-vertices have weight zero, so a force there has no pressure. All Bernstein coefficients of a face
-have the same weight, 1/6 on triangles and 1/9 on quadrilaterals.
+Quadratic elements cannot use vertex and midpoint values, because vertices of a quadratic triangle
+have weight zero; all Bernstein coefficients of a face have the same weight.
 
-On the facets of a curve ``bernstein`` is one number a vertex, see `contact.rows.shares`. Two Gauss
-points per facet are unsuitable there: pressure and shear oscillate by a fifth on any mesh.
-``gauss`` on a boundary with a curve is ``bernstein``, and ``thesis`` is refused. Where facets
-differ in length see `contact.rows.unequal_facets`; ``nodal`` of Adini stays 1.5 % off there.
+On curves ``bernstein`` is one value a vertex, see `contact.rows.shares`, and replaces ``gauss``,
+with which pressure and shear oscillate by a fifth; ``thesis`` is refused. Where facets differ in
+length see `contact.rows.unequal_facets`; ``nodal`` of Adini stays 1.5 % off there.
 
-Pressures of linear triangles and tetrahedra, which are their consistent reactions, are of first
-order. Their rms error on a roller with 24 facets a quarter is .026 of the largest pressure if all
-diagonals are parallel, .04 with facets of lengths 1:2, and .06 for tetrahedra on a bore as fine. It
-is .002 with crossed triangles (``MeshQuad.to_meshtri(style="x")``) and .006 with quadratic ones,
-and both converge faster. Bilinear cells have .004, and .009, of first order, where long and short
-cells alternate.
+Pressures of linear triangles and tetrahedra are of first order: with parallel diagonals the rms
+error on a roller with 24 facets a quarter is .026 of the largest pressure, with crossed triangles
+(``MeshQuad.to_meshtri(style="x")``) .002, with quadratic ones .006.
 
-A face of the Adini brick has three numbers a vertex, u and its slopes along the face. Control
-points along the edges, or Gauss points, would be four a face, and their rows would be linearly
-dependent. ``centroid`` takes one a vertex v, the part of the mean of u that belongs to its
-functions phi_j,
+A face of the Adini brick has three dofs a vertex; four control or Gauss points a face would make
+dependent rows. ``centroid`` takes one value a vertex v, the part of the mean of u that belongs to
+its functions phi_j,
 
 .. math::
     b_v(u) = \frac1{w_v} \sum_{j \in v} u_j \int \phi_j, \qquad w_v = \int \phi_{v},
 
-that is u plus the slope times the vector to the centroid of phi_v: the vertex value itself on a
-uniform mesh. On any mesh the forces w_v p are then the load of a uniform pressure p.
-"""
+u at the centroid of phi_v to first order. The forces w_v p are the load of a uniform pressure p."""
 
 from __future__ import annotations
 
@@ -66,45 +56,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FacetFunctional:
-    """The part of a constraint functional that belongs to one facet.
-
-    Attributes
-    ----------
-    name : str
-    points : ndarray, shape (dim - 1, npoints)
-        Where the trace is evaluated, on the reference facet.
-    C : ndarray, shape (nvalues, npoints)
-        Coefficients that combine the values at the points.
-    nominal : ndarray, shape (dim - 1, nvalues)
-        Nominal place of each number on the reference facet.
-    vertex : tuple of int or pairs of int
-        Local vertex that carries the number, the two ends of the edge that does, or -1 for the
-        facet.
-    smooth : bool
-        The trace is C1: vertex numbers are dropped between two facets on a straight line.
-    mean : bool
-        Replace the vertex values by the vertices' shares of the mean (``centroid``).
-    reduced : bool
-        On straight facets that approximate a curve only the hats of the vertices are used, because
-        conditions at vertices contradict those in the middle of a facet, which is off the curve by
-        the sagitta.
-    straight : bool
-        For straight boundaries only.
-    trace : FacetFunctional, optional
-        A functional with as many numbers as the trace has dofs. Given if this one has fewer: it
-        determines where pressures are reported, see `contact.rows.shares.placed_on`.
-    """
+    """The part of a constraint functional that belongs to one facet."""
 
     name: str
-    points: Array
-    C: Array
-    nominal: Array
-    vertex: tuple[int | tuple[int, int], ...]
-    smooth: bool = False
-    mean: bool = False
-    reduced: bool = False
-    straight: bool = False
-    trace: FacetFunctional | None = None
+    points: Array  # where the trace is evaluated, shape (dim - 1, npoints)
+    C: Array  # combines the values at the points, shape (nvalues, npoints)
+    nominal: Array  # nominal places of the values, shape (dim - 1, nvalues)
+    vertex: tuple[int | tuple[int, int], ...]  # vertex, ends of the edge, or -1: the facet
+    smooth: bool = False  # C1 trace: no vertex values between facets on a straight line
+    mean: bool = False  # vertex values are shares of the mean (centroid)
+    reduced: bool = False  # on curves hats of the vertices: middles are off by the sagitta
+    straight: bool = False  # for straight boundaries only
+    trace: FacetFunctional | None = None  # with a value per dof, for places, see `placed_on`
 
     @property
     def shared(self) -> NDArray[np.bool_]:
@@ -124,17 +87,8 @@ class FacetFunctional:
         return np.asarray(self.C.T @ self.basis(middle))
 
     def basis(self, points: Array) -> Array:
-        """The polynomials N_k that the numbers multiply, ``v = sum_k value_k N_k``.
-
-        Parameters
-        ----------
-        points : ndarray, shape (dim - 1, n)
-
-        Returns
-        -------
-        ndarray, shape (nvalues, n)
-            They are not negative for Bernstein coefficients, and sum to one.
-        """
+        """The polynomials N_k of ``v = sum_k value_k N_k`` at points (dim - 1, n), (nvalues, n).
+        They sum to one and are not negative for Bernstein coefficients."""
         powers = _POWERS[self.points.shape]
         at_nodes, at_points = (
             np.prod(x.T[:, None] ** powers, axis=2) for x in (self.points, points)
@@ -230,26 +184,8 @@ _OF_ELEMENT: dict[str, tuple[FacetFunctional, ...]] = {
 
 
 def facet_functional(element: Any, name: str | None) -> FacetFunctional:
-    """Look up the functional of an element family.
-
-    Parameters
-    ----------
-    element : Element
-        Scalar element.
-    name : str or None
-        None takes the family's default.
-
-    Raises
-    ------
-    InputError
-        The family is not supported or does not offer the name.
-
-    Examples
-    --------
-    >>> from skfem import ElementTriP2
-    >>> facet_functional(ElementTriP2(), None).name
-    'bernstein'
-    """
+    """The functional of a scalar element by its name, None for the family's default.
+    Raises InputError for an unsupported family or a name that it does not offer."""
     family = type(element).__name__
     if family not in _OF_ELEMENT:
         raise InputError(

@@ -13,69 +13,34 @@ from contact.obstacles.shapes import ObstacleLike, evaluate_gap, within_reach
 from contact.rows.shares import Shares
 
 Array = NDArray[np.float64]
-# Part of what a mean lies outside the gaps of its points, by which the polynomial through them may
-# miss the gap in between: it is 1/4 at a kink, more at a step, and of a higher order where smooth.
+# A gap is smooth if the polynomial through its points errs between them by less, over the amount by
+# which the mean exceeds the range of the points: 1/4 at a kink, more at a step.
 _SMOOTH = 0.2
 
 
 @dataclass(frozen=True)
 class GapRule:
     """Evaluates the gap of a contact boundary with the same functional as the displacement.
+    Negative weights are right where the polynomial through the points is the gap; where it is not,
+    as at a step, a mean is kept between the least and the largest of its gaps."""
 
-    Functionals have negative weights, as the quadratic through three gaps dips below them. This is
-    right where that polynomial is the gap; where it is not, as at a step, the mean of some gaps is
-    kept between the least and the largest of them.
-
-    Attributes
-    ----------
-    x, normals : ndarray, shape (dim, nfacets, npoints)
-        Evaluation points of each facet, and outward normals there.
-    shares : Shares
-        Contributions of the facets to the contact points.
-    x_nominal, mean_normals : ndarray, shape (dim, m)
-        Nominal places and normals of the contact points, before sorting.
-    slant : ndarray, shape (m,)
-        Length of the mean of the facets' normals at each point, as in the rows: 1 where they
-        agree.
-    sharp : ndarray of bool, shape (m,)
-        Facets meet there in a sharp corner.
-    order : ndarray of int, shape (m,)
-        Sorts the contact points.
-    size : float
-        Largest extent of the body, the longest gap beyond the nearest one.
-    between : ndarray, shape (npoints, nplaces)
-        Values at places between the points of a facet, of the polynomial through them.
-    offset : ndarray, shape (dim, m), optional
-        Vector from the vertex to the point, before sorting; for the functional ``centroid``.
-    raised : ndarray, shape (dim, nfacets, npoints), optional
-        Points above `x` on the curve that the facets approximate; see `Outline.raised`.
-    aside : pair of ndarray, shape (dim, m), optional
-        Normals along which the gap is evaluated, and those of the rows; see
-        `contact.rows.unequal_facets`.
-    """
-
-    x: Array
-    normals: Array
-    shares: Shares
-    x_nominal: Array
-    mean_normals: Array
-    slant: Array
-    sharp: NDArray[np.bool_]
-    order: NDArray[np.int64]
-    size: float
-    between: Array
-    offset: Array | None = None
-    raised: Array | None = None
-    aside: tuple[Array, Array] | None = None
+    x: Array  # evaluation points, shape (dim, nfacets, npoints)
+    normals: Array  # outward normals there
+    shares: Shares  # contributions of the facets to the contact points
+    x_nominal: Array  # nominal places of the contact points, not sorted, shape (dim, m)
+    mean_normals: Array  # their normals, not sorted, shape (dim, m)
+    slant: Array  # length of the mean of the facets' normals, 1 where they agree, shape (m,)
+    sharp: NDArray[np.bool_]  # facets meet there in a sharp corner, shape (m,)
+    order: NDArray[np.int64]  # sorts the contact points, shape (m,)
+    size: float  # largest extent of the body: no gap exceeds the nearest one by more
+    between: Array  # from the points to places between them, shape (npoints, nplaces)
+    offset: Array | None = None  # from the vertex, not sorted, of centroid, (dim, m)
+    raised: Array | None = None  # points above x on the curve, see `Outline.raised`
+    aside: tuple[Array, Array] | None = None  # normals of the gap and of the rows, (dim, m)
 
     def __call__(self, obstacle: ObstacleLike) -> Array:
         """Gap of every contact point, shape (m,); ``inf`` where there is no obstacle.
-
-        Raises
-        ------
-        InputError
-            NaN, minus infinity or a wrong shape.
-        """
+        Raises InputError for NaN, minus infinity or a wrong shape."""
         if isinstance(obstacle, np.ndarray | list | tuple):
             return given_gaps(obstacle, self.x_nominal)
         if self.offset is not None:
@@ -201,13 +166,8 @@ def _nearest(gap: Array) -> float:
 
 
 def given_gaps(obstacle: ObstacleLike, x: Array) -> Array:
-    """Gaps given as one number for each contact point, in their order; x has the shape (dim, m).
-
-    Raises
-    ------
-    InputError
-        A wrong number of gaps, NaN or minus infinity.
-    """
+    """Gaps given as one number for each contact point, in their order, at x (dim, m).
+    Raises InputError for a wrong number of gaps, NaN or minus infinity."""
     given = numbers("obstacle", obstacle)
     if given.shape not in ((), x.shape[1:]):
         raise InputError(f"obstacle: {given.size} gaps given for {x.shape[1]} contact points")

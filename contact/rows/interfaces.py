@@ -38,47 +38,24 @@ Side = Elastic | ContactBoundaries
 
 @dataclass(frozen=True)
 class RowsInMotion:
-    """Derivatives with respect to the displacement at which rows were projected.
+    """Derivatives with respect to the displacement at which rows were projected."""
 
-    Attributes
-    ----------
-    normal, tangential : csr_array, shapes (m, ndofs) and (m, ndofs)
-        Of the relative displacements of the contact points, besides G and T.
-    force : csr_array, shape (ndofs, ndofs)
-        Of the contact forces with the opposite sign.
-    """
-
-    normal: sparse.csr_array
-    tangential: sparse.csr_array
-    force: sparse.csr_array
+    normal: sparse.csr_array  # to be added to G, shape (m, ndofs)
+    tangential: sparse.csr_array  # to be added to T, shape (m, ndofs)
+    force: sparse.csr_array  # of the negative contact forces, shape (ndofs, ndofs)
 
 
 @dataclass(frozen=True)
 class Interfaces:
-    """The pairs of a problem of several bodies; it is used as `ContactBoundaries` is.
-
-    Attributes
-    ----------
-    bodies : Bodies
-    rows : ContactRows
-        Rows of all pairs, one after the other, on the dofs of all bodies.
-    pairs : tuple of Pair
-    sides : tuple of (Interface or ContactBoundaries)
-        Of each pair: the interface of two bodies, or the boundary opposite a rigid obstacle.
-    risen, facet_ratio : ndarray, shape (m,)
-        See `contact.rows.mortar.resolution`; 0 and 1 where an obstacle is rigid or boundaries are
-        tied, and no rise where a clearance is given.
-    projected : tuple of (MortarRows or None)
-        Of `displaced`: the rows of each pair of bodies that may slide.
-    """
+    """The pairs of a problem of several bodies, with the methods of `ContactBoundaries`."""
 
     bodies: Bodies
-    rows: ContactRows
+    rows: ContactRows  # of all pairs, one after the other, on the dofs of all bodies
     pairs: tuple[Pair, ...]
-    sides: tuple[Side, ...]
-    risen: Array
-    facet_ratio: Array
-    projected: tuple[MortarRows | None, ...] = ()
+    sides: tuple[Side, ...]  # of two bodies, or opposite a rigid obstacle
+    risen: Array  # `interface_rise`, 0 for ties, obstacles and given clearances, shape (m,)
+    facet_ratio: Array  # see `contact.rows.mortar.resolution`, 1 for ties and obstacles, (m,)
+    projected: tuple[MortarRows | None, ...] = ()  # by `displaced`, of pairs that slide
 
     def __repr__(self) -> str:
         return f"Interfaces({len(self.pairs)} pairs, {self.rows.gap.size} points)"
@@ -86,12 +63,8 @@ class Interfaces:
     @classmethod
     def of(cls, bodies: Bodies, pairs: Sequence[Pair]) -> Interfaces:
         """Discretise the pairs.
-
-        Raises
-        ------
-        InputError
-            A body that is not among the bodies, or boundaries that share facets.
-        """
+        Raises InputError for a body that is not among the bodies, or boundaries that share
+        facets."""
         _refuse_shared(bodies, pairs)
         sides: list[Side] = []
         parts, risen, ratios = [], [], []
@@ -123,18 +96,8 @@ class Interfaces:
         return cls(bodies, joined(parts), tuple(pairs), tuple(sides), *extra)
 
     def displaced(self, u: Array) -> Interfaces:
-        """The same pairs where the bodies are; the gap is that between the reference places.
-
-        Parameters
-        ----------
-        u : ndarray, shape (ndofs,)
-            Displacement of all dofs of all bodies.
-
-        Raises
-        ------
-        InputError
-            No facet of a pair faces another one any longer.
-        """
+        """The same pairs at displacement u of all dofs, with the gap between the reference places.
+        Raises InputError where no facet of a pair faces another one any longer."""
         parts, projected = [], list[MortarRows | None]()
         for pair, side, own in zip(self.pairs, self.sides, self._points, strict=True):
             if isinstance(side, ContactBoundaries) or isinstance(pair, Tie):
@@ -151,15 +114,9 @@ class Interfaces:
         return replace(self, rows=joined(parts), projected=tuple(projected))
 
     def in_motion(self, u: Array, last: Array, mu: Array, t: Array) -> RowsInMotion | None:
-        """Derivatives of these rows, those of `displaced`; None if none is known.
-
-        Parameters
-        ----------
-        u, last : ndarray, shape (ndofs,)
-            Displacement at which they were projected, and that of the last step.
-        mu, t : ndarray, shapes (m,) and (m, dim - 1)
-            Contact forces.
-        """
+        """Derivatives of these rows, those of `displaced` at u; None if none is known.
+        `last` is the displacement of the last step; mu (m,) and t (m, dim - 1) are contact
+        forces."""
         total = self.bodies.slices[-1].stop
         parts, size = [], 0
         for side, found in zip(self.sides, self.projected, strict=True):
@@ -293,18 +250,9 @@ class Interfaces:
         )
 
     def friction(self, given: Any) -> Array:
-        """Coefficient or bound of every contact point, shape (m,).
-
-        Parameters
-        ----------
-        given : float, callable, ndarray, list of these, or None
-            For all pairs, or one for each; None for what the pairs have.
-
-        Raises
-        ------
-        InputError
-            Not finite, negative, or of a wrong shape.
-        """
+        """Coefficient or bound of every contact point, shape (m,), for all pairs or one for each.
+        None takes those of the pairs; raises InputError if not finite, negative, or of a wrong
+        shape."""
         if given is None:
             each = [pair.friction for pair in self.pairs]
         elif isinstance(given, list | tuple):

@@ -14,11 +14,8 @@ Index = NDArray[np.int64]
 
 def numbering(outline: Outline, form: FacetFunctional) -> tuple[Index, int]:
     """Contact point of each facet's values, shape (nfacets, nvalues), and how many there are.
-
-    It is -1 for a value that others determine, see `contact.rows.shares`: at a vertex between two
-    facets on a straight line, where the trace is C1; and on a facet of a curve for all values but
-    those at its corners.
-    """
+    -1 for values that others determine, see `contact.rows.shares`: of C1 traces at vertices within
+    a straight line, and on facets of a curve all but those of the corners."""
     count, ends = outline.facets.size, outline.corners.T
     carried = form.shared
     number = np.full((count, carried.size), -1, dtype=np.int64)
@@ -67,16 +64,8 @@ def along(outline: Outline, form: FacetFunctional, number: Index, count: int) ->
 
 def in_order(outline: Outline, nominal: Array, number: Index, count: int) -> Index:
     """Order of the contact points along a boundary in 2-D, shape (count,).
-
-    Parameters
-    ----------
-    outline : Outline
-    nominal : ndarray, shape (nfacets, nvalues)
-        Nominal places of the values on the reference facet.
-    number : ndarray of int, shape (nfacets, nvalues)
-        Contact point of each value, -1 for none.
-    count : int
-    """
+    `nominal` and `number`, (nfacets, nvalues): nominal places on the reference facet, and the
+    contact point of each value, -1 for none."""
     mesh, ends = outline.body.mesh, outline.corners.T
     length = np.linalg.norm(mesh.p[:, ends[1]] - mesh.p[:, ends[0]], axis=0)
     at: dict[int, list[int]] = {}

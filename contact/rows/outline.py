@@ -1,13 +1,9 @@
 """How the facets of a boundary meet: angles, corners, and smooth normals.
 
-The normals of straight facets along a curve jump at every vertex by an angle that tends to zero
-under refinement. Normal displacement and gap use the normals of the facets: a uniform pressure then
-loads the polygon exactly, and a polygon that shrinks has a uniform gap along each facet. Slip is
-measured along smooth tangents instead: along the facets themselves, a polygon that shrinks has
-tangential displacements of alternating sign, of the size of the angle, which are no slip. The
-weights of N. Max (Weights for computing vertex normals from facet normals, J. Graphics Tools 4,
-1999) make the normals at vertices exact on circles and spheres for facets of any length.
-"""
+The normals of straight facets along a curve jump at every vertex. Normal displacement and gap use
+the facets' normals: a uniform pressure then loads the polygon exactly. Slip uses smooth tangents:
+along the facets a polygon that shrinks would seem to slip to and fro. With the weights of
+N. Max (J. Graphics Tools 4, 1999) vertex normals are exact on circles and spheres."""
 
 from __future__ import annotations
 
@@ -27,26 +23,18 @@ from skfem_adini.conditions.vertex_normals import CORNER, corner_weights
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Angle in radians: facets whose normals turn by more, at their corners or inside, are those of a
-# curve. Smaller angles are noise of straight facets, with an effect of that size on the pressure.
+# Radians: facets whose normals turn by more approximate a curve; smaller angles are noise.
 CURVED = 1e-3
-# Sine of the largest angle by which a normal may be off a plane of symmetry to be turned into it:
-# half of `CORNER`, because the angle to the mirror image is twice as large.
+# Sine of the largest angle of a normal to its plane of symmetry: half that to its mirror image.
 NEARLY = np.sin(0.5 * CORNER)
 
 
 @dataclass(frozen=True)
 class Outline:
-    """Facets of a contact boundary, their normals, and how they meet.
-
-    Attributes
-    ----------
-    body : ElasticBody
-    facets : ndarray of int, shape (nfacets,)
-    """
+    """Facets of a contact boundary, their normals, and how they meet."""
 
     body: ElasticBody
-    facets: Index
+    facets: Index  # shape (nfacets,)
 
     @cached_property
     def corners(self) -> Index:
@@ -86,14 +74,8 @@ class Outline:
 
     def averaged(self, own: Array, corners: Array) -> Array:
         """Smooth normals at corners of each facet, where sharp its own; shape as `at_corners`.
-
-        Parameters
-        ----------
-        own : ndarray, shape (dim, nfacets, ncorners)
-            Normals of each facet at its own corners.
-        corners : ndarray, shape (dim, nfacets, ncorners)
-            Places of the corners, which may have moved.
-        """
+        `own` are the facets' normals there, `corners` the places, perhaps moved, (dim, nfacets,
+        ncorners)."""
         vertex, place = self._vertices
         weight = corner_weights(corners, axis=2)
         mean = _unit_sums(weight * own, place, vertex.size)
@@ -102,17 +84,9 @@ class Outline:
         return np.where(sharp[place], own, mean[:, place])
 
     def averaging(self, own: Array, corners: Array) -> tuple[sparse.csr_array, NDArray[np.bool_]]:
-        """The matrix that takes changes of normals `own` to those of the averaged ones.
-
-        Arguments as of `averaged`.
-
-        Returns
-        -------
-        csr_array, shape (nfacets * ncorners, nfacets * ncorners)
-            For each component; what is along the averaged normals is to be taken off.
-        free : ndarray of bool, shape (dim, nfacets, ncorners)
-            Components that no support holds at zero.
-        """
+        """Matrix from changes of the normals `own` to those of averaged ones, and free components.
+        Of order nfacets * ncorners, before the part along averaged normals is taken off; free where
+        no support holds them at zero, (dim, nfacets, ncorners). Arguments as of `averaged`."""
         vertex, place = self._vertices
         weight, at = corner_weights(corners, axis=2).ravel(), place.ravel()
         total = [np.bincount(at, weight * c.ravel(), vertex.size) for c in own]
@@ -167,17 +141,8 @@ class Outline:
         return facet, corner
 
     def smooth(self, normals: Array, points: Array) -> Array:
-        """Smooth normals at points of the facets.
-
-        These are the normals of the facets plus the interpolated difference between the smooth
-        normals and the facets' own at the corners, scaled to unit length.
-
-        Parameters
-        ----------
-        normals : ndarray, shape (dim, nfacets, n)
-            Those of the facets at these points.
-        points : ndarray, shape (dim - 1, n)
-        """
+        """Smooth normals at points (dim - 1, n), from those of the facets (dim, nfacets, n).
+        They add the interpolated difference between smooth and own normals at the corners."""
         change = (self.turned - self.at_corners) @ hats(points, self.corners.shape[1])
         result: Array = normals + change
         return result / np.linalg.norm(result, axis=0)
@@ -185,32 +150,9 @@ class Outline:
     def mean_normals(
         self, points: Array, number: Index, size: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Normals of contact points that several facets share.
-
-        Parameters
-        ----------
-        points : ndarray, shape (dim - 1, nvalues)
-            Nominal places of a facet's values.
-        number : ndarray of int, shape (nfacets, nvalues)
-            Contact point of each value, -1 for none.
-        size : ndarray, shape (nfacets, nvalues)
-            Weight of each value in the means.
-
-        Returns
-        -------
-        normals : ndarray, shape (dim, m)
-            Means of the smooth normals, of unit length.
-        own : ndarray, shape (dim, m)
-            Means of the normals of the facets, shorter than one where these differ; in sharp
-            corners of unit length.
-        sharp : ndarray of bool, shape (m,)
-            Facets meet in a sharp corner.
-
-        Raises
-        ------
-        InputError
-            Facets with opposite normals share a contact point.
-        """
+        """Normals of contact points that facets share: smooth unit means, own means, where sharp.
+        Own means, (dim, m), are shorter than one where facets differ; `number` (nfacets, nvalues)
+        is -1 for none, `size` weighs. Raises InputError for opposite normals."""
         used, own = number >= 0, self.normals(points)
         at, count = number[used], int(number.max()) + 1
 
@@ -229,10 +171,7 @@ class Outline:
     @cached_property
     def bent(self) -> NDArray[np.bool_]:
         """Straight facets whose smooth normals diverge, or converge, at all corners, (nfacets,).
-
-        These approximate a curve. Facets next to a flat side are not among them, nor those whose
-        angles are noise, nor facets of second order, which follow the curve themselves.
-        """
+        They approximate a curve, unlike those next to a flat side, noisy ones, or second order."""
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
         lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
         # The same sign at all corners, and similar sizes: none below a quarter of the largest.
@@ -242,18 +181,9 @@ class Outline:
         return np.asarray(bent & (within < 0.5 * between))
 
     def raised(self, x: Array, points: Array) -> Array:
-        """Points on the smooth surface above points of the facets that approximate it.
-
-        The height above a facet is half the mean, weighted by the hats of its corners, of the
-        heights of the planes through each corner normal to the smooth normal there: exact to second
-        order on circles and spheres. Facets that are not `bent` are not raised.
-
-        Parameters
-        ----------
-        x : ndarray, shape (dim, nfacets, n)
-        points : ndarray, shape (dim - 1, n)
-            The same points on the reference facet.
-        """
+        """Points on the smooth surface above points x (dim, nfacets, n) of `bent` facets.
+        Height: half the hat-weighted mean of heights of the planes at the corners normal to the
+        smooth normals, exact to second order on circles and spheres."""
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
         bent = self.bent
         own = np.einsum("cfk,cfp->fkp", change, x) - np.sum(change * corner, axis=0)[..., None]
@@ -261,10 +191,8 @@ class Outline:
         return np.asarray(x + self.normals(points) * np.where(bent[:, None], height, 0.0))
 
     def _within_supports(self, normals: Array, vertex: Index) -> Array:
-        """Turn normals that lie in a plane of symmetry up to a small angle exactly into it.
-
-        See `contact.rows.frames.within_supports`; here for normals of mesh vertices, (dim, n).
-        """
+        """Turn vertex normals (dim, n) near a plane of symmetry exactly into it.
+        See `contact.rows.frames.within_supports`."""
         turned = np.where(self._within_a_plane(normals, vertex), 0.0, normals)
         size = np.linalg.norm(turned, axis=0)
         return turned / np.where(size > 0, size, 1.0)
@@ -287,10 +215,7 @@ def _unit_sums(v: Array, at: Index, count: int) -> Array:
 
 def _sharp(normals: Array, at: Index, count: int) -> NDArray[np.bool_]:
     """Whether two of the facets that meet form an angle larger than `CORNER`.
-
-    The angles to their mean normal do not decide this: the mean is weighted towards the small
-    facets, and may differ from the normal of a large one by the whole angle.
-    """
+    Angles to the mean do not decide this: it leans towards the small facets."""
     order = np.argsort(at, kind="stable")
     at, normals = at[order], normals[:, order]
     sharp, limit = np.zeros(count, dtype=bool), np.cos(CORNER)

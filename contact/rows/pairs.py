@@ -162,12 +162,7 @@ def between(
     body: Solid, boundary: Any, obstacle: Any, functional: Any
 ) -> tuple[Solid, tuple[Pair, ...]]:
     """Bodies and pairs of a problem given by a body and its obstacles; no pair if all are rigid.
-
-    Raises
-    ------
-    InputError
-        Lists of different lengths.
-    """
+    Raises InputError for lists of different lengths."""
     several = isinstance(obstacle, list | tuple)
     obstacles = list(obstacle) if several else [obstacle]
     if not any(isinstance(one, Surface) for one in obstacles):
@@ -203,13 +198,8 @@ def given_pairs(
     bodies: Any, pairs: Any, obstacle: Any, functional: Any
 ) -> tuple[Bodies, tuple[Pair, ...]]:
     """Bodies and pairs of a problem given by lists of them, checked.
-
-    Raises
-    ------
-    InputError
-        No list of bodies, no list of pairs, a pair of other bodies, or an argument that belongs
-        into the pairs.
-    """
+    Raises InputError for anything but a list of bodies and a list of their pairs, or an argument
+    that belongs into the pairs."""
     if not isinstance(bodies, list | tuple):
         raise InputError(
             "body: expected an ElasticBody, a LayeredBlock or a CutBody, or a list of them, got "

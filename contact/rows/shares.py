@@ -1,32 +1,24 @@
 r"""What each facet contributes to the contact points: functionals, weights and centroids.
 
-On a facet e the trace is :math:`\sum_k c_k^e(v) N_k`, with polynomials N_k that sum to one. Where
-several facets share the value k, it is the mean of their values, weighted by their integrals of
-N_k,
+On a facet e the trace is :math:`\sum_k c_k^e(v) N_k`, with polynomials N_k that sum to one. A value
+k that facets share is the mean of theirs, weighted by their integrals of N_k,
 
 .. math::
     P_k v = \frac1{w_k} \sum_e \omega_k^e \, c_k^e(v), \qquad
     \omega_k^e = \int_e N_k, \qquad w_k = \sum_e \omega_k^e, \qquad x_k = \frac1{w_k} \int N_k x .
 
-On straight facets :math:`w_k P_k v` is the integral of v with the dual multipliers
-:math:`N M_e^{-1} \omega^e` (B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000). The weights sum to the
-length or area of the boundary, and :math:`\sum_k w_k P_k v` is the integral of v on every facet: a
-uniform pressure is exact on any outline. Of an axisymmetric body the integrals are those over the
-whole ring, and weights are areas: at a vertex on the axis a small one, but positive.
+On straight facets these are the dual multipliers :math:`N M_e^{-1} \omega^e` (B. Wohlmuth, SIAM J.
+Numer. Anal. 38, 2000). :math:`\sum_k w_k P_k v` is the integral of v on every facet, so that a
+uniform pressure is exact on any outline; of an axisymmetric body it is that over the ring.
 
-Between two facets f and g on a straight line a cubic trace has no value of its own at the vertex:
-as a C1 spline in arc length it is :math:`(l_g c_f + l_f c_g) / (l_f + l_g)` there, with c_f and c_g
-next to it on either side. So on f, besides its own :math:`c_f`, the value of its neighbour is
-:math:`c_g = ((l_f + l_g) c_v - l_g c_f) / l_f`, which on a straight line is the value on g. At a
-small angle the two differ slightly. If the value at the vertex were kept as well, the rows would be
-nearly dependent, because they would differ only by the small angle.
+Between two facets f and g on a straight line a cubic C1 trace has no value of its own at the
+vertex: it is :math:`(l_g c_f + l_f c_g) / (l_f + l_g)`, of the values next to it. So f has, besides
+:math:`c_f`, the value :math:`c_g = ((l_f + l_g) c_v - l_g c_f) / l_f` of its neighbour. A value
+kept at the vertex would make rows nearly dependent at small angles.
 
-Where straight facets approximate a curve (their angles exceed noise), conditions at vertices and
-between them contradict each other: for a displacement that is smooth on the curve they differ by
-its gradient times the sagitta of the facet, and a pressure that enforces both is wrong by the angle
-of a facet. There the N_k are the hats of the vertices, and c_k^e is the projection of v onto them,
-so that all conditions contain the same sagitta.
-"""
+On straight facets along a curve, conditions at vertices and between them contradict each other by
+the gradient times the sagitta. There the N_k are the hats of the vertices, and c_k^e is the
+projection of v onto them, so that all conditions contain the same sagitta."""
 
 from __future__ import annotations
 
@@ -48,39 +40,17 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Shares:
-    """The contributions of all facets to the values at the contact points of a boundary.
+    """The contributions of all facets to the values at the contact points of a boundary."""
 
-    Attributes
-    ----------
-    number : ndarray of int, shape (nfacets, nvalues)
-        Contact point of each value of a facet; where `lent`, one of the neighbouring facet.
-    lent : ndarray of bool, shape (nfacets, nvalues)
-        Values for which the facet has no contact point of its own.
-    C : ndarray, shape (nfacets, nvalues, npoints)
-        ``omega_k^e c_k^e`` of the values at the functional's points.
-    omega : ndarray, shape (nfacets, nvalues)
-        The integrals omega_k^e.
-    weights : ndarray, shape (m,)
-        The weights w_k, lengths or areas.
-    x : ndarray, shape (dim, m)
-        Centroids of the N_k.
-    mean : bool
-        The values are the vertices' shares of the mean instead (``centroid``).
-    hub : ndarray of int, shape (nfacets, nvalues)
-        Vertex that each value belongs to, -1 for other values.
-    mix : ndarray, shape (nfacets, nvalues, nvalues)
-        Matrix from the polynomials of one facet to the N_k.
-    """
-
-    number: Index
-    lent: NDArray[np.bool_]
-    C: Array
-    omega: Array
-    weights: Array
-    x: Array
-    mean: bool
-    hub: Index
-    mix: Array
+    number: Index  # contact point; where lent, of the neighbour, shape (nfacets, nvalues)
+    lent: NDArray[np.bool_]  # values without a contact point of this facet, (nfacets, nvalues)
+    C: Array  # omega_k^e c_k^e, shape (nfacets, nvalues, npoints)
+    omega: Array  # omega_k^e, shape (nfacets, nvalues)
+    weights: Array  # w_k, lengths or areas, shape (m,)
+    x: Array  # centroids of the N_k, shape (dim, m)
+    mean: bool  # values are the vertices' shares of the mean (centroid)
+    hub: Index  # vertex of each value, -1 for others, shape (nfacets, nvalues)
+    mix: Array  # from polynomials of a facet to the N_k, shape (nfacets, nvalues, nvalues)
 
     @classmethod
     def of(
@@ -90,22 +60,9 @@ class Shares:
         number: Index,
         integrals: FacetBasis,
     ) -> Shares:
-        """Compute the contributions of the facets of a boundary.
-
-        Parameters
-        ----------
-        outline : Outline
-        form : FacetFunctional
-        number : ndarray of int, shape (nfacets, nvalues)
-            Contact point of each value, -1 for one that others determine.
-        integrals : FacetBasis
-            Quadrature on the facets.
-
-        Raises
-        ------
-        InputError
-            A weight is not positive, as on facets that are far too distorted.
-        """
+        """Contributions of the facets, `number` (nfacets, nvalues) as by `numbering`.
+        Raises InputError where a weight is not positive, as on facets that are far too
+        distorted."""
         length = np.asarray(integrals.dx).sum(axis=1)
         at = np.asarray(integrals.global_coordinates())
         dx = np.asarray(integrals.dx) * outline.body.depth(at)
@@ -143,18 +100,8 @@ class Shares:
 
 def placed_on(shares: Shares, spline: Shares, values: Array) -> Array:
     """Centroids for point values that are fewer than the dofs of the trace, shape (dim, m).
-
-    A pressure that is linear in x loads the dofs of the spline by ``w_j x_j``. The centroids x_k
-    are those for which forces ``w_k x_k`` at the points are closest to this load, in a
-    least-squares sense with the weights of the spline.
-
-    Parameters
-    ----------
-    shares, spline : Shares
-        Those of the point values, and those of the spline that spans the trace.
-    values : ndarray, shape (nvalues, npoints)
-        Values at the points of the polynomials that make up the spline on a facet.
-    """
+    Forces w_k x_k fit the spline's load w_j x_j of a linear pressure by least squares weighted with
+    w_j; `values` (nvalues, npoints) has the spline's polynomials at the points."""
     N = spline.mix @ values
     j = np.broadcast_to(spline.number[:, :, None], N.shape)
     k = np.broadcast_to(shares.number[:, None, :], N.shape)

@@ -21,29 +21,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TraceRows:
-    """The trace of a body on its contact facets, at the points of their functional.
-
-    Attributes
-    ----------
-    outline : Outline
-    shares : Shares
-    x : ndarray, shape (dim, nfacets, npoints)
-        Points of the functional.
-    normals, smooth : ndarray, shape (dim, nfacets, npoints)
-        Normals of the facets, along which contact acts; smooth normals, for the tangents.
-    parts : ndarray, shape (nfacets, nvalues, npoints, nfunctions)
-        Contribution of every scalar function at every point to every value of the facet.
-    dofs : ndarray of int, shape (nfacets, nfunctions)
-        Scalar dofs of these functions.
-    """
+    """The trace of a body on its contact facets, at the points of their functional."""
 
     outline: Outline
     shares: Shares
-    x: Array
-    normals: Array
-    smooth: Array
-    parts: Array
-    dofs: NDArray[np.int64]
+    x: Array  # points of the functional, shape (dim, nfacets, npoints)
+    normals: Array  # of the facets, along which contact acts, shape as x
+    smooth: Array  # smooth normals, for the tangents, shape as x
+    parts: Array  # from functions to values, (nfacets, nvalues, npoints, nfunctions)
+    dofs: NDArray[np.int64]  # scalar dofs of the functions, shape (nfacets, nfunctions)
 
     @classmethod
     def of(
@@ -53,17 +39,8 @@ class TraceRows:
         shares: Shares,
         direction: Callable[[Array], Array] | None,
     ) -> TraceRows:
-        """Evaluate the trace.
-
-        Parameters
-        ----------
-        outline : Outline
-        basis : FacetBasis
-            Of the scalar element, at the points of the functional.
-        shares : Shares
-        direction : callable x -> n, optional
-            Unit vectors that take the place of the normals.
-        """
+        """Evaluate the trace with a scalar basis at the points of the functional.
+        `direction` x -> n gives unit vectors in place of the normals."""
         x, points = np.asarray(basis.global_coordinates()), np.asarray(basis.X)
         values = np.stack([np.asarray(field[0]) for field in basis.basis], axis=-1)
         dofs = np.asarray(basis.element_dofs.T, dtype=np.int64)
@@ -87,12 +64,9 @@ class TraceRows:
 
     @cached_property
     def supported(self) -> sparse.csr_array:
-        """Rows of a scalar trace that decide whether supports fix a contact point.
-
-        A functional that belongs to a vertex counts as fixed where the vertex is fixed. Its mean
-        over the facets on one side of a plane of symmetry may have a displacement normal to the
-        plane, but the mean over both sides has none: the other half moves the opposite way.
-        """
+        """Rows of a scalar trace that decide whether supports fix a contact point, as its vertex.
+        At a plane of symmetry the mean over one side's facets may move across the plane; that over
+        both sides does not."""
         hub = self.shares.hub
         k, place = np.unique(self.shares.number[hub >= 0], return_index=True)
         value = self.outline.body.scalar_dofs.nodal_dofs[0, hub[hub >= 0][place]]
@@ -102,30 +76,17 @@ class TraceRows:
         return sparse.csr_array(vertex + sparse.diags_array(rest) @ self.scalar)
 
     def normal(self, normals: Array, sharp: NDArray[np.bool_]) -> sparse.csr_array:
-        """Rows of the normal displacement, shape (m, ndofs).
-
-        Parameters
-        ----------
-        normals : ndarray, shape (dim, m)
-            Mean normals, used in sharp corners only.
-        sharp : ndarray of bool, shape (m,)
-        """
+        """Rows of the normal displacement, (m, ndofs); in `sharp` corners along `normals` (dim, m).
+        Elsewhere along the normals of the facets."""
         rows = self._rows(np.einsum("fspb,cfp->cfsb", self.parts, self.normals), self.dim)
         return _chosen(sharp, directed(self.scalar, normals), rows)
 
     def tangential(
         self, normals: Array, tangents: Array, sharp: NDArray[np.bool_]
     ) -> sparse.csr_array:
-        """Rows of the displacement along one tangent per contact point, shape (m, ndofs).
-
+        """Rows of the displacement along one tangent (dim, m) per contact point, (m, ndofs).
         The tangents follow the smooth normals along the facets, except in corners and where
-        supports fix a point in the direction of its tangent.
-
-        Parameters
-        ----------
-        normals, tangents : ndarray, shape (dim, m)
-        sharp : ndarray of bool, shape (m,)
-        """
+        supports fix a point in the direction of its tangent."""
         number = self.shares.number
         mean, along = (
             np.broadcast_to(v[:, number][..., None], (self.dim, *self.parts.shape[:3]))

@@ -1,24 +1,16 @@
 r"""Correction of the normal rows where straight facets of unequal size approximate a curve.
 
-The normal displacement at a contact point is :math:`\bar n \cdot u`, with the mean normal of its
-facets and the displacement at their vertex. Where one facet is longer than the other, the mean
-normal is that of a point beside the vertex, :math:`\bar n = n + \beta t`, and a displacement u_t
-along the curve is counted as normal displacement :math:`\beta u_t`: of first order in the lengths
-of the facets, with a sign that changes from vertex to vertex. The pressure then oscillates, by an
-amplitude that refinement does not reduce.
+The normal displacement of a contact point is :math:`\bar n \cdot u` at its vertex. Where facets
+differ in length the mean normal is :math:`\bar n = n + \beta t`, so that a tangential displacement
+counts as :math:`\beta u_t`, of alternating sign: the pressure oscillates on any mesh.
 
-The mean normals themselves must stay, because a uniform pressure loads the polygon along them. So
-each facet adds :math:`\omega_k (n_k - \tfrac1\omega \sum_j \omega_j n_j)` times one displacement,
-that of the point whose smooth normal is the normal of the facet (in 2-D its middle), to the row of
-its corner k, where n_k is the smooth normal at its corner k: the sum over its corners is zero, so
-that a uniform pressure has the same load as before, and the sum over the facets of a vertex turns
-:math:`\bar n` into n, to second order. In two dimensions and on rectangles this is complete.
+A uniform pressure needs the mean normals. So each facet adds to the row of its corner k
+:math:`\omega_k (n_k - \tfrac1\omega \sum_j \omega_j n_j)` times the displacement of the point whose
+smooth normal is that of the facet, n_k being the smooth normals at corners. The sum over corners is
+zero, that over the facets of a vertex turns :math:`\bar n` into n to second order.
 
-On triangles the normal of the plane is not the smooth normal of the middle. By the divergence
-theorem, a straight edge ij in place of a parabola adds
-:math:`\nu l \, (n_i - n_j) \cdot (x_i - x_j) / 36`, with the normal :math:`\nu` of the edge, away
-from the opposite corner; the terms of the two triangles at an edge have opposite signs.
-"""
+On triangles a straight edge ij in place of a parabola adds, by the divergence theorem,
+:math:`\nu l \, (n_i - n_j) \cdot (x_i - x_j) / 36`, with the edge's outward normal :math:`\nu`."""
 
 from __future__ import annotations
 
@@ -35,26 +27,17 @@ from contact.rows.shares import Shares
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# ``centroid`` evaluates the displacement at a sixth of a facet from the vertex, which leaves two
-# thirds of the correction.
+# ``centroid`` evaluates u a sixth of a facet from the vertex: two thirds of the correction remain.
 _OF_MEAN = 2.0 / 3.0
 
 
 @dataclass(frozen=True)
 class Leaning:
-    """Terms with displacements of vertices that are added to the rows of contact points.
+    """Terms with displacements of vertices that are added to the rows of contact points."""
 
-    Attributes
-    ----------
-    point, vertex : ndarray of int, shape (n,)
-        Contact point and mesh vertex of each term.
-    part : ndarray, shape (dim, n)
-        Vectors that multiply the displacement of the vertex, divided by the weight of the point.
-    """
-
-    point: Index
-    vertex: Index
-    part: Array
+    point: Index  # contact point of each term, shape (n,)
+    vertex: Index  # mesh vertex of each term, shape (n,)
+    part: Array  # factors of its displacement over the weight of the point, shape (dim, n)
 
     @classmethod
     def of(cls, outline: Outline, form: FacetFunctional, shares: Shares) -> Leaning:
@@ -87,15 +70,7 @@ class Leaning:
         return np.array([np.bincount(self.point, part, count) for part in self.part])
 
     def rows(self, value: Index, shape: tuple[int, int]) -> sparse.csr_array:
-        """The terms as a sparse matrix.
-
-        Parameters
-        ----------
-        value : ndarray of int, shape (nvertices,)
-            Scalar dof of the value at each vertex.
-        shape : tuple of int
-            (m, ndofs).
-        """
+        """The terms as a sparse matrix (m, ndofs), by the scalar dofs of the vertices' values."""
         dim = len(self.part)
         column = dim * value[self.vertex] + np.arange(dim)[:, None]
         place = np.broadcast_to(self.point, column.shape).ravel(), column.ravel()
@@ -103,16 +78,9 @@ class Leaning:
 
 
 def _at_their_normals(normal: Array, own: Array) -> Array:
-    """Barycentric weights of the point where the smooth normal is the normal of the facet.
-
-    Of several such points it is the one nearest to the middle; shape (nfacets, ncorners). A polygon
-    that shrinks evenly has no tangential displacement there.
-
-    Parameters
-    ----------
-    normal : ndarray, shape (dim, nfacets, ncorners)
-    own : ndarray, shape (dim, nfacets)
-    """
+    """Barycentric weights of the point whose smooth normal is the facet's, (nfacets, ncorners).
+    Of several such points it is the one nearest to the middle. A polygon that shrinks evenly has no
+    tangential displacement there."""
     count = normal.shape[2]
     lean = normal - own[:, :, None]
     lean = lean - np.sum(lean * own[:, :, None], axis=0) * own[:, :, None]

@@ -1,7 +1,5 @@
-"""The CUDA sources of this package, in one table for tests that compile them without a device.
-
-Every raw kernel is listed here; the tests compile each for each architecture with NVRTC, on a
-machine that needs neither a GPU nor a driver.
+"""The CUDA sources of this package in one table, from which tests compile each by NVRTC for each
+architecture, without a GPU or a driver.
 """
 
 from __future__ import annotations

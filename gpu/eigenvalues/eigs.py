@@ -192,7 +192,7 @@ def eigs(
 def _in_units(
     matrix: Matrix, units: Any, k: int, settings: tuple[Any, ...], restart: str
 ) -> tuple[Any, Any]:
-    """The certified result by way of the similar matrix of other units of the unknowns."""
+    """The certified result for A, from the similar matrix D^-1 A D, D the units of the unknowns."""
     D = sparse.diags_array(units)
     similar = sparse.csr_array(sparse.diags_array(1.0 / units) @ matrix.explicit @ D)
     sigma, which, v0, ncv, maxiter, tol = settings
@@ -245,9 +245,8 @@ class _Task:
 def _by_iteration(
     task: _Task, limits: Limits, tol: float, start: Any, spare: bool
 ) -> tuple[_Task, Pairs, float]:
-    """The task as it was solved, its pairs, and a lower bound of |A|, zero if none is known.
-
-    `spare` means that all eigenvalues may be computed if the iteration fails.
+    """The task as it was solved, its eigenpairs, and a lower bound of |A| (zero if none is known).
+    With `spare`, all eigenvalues may be computed if the iteration fails.
     """
     # Checking the entries takes as long as a product. First try without: if some are not finite or
     # badly scaled, the coefficients of the iteration show it.
@@ -288,11 +287,9 @@ def _certified(task: _Task, pairs: Pairs, tol: float, scale: float) -> tuple[Any
 def _iterated(
     task: _Task, limits: Limits, tol: float, start: Any
 ) -> tuple[Any, Any, GpuError | None]:
-    """Outcome of the iteration, its pairs, and the error if they cannot be used, else None.
-
-    If sigma is an eigenvalue, the rounding error of its huge image under the inverse exceeds the
-    images of the others; then the iteration is repeated with a shift beside sigma.
-    """
+    """Outcome of the iteration, its eigenpairs, and an error if they cannot be used. If sigma is an
+    eigenvalue, the rounding error of its huge image under the inverse exceeds the images of the
+    others: then the iteration is repeated with a shift next to sigma."""
     matrix, mass, sigma, k, rank = task.matrix, task.mass, task.sigma, task.k, task.rank
     wanted = Wanted(k, rank, tol, edge_of(task.which, task.real), task.inner)
     found = pairs = None
@@ -333,9 +330,8 @@ def _iterated(
 
 
 def _decomposed(task: _Task, judged: bool = False) -> Pairs:
-    """The k best of all eigenvalues, computed by LAPACK on the host.
-
-    If `judged`, a warning says where the condition of those of A leaves them few digits.
+    """The k best of all eigenvalues, computed by LAPACK on the host. If `judged`, warn where the
+    condition of the eigenvalues of A leaves them few correct digits.
     """
     matrix, mass, sigma, k = task.matrix, task.mass, task.sigma, task.k
     unit = matrix.unit
@@ -379,7 +375,7 @@ def _decomposed(task: _Task, judged: bool = False) -> Pairs:
 
 
 def _warn_of(condition: np.ndarray, values: np.ndarray, sigma: Any, full: np.ndarray) -> None:
-    """Warn where rounding of A moves the wanted values visibly, as they lie about sigma."""
+    """Warn if rounding of A may move the wanted eigenvalues visibly, relative to sigma."""
     size, reach = float(np.linalg.norm(full)), float(np.abs(values - sigma).max())
     moved = min(float(condition.max()) * EPS, 1.0) * size
     # Values that are sigma itself have no other digits.
@@ -418,46 +414,23 @@ def start_vector(v0: Any, n: int, xp: Any) -> Any:
 
 
 class Pairs(NamedTuple):
-    """Eigenvalues, best first, with their vectors.
+    """Eigenvalues, best first, with their vectors."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (k,)
-        On the host.
-    there : array, shape (k,), or None
-        The same in the array module of the matrix.
-    vectors : array, shape (n, k)
-    squares : array, shape (2, k), or None
-        Squares of the norms of ``A x - lambda M x`` and of ``A x``, see `certify`.
-    """
-
-    values: np.ndarray
-    there: Any
-    vectors: Any
-    squares: Any
+    values: np.ndarray  # shape (k,), on the host
+    there: Any  # the same in the array module of the matrix, or None
+    vectors: Any  # shape (n, k)
+    squares: Any  # (2, k) or None: |A x - lambda M x|^2 and |A x|^2
 
 
 @dataclass
 class Eigenpairs:
-    """Eigenpairs of a partial Schur form and its basis; the last result is cached.
-
-    Attributes
-    ----------
-    matrix, mass : Matrix
-        M may be None.
-    problem : EigenProblem
-        Whose eigenvalues T has.
-    rank : callable
-        Of eigenvalues; the larger, the more wanted.
-    k : int
-        Number of pairs.
-    """
+    """Eigenpairs from a partial Schur form and its basis; the last result is cached."""
 
     matrix: Matrix
-    mass: Matrix | None
-    problem: EigenProblem
-    rank: Rank
-    k: int
+    mass: Matrix | None  # M, None for the identity
+    problem: EigenProblem  # T has the eigenvalues of its operator
+    rank: Rank  # the larger, the more wanted
+    k: int  # number of pairs
     _T: Any = None
     _made: Pairs | None = None
 
@@ -494,7 +467,7 @@ class Eigenpairs:
 
 
 # Largest |A x - lambda M x| over |A| + |lambda| |M| of a certified pair: 4e4 machine epsilons,
-# above the rounding of products of any order, and far below the residual of a wrong pair.
+# above the rounding of products of any order, far below the residual of a wrong pair.
 CERTIFIED_PAIR = 1e-11
 
 
@@ -507,25 +480,9 @@ def certify(
     scale: float,
     squares: Any = None,
 ) -> None:
-    """Raise unless every returned pair satisfies its equation.
-
-    Parameters
-    ----------
-    matrix, mass, tol
-        As `eigs` has them.
-    values : ndarray, shape (k,)
-        On the host.
-    vectors : array, shape (n, k)
-    scale : float
-        A lower bound of |A|, zero where none is known.
-    squares : array, shape (2, k), optional
-        Squares of the norms of ``A x - lambda M x`` and of ``A x``, if they are known already.
-
-    Raises
-    ------
-    NotConverged
-        With the pairs that satisfy their equation as attributes.
-    """
+    """Raise `NotConverged`, with the pairs that pass, unless every pair satisfies its equation.
+    `scale` is a lower bound of |A| (zero if unknown); `squares`, shape (2, k), holds |A x - lambda
+    M x|^2 and |A x|^2 if they are known already."""
     unit = matrix.unit
     scale = (scale or matrix.norm) * unit
     # All numbers are copied to the host at once, as each copy waits for the device.

@@ -36,31 +36,17 @@ def shifts(matrix: Matrix, mass: Matrix | None, sigma: Any) -> Iterator[Any]:
 
 @dataclass(frozen=True)
 class EigenProblem:
-    """The operator of the iteration: A, M^-1 A or (A - shift M)^-1 M.
-
-    Attributes
-    ----------
-    apply : callable x -> product
-    dtype : numpy dtype
-    values : callable
-        Maps its eigenvalues to those of the pencil.
-    matrix : array or None
-        Its entries, if it is A and they are stored.
-    """
+    """The operator of the iteration: A, M^-1 A or (A - shift M)^-1 M."""
 
     apply: Callable[[Any], Any]
     dtype: Any
-    values: Callable[[np.ndarray], np.ndarray]
-    matrix: Any = None
+    values: Callable[[np.ndarray], np.ndarray]  # maps its eigenvalues to those of the pencil
+    matrix: Any = None  # its entries, if it is A and they are stored
 
     @classmethod
     def of(cls, matrix: Matrix, mass: Matrix | None, shift: Any) -> EigenProblem | None:
         """The operator for this shift, with its factors; None if ``A - shift M`` is singular.
-
-        Raises
-        ------
-        InputError
-            M is singular, or a matrix that must be factored is given as an operator.
+        Raises `InputError` if M is singular or if a matrix to be factored is given as an operator.
         """
         real = matrix.real and (mass is None or mass.real) and np.isrealobj(shift)
         dtype = np.dtype(float if real else complex)
@@ -95,12 +81,9 @@ class EigenProblem:
 
 
 def even_units(matrix: Matrix) -> Any:
-    r"""Units d of the unknowns in which moduli of entries across the diagonal are alike, or None.
-
-    :math:`|a_{ij}| d_j / d_i = |a_{ji}| d_i / d_j` for all entries, up to a factor of two as the d
-    are powers of two. Where such units exist, as for convection and diffusion on a line or grid,
-    they make a matrix that may be far from normal nearly normal; None where they change nothing.
-    """
+    """Units d, powers of two, with :math:`|a_{ij}| d_j / d_i = |a_{ji}| d_i / d_j` up to a factor
+    of two, or None if none exist or they change nothing. They make a matrix of convection and
+    diffusion on a line or grid nearly normal."""
     A = matrix.explicit
     if A is None or matrix.xp is not np or matrix.n < 2:
         return None
@@ -130,19 +113,9 @@ def even_units(matrix: Matrix) -> Any:
 
 
 def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: float) -> bool:
-    """Whether the largest eigenvalues of an inverse are surely those nearest to sigma.
-
-    Parameters
-    ----------
-    theta : ndarray
-        The wanted eigenvalues of the inverse.
-    rounding : float
-        Rounding error of the inverse, which is large if an eigenvalue is close to the shift.
-    away : ndarray
-        Distances of the corresponding eigenvalues of the pencil from sigma.
-    moved : float
-        Distance of the shift from sigma.
-    """
+    """Whether the largest eigenvalues `theta` of an inverse are surely those nearest to sigma.
+    `rounding` is the error of the inverse, `away` the distances of the pencil's eigenvalues from
+    sigma, `moved` that of the shift."""
     reach = float(away.max())
     return bool(
         rounding <= DROWNED * np.abs(theta).min()

@@ -20,36 +20,21 @@ from gpu.cuda.modulus import SOURCE as MODULUS
 from gpu.errors import InputError
 
 MOST_COUNTED = 1 << 30  # most entries for one call: the library counts them in 32 bits
-# Of the largest entry of a product: imaginary parts that are rounding of zero.
+# Relative to the largest entry of a product: smaller imaginary parts are rounding of zero.
 IMAGINARY_ROUNDING = 1e-10
 
 
 @dataclass(frozen=True)
 class Matrix:
-    """A square linear map on the host or on a device.
-
-    Attributes
-    ----------
-    n : int
-    real : bool
-    xp : module
-        numpy or cupy.
-    apply : callable x -> A x
-    explicit : array or sparse matrix or None
-        The entries, if they are stored.
-    name : str
-        Name of the argument in messages.
-    assumed : float, optional
-        Used as the `magnitude`, so that the entries are not read.
-    """
+    """A square linear map on the host or on a device."""
 
     n: int
     real: bool
-    xp: Any
+    xp: Any  # numpy or cupy
     apply: Callable[[Any], Any]
-    explicit: Any
-    name: str = "A"
-    assumed: float | None = None
+    explicit: Any  # array or sparse matrix with the entries, if they are stored
+    name: str = "A"  # of the argument, in messages
+    assumed: float | None = None  # if given, used as `magnitude`, so that the entries are not read
 
     @property
     def dtype(self) -> Any:
@@ -59,11 +44,7 @@ class Matrix:
     @functools.cached_property
     def magnitude(self) -> float:
         """A number between the largest modulus of the entries and twice the sum of all moduli.
-
-        Raises
-        ------
-        InputError
-            Entries are not finite.
+        Raises `InputError` if entries are not finite.
         """
         if self.assumed is not None:
             return self.assumed
@@ -110,18 +91,8 @@ def ordinary(size: float) -> bool:
 
 
 def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
-    """Check an argument, except for its entries, and make it a `Matrix`.
-
-    Parameters
-    ----------
-    name : str
-    A : array, sparse matrix or LinearOperator of NumPy, SciPy or CuPy, or callable x -> A x
-    start : array, shape (n,), optional
-        For a callable: determines its order, and the module and dtype of its arguments.
-
-    Raises
-    ------
-    InputError
+    """Check an argument, except for its entries, and make it a `Matrix`. The order, array module
+    and dtype of a callable are those of `start`, shape (n,).
     """
     unmasked(name, A)
     if callable(A) and not hasattr(A, "shape"):
@@ -157,9 +128,8 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
 
 
 def _magnitude(entries: Any, xp: Any) -> float:
-    """See `Matrix.magnitude`; NaN or infinite if an entry is.
-
-    It reads the entries once, as a pass over A takes as long as a product.
+    """See `Matrix.magnitude`; NaN or infinite if an entry is. The entries are read once only, as a
+    pass over A takes as long as a product.
     """
     if not entries.size:
         return 0.0

@@ -22,8 +22,8 @@ from gpu.qp.interior_point.minimise import NoBound, NoPoint, Point, certified, m
 from gpu.qp.interior_point.polish import Sides
 from gpu.qp.last_digits import last_digits
 
-# Entries other than zero of P and C, in sparse and in dense storage, up to which absolute residuals
-# are sharpened: that takes a few sparse factorisations, dear where the matrices are full.
+# Most nonzeros of P and C, in sparse and in dense storage, for absolute residuals: they take a few
+# sparse factorisations.
 SHARPENED_SPARSE, SHARPENED_DENSE = 300_000, 30_000
 
 

@@ -87,7 +87,7 @@ def batch_solve_qp(
 
 
 def _rows(name: str, value: Any) -> int:
-    """How many problems an argument speaks of."""
+    """Number of problems for which an argument holds a vector."""
     unmasked(name, value)
     dense = getattr(value, "ndim", 0) > 0 and not hasattr(value, "tocsr")
     dense = dense and hasattr(value, "__len__")

@@ -5,7 +5,7 @@ What is left is rounding, and there are three ways against it:
 
 * the active set is solved in extended precision and rounded once, see
   `gpu.qp.interior_point.extended_precision`;
-* multipliers that are not unique are taken as small as possible, see `gpu.qp.last_digits`;
+* multipliers that are not unique are taken as small as possible, see `least_multipliers`;
 * the duality gap :math:`x^TPx + q^Tx + y^Tr + z_\mathrm{box}^Tb` is closed by single numbers of x,
   y, z_box that move it far and the other residuals little. With terms of :math:`10^7` a gap of
   :math:`2\cdot10^{-9}` is one unit of the last digit.
@@ -25,15 +25,15 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, residual
 from gpu.qp.interior_point.extended_precision import PrimalDual, extended
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, minimise
 
-# Of a number: what its rounding moves it by, on average.
+# Average relative rounding error of a number.
 MEAN_ROUNDING = np.finfo(float).eps / 4
-# Rounding errors may cancel: residuals so many times below the expected rounding are hoped for.
+# Rounding errors may cancel: factor by which residuals may be below the expected rounding.
 LUCK = 8.0
 # Unknowns and rows up to which least multipliers are sought: they cost a solution.
 LARGEST_LEAST = 10_000
-# Numbers that are tried to close the gap, how often, and the parts of it that each takes over.
+# Numbers that are tried to close the gap, passes over them, and fractions of the gap for each.
 TRIALS, PASSES, PARTS = 60, 3, (1.0, 0.5)
-# Of the tolerance: what other residuals may grow to while the gap is closed.
+# Relative to the tolerance: limit of the other residuals while the gap is closed.
 SHARE = 0.9
 
 
@@ -65,16 +65,15 @@ def absolute(problem: QPProblem, t: PrimalDual) -> Absolute:
 
 
 def _side(side: Array, multiplier: Array, sign: int) -> float:
-    """What the multipliers of one sign add to the gap."""
+    """Contribution of the multipliers of one sign to the gap."""
     finite = np.flatnonzero(np.isfinite(side))
     return float(side[finite] @ (sign * np.maximum(sign * multiplier, 0.0))[finite])
 
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
 def last_digits(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> PrimalDual:
-    """The triple with absolute residuals below `tol`, or the best that was found.
-
-    No relative residual becomes larger than it was or than a tenth of `tol`.
+    """The triple with absolute residuals below `tol`, or the best that was found. No relative
+    residual becomes larger than it was or than a tenth of `tol`.
     """
     error = absolute(problem, t)
     idle = PrimalDual(t.x, np.zeros_like(t.y), np.zeros_like(t.z_box))
@@ -122,7 +121,7 @@ def _sharper(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> It
 
 
 def closed(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> PrimalDual:
-    """The triple with the gap closed by shifts of single numbers, if that is all it lacks."""
+    """The triple with the gap closed by changes of single numbers, if only the gap is too large."""
     error = absolute(problem, t)
     if not (error.primal <= tol and error.dual <= tol < abs(error.gap)):
         return t
@@ -163,24 +162,19 @@ def _columns(M: Matrix) -> Array:
     return abs(sparse.csc_array(M)).max(axis=0).toarray().ravel()
 
 
-# The least multipliers of a solution.
-#
-# Where active rows depend on each other, the multipliers of a solution x are a polyhedron, and an
-# interior point may end far out in it. Of its points
-#
-# .. math:: \min \tfrac12 |y|^2 + \tfrac12 |z_\mathrm{box}|^2 \quad\text{subject to}\quad
-#           C^Ty + z_\mathrm{box} = -(Px + q)
-#
-# with the signs that the sides allow, y of active rows and :math:`z_\mathrm{box}` of held variables
-# only, is the one whose rounding does the least to :math:`Px + q + C^Ty + z_\mathrm{box}`.
-
-
-# Of the terms of a row: what a row may miss its side by and still be called active.
+# Relative to the sum of a row's terms: distance from its side at which it counts as active.
 SIDE_ROUNDING = 1e-12
 
 
 def least_multipliers(p: StandardQP, x: Array, y: Array, tol: float) -> tuple[Array, Array] | None:
-    """Multipliers of rows and bounds at the solution x, or None where they are not found."""
+    r"""The least multipliers of rows and bounds at a solution x, or None if they are not found.
+
+    .. math:: \min \tfrac12 |y|^2 + \tfrac12 |z_\mathrm{box}|^2 \quad\text{subject to}\quad
+              C^Ty + z_\mathrm{box} = -(Px + q)
+
+    with the signs that sides allow. Multipliers of dependent rows may be large; the least ones add
+    the least rounding to the residual.
+    """
     n, Cx = x.size, p.C @ x
     slack = SIDE_ROUNDING * (abs(p.C) @ np.abs(x))
     high = p.equality | (np.abs(p.row_high - Cx) <= slack) | (y > 0.0)

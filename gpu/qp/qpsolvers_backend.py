@@ -13,10 +13,8 @@ OPTIONS = ("h_low", "host_below", "start", "tol")
 def pdas_solve_problem(
     problem: Any, initvals: Any = None, verbose: bool = False, **options: Any
 ) -> Any:
-    """Solve a `qpsolvers.Problem`; a `qpsolvers.Solution`, not found where `solve_qp` raises.
-
-    `options` are those of `solve_qp`; others are an `InputError`. An error of the problem stands in
-    ``extras["error"]``.
+    """Solve a `qpsolvers.Problem` with `options` of `solve_qp`. Where `solve_qp` raises, the
+    `qpsolvers.Solution` is marked as not found, and the error is in ``extras["error"]``.
     """
     import qpsolvers
 

@@ -22,7 +22,7 @@ from gpu.qp.interior_point.equilibrate import largest_side
 from gpu.qp.interior_point.presolve import ACTIVITY_ROUNDING, nonempty
 
 logger = logging.getLogger(__name__)
-# Of the diagonal of P: enough for a Cholesky factor, and nearly nothing beside the curvature.
+# Relative to the diagonal of P: enough for a Cholesky factor, tiny beside the curvature.
 PROXIMITY = 1e-6
 # Proximal points that are tried: where there is a solution, few are the rule.
 PROXIMAL_STEPS = 60
@@ -177,11 +177,9 @@ def solve_qp(
 
 
 def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
-    r"""A box problem whose P is singular, by proximal points (Rockafellar 1976).
-
-    Each minimises :math:`\tfrac12 x^TPx + q^Tx + \tfrac12 |x - x_k|_M^2`, M a small diagonal, by
-    the active-set method, which is exact where an interior point ends in the rounding.
-    """
+    r"""Solve a box problem with singular P by proximal points (Rockafellar 1976): each minimises
+    :math:`\tfrac12 x^TPx + q^Tx + \tfrac12 |x - x_k|_M^2`, M a small diagonal, by active sets,
+    exactly where an interior point ends in the rounding."""
     if problem.row_low.size or not isinstance(problem.factor.P, np.ndarray):
         return None
     if problem.b.size > problem.q.size:
@@ -205,7 +203,7 @@ def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
 
 
 def _proof(problem: QPProblem, row: int | None, sign: float = 1.0) -> Any:
-    """That one row, or the box, is a contradiction by itself."""
+    """The Farkas vector of a contradiction in one row, or (zero) in the bounds."""
     proof = namespace(problem.q).zeros(problem.b.size + problem.row_low.size)
     if row is not None:
         proof[row] = sign

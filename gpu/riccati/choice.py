@@ -36,12 +36,9 @@ TOLD = 200  # up to this order the dense method names the mode that stands in th
 
 
 def automatic(problem: LQRProblem, may_store: bool) -> tuple[LQRProblem, str]:
-    """What ``method="auto"`` stands for, and the problem in the form that method takes.
-
-    Dense problems are solved by doubling. Sparse, diagonal and matrix-free ones are projected,
-    except where a projection alone does not find the gain and all entries, which `may_store`
-    allows to be stored, are few.
-    """
+    """The method that ``method="auto"`` stands for, and the problem in the form that it takes:
+    doubling if dense, else a projection, unless a projection alone does not find the gain and the
+    entries are few enough to be stored (`may_store`)."""
     if problem.dense:
         return problem, "doubling"
     if may_store and problem.n <= QUICK and reduced.takes_newton(problem):
@@ -123,7 +120,7 @@ def _solver(method: str, options: dict[str, Any]) -> Callable[..., Found]:
 
 
 def _check_solution(problem: LQRProblem, found: Found, result: LQRResult, indefinite: bool) -> None:
-    """Raise where the equation is not solved, or only its rounding has a stabilising solution."""
+    """Raise if the equation is not solved, or has a stabilising solution only by rounding."""
     if not result.converged:
         raise _explained(
             problem,

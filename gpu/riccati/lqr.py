@@ -22,9 +22,8 @@ Result = TypeVar("Result")
 
 
 def within_range(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """The function without warnings of what overflows, which its certificates judge.
-
-    The wrappers of LAPACK refuse what has overflowed before any certificate is reached.
+    """A decorator: no warnings of overflow, which the certificates judge; where LAPACK's wrappers
+    refuse overflowed numbers before that, `NotConverged` is raised.
     """
 
     @functools.wraps(function)
@@ -312,7 +311,7 @@ class FilterResult(LQRResult):
 
 
 def transposed(result: LQRResult) -> FilterResult:
-    """The result of the dual problem as that of the filter: its gain stands upright."""
+    """The result of the dual problem as that of the filter, whose gain is the transposed one."""
     return FilterResult(**_turned(result))
 
 

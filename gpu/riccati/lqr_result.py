@@ -211,13 +211,9 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
 
 
 def in_given_units(result: LQRResult, problem: LQRProblem) -> LQRResult:
-    """The result for the problem as given, of that in the units of `in_moderate_units`.
-
-    Raises
-    ------
-    NotConverged
-        K, S or the poles are out of the range of double precision.
-    """
+    """The result in the units of the problem as given, from that in the units of
+    `in_moderate_units`. Raises `NotConverged` if K, S or the poles are out of the range of double
+    precision."""
     moderate = result.problem
     if moderate is problem:
         return result

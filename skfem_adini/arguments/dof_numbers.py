@@ -1,4 +1,4 @@
-"""A list of dofs as a user may give it."""
+"""Dofs as a user may give them: numbers, a mask, or the result of ``get_dofs``."""
 
 from __future__ import annotations
 
@@ -13,22 +13,8 @@ Indices = NDArray[np.intp]
 
 
 def dof_numbers(name: str, value: Any, size: int) -> Indices:
-    """Return the numbers of dofs.
-
-    Parameters
-    ----------
-    name
-        Of the argument, for the errors.
-    value
-        Numbers, a mask of shape (size,), or what ``basis.get_dofs`` gives.
-    size
-        Number of dofs.
-
-    Raises
-    ------
-    InputError
-        Anything else, or numbers that are not in 0, ..., size - 1.
-    """
+    """Return the numbers of dofs, from numbers, a mask (size,), or what ``basis.get_dofs``
+    gives."""
     dofs = np.asarray(value.flatten() if hasattr(value, "flatten") else value)
     if dofs.dtype == bool:
         if dofs.shape != (size,):

@@ -10,13 +10,8 @@ from skfem_adini.errors import InputError
 
 
 def finite_numbers(name: str, value: Any, shape: tuple[int, ...], complex_too: bool = False) -> Any:
-    """Return finite numbers of the given shape as double precision.
-
-    Raises
-    ------
-    InputError
-        Another shape or kind of entries, NaN or infinity; complex numbers unless `complex_too`.
-    """
+    """Return finite numbers of the given shape in double precision, complex ones if
+    `complex_too`."""
     kinds = "real or complex" if complex_too else "real"
     try:
         array = np.asarray(value)

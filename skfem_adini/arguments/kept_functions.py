@@ -12,15 +12,8 @@ from skfem.mapping import Mapping
 
 def without_functions(element: Any) -> Any:
     """The element, or a copy without the shape functions that it has kept.
-
-    An `ElementGlobal` of scikit-fem inverts the matrix of its degrees of freedom once, on the first
-    mesh, and evaluates the same functions on every other mesh without a word.
-
-    Parameters
-    ----------
-    element : Element
-        A scalar element or an `ElementVector`.
-    """
+    An `ElementGlobal` inverts the matrix of its dofs once, on the first mesh, and evaluates the
+    same functions on every other mesh without a warning."""
     scalar = element.elem if isinstance(element, ElementVector) else element
     if not isinstance(scalar, ElementGlobal):
         return element

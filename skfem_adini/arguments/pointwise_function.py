@@ -1,4 +1,4 @@
-"""A caller's function of places that must act on each place alone."""
+"""A function given by the caller that must act on each point alone."""
 
 from __future__ import annotations
 
@@ -12,29 +12,14 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[Any]
 
-_MORE_PLACES = 6  # tried beside the outermost ones
-_ROUNDING = 1e-11  # of the largest value: vector instructions round equal numbers differently
+_MORE_PLACES = 6  # points tried beside the outermost ones
+_ROUNDING = 1e-11  # relative to the largest value: vector instructions round differently
 
 
 def pointwise(name: str, function: Callable[[Array], Any]) -> Callable[[Array], Any]:
-    """Return the function, made to raise where a value depends on the other places.
-
-    The quadrature points of cut cells are evaluated in several batches, padded with points of
-    weight zero, so a maximum or a mean over the points of a call has no meaning. Values are
-    therefore compared with those at a few single places, the outermost ones among them.
-
-    Parameters
-    ----------
-    name
-        Of the argument, for the message.
-    function
-        Of places, shape (dim, ...).
-
-    Raises
-    ------
-    InputError
-        From the function returned: a value is another one at its place alone.
-    """
+    """Return the function of points (dim, ...), which then raises where a value depends on others.
+    The points of a call are padded batches, so a maximum over them means nothing. Values are
+    compared with those at a few single points, the outermost ones included."""
 
     def checked(x: Array) -> Any:
         value = function(x)

@@ -10,13 +10,7 @@ from skfem_adini.errors import InputError
 
 
 def positive_number(name: str, value: object, most: float = np.inf) -> float:
-    """Return the value as a float if it is a real number above 0, finite and at most `most`.
-
-    Raises
-    ------
-    InputError
-        It is not.
-    """
+    """Return the value as a float if it is a real number above 0, finite and at most `most`."""
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
         number = float(value)
         if 0 < number <= most and np.isfinite(number):

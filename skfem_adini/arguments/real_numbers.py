@@ -14,13 +14,7 @@ Array = NDArray[np.float64]
 
 
 def real_array(name: str, value: Any) -> Array:
-    """Return an array of float64; complex numbers must have no imaginary part.
-
-    Raises
-    ------
-    InputError
-        Imaginary parts, or entries that are no numbers.
-    """
+    """Return an array of float64; complex numbers must have no imaginary part."""
     array = np.asarray(value)
     if array.dtype.kind not in "biufc":
         try:

@@ -33,7 +33,7 @@ from skfem_adini.errors import InputError
 from skfem_adini.jit import compiled
 
 Array = NDArray[np.float64]
-_ROUNDING = 1e-12  # of a tensor's symmetry, over its largest entry
+_ROUNDING = 1e-12  # relative to the largest entry: asymmetry of a tensor that is rounding
 
 
 @dataclass(frozen=True)

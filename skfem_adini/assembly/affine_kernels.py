@@ -34,10 +34,8 @@ def fill_affine(
     indices: Any, data: Any,
 ) -> Any:  # fmt: skip
     """Write the columns and values of the rows of the functions from `begin` to `end`.
-
-    `geometry` has the shape (cells, k, k, dim, dim), `table` (functions of a cell, dim, dim,
-    functions of a cell), `heads` counts the neighbours of the functions before each one.
-    """
+    Geometry is (cells, k, k, dim, dim), table (functions of a cell, dim, dim, functions of a
+    cell); `heads` counts the neighbours of the functions before each one."""
     first, holders, places, of_cells = around
     wide, k = of_cells.shape[0], geometry.shape[1]
     most = _largest(first, begin, end) * wide

@@ -38,9 +38,8 @@ Integers = NDArray[np.integer]
 
 _log = logging.getLogger(__name__)
 
-_FEW_CELLS = 9  # an array over so few cells could as well be a tensor of 3 x 3 numbers
-# Cells that are compared first: if no two of them are alike, the others are not looked at.
-_SAMPLE = 512
+_FEW_CELLS = 9  # an array over so few cells may also be a tensor of 3 x 3 numbers
+_SAMPLE = 512  # cells compared first: if no two are alike, the others are not compared
 _TYPES = [np.dtype(kind) for kind in (np.float32, np.float64, np.complex64, np.complex128)]
 
 
@@ -252,7 +251,8 @@ class _Problem:
         return cls(form, spaces, blocks, first.mesh, first.tind)
 
     def assemble(self, parameters: dict[str, Any], spare: bool) -> tuple[Any, str]:
-        """Return the result and its story; `spare` leaves to scikit-fem what it does faster."""
+        """Return the result and how it was computed.
+        With `spare`, what scikit-fem does faster raises `_SlowPath`."""
         bilinear = isinstance(self.form, BilinearForm)
         spaces = [*self.spaces, self.spaces[-1]][:2] if bilinear else self.spaces
         blocks = [self.blocks[0], self.blocks[-1]] if bilinear else self.blocks

@@ -15,53 +15,26 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.integer]
 Words = NDArray[np.uint64]
 
-# Tolerance, relative to the coordinates: those of equal cells differ by up to 2 eps, and sums of
-# several steps, as in refined meshes, by more.
+# Relative to the coordinates: those of equal cells differ by 2 eps, after refinement by more.
 _ROUNDING = 8 * np.finfo(float).eps
-# The largest coordinate that counts, in heights of a cell: it bounds the relative error of a class.
-_FARTHEST = 1024
+_FARTHEST = 1024  # largest coordinate that counts, in heights of a cell: bounds a class's error
 
 
 class Classes(NamedTuple):
-    """A partition of cells.
+    """A partition of cells."""
 
-    Attributes
-    ----------
-    labels
-        Class of each cell, shape (cells,), counted in the order of appearance.
-    representatives
-        The first cell of each class.
-    """
-
-    labels: Integers
-    representatives: Integers
+    labels: Integers  # class of each cell, in order of appearance, shape (cells,)
+    representatives: Integers  # the first cell of each class
 
 
 def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
     r"""Put cells whose nodes differ by a translation and whose words agree into one class.
 
-    The differences of the coordinates of a cell's nodes are all of the geometry that enters a local
-    matrix. Two cells are congruent here when these agree within
-
-    .. math:: 8 \epsilon \, \min(\max |x|, 1024 \, a),
-
-    where x are all coordinates and a is the height of a cell (its volume over its longest sides).
-    Rounded coordinates make the equal cells of a grid differ by up to :math:`2 \epsilon \max |x|`,
-    unless their width is a power of two. The local matrix of a class is that of its first cell; for
-    the others it has a relative error of a small multiple of
-    :math:`8 \epsilon \min(\max |x| / a, 1024)`. The Jacobians of scikit-fem's isoparametric
-    mapping, sums of coordinates, have rounding errors of the same kind.
-
-    Parameters
-    ----------
-    points
-        Coordinates of the nodes, shape (dim, points).
-    nodes
-        Nodes of the cells, shape (nodes of a cell, cells).
-    words
-        Further bits that must agree in a class, as those of orientations and coefficients, shape
-        (cells, words).
-    """
+    Differences of the nodes' coordinates may differ by :math:`8 \epsilon \min(\max |x|, 1024
+    a)`, with a the height of a cell (volume over longest sides): rounding makes equal cells of a
+    grid differ by up to :math:`2 \epsilon \max |x|`. So the local matrix of a class, that of its
+    first cell, has a relative error of a small multiple of :math:`8 \epsilon \min(\max |x| / a,
+    1024)`. Words (cells, words) are bits of orientations and coefficients."""
     # Bits first: few classes are left to be compared with a tolerance.
     labels, first = _compiled()(points, nodes, words)
     if len(first) > 1 and len(nodes) > len(points):
@@ -72,10 +45,8 @@ def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
 
 def _merged(points: Array, nodes: Integers, words: Words) -> tuple[Integers, Integers]:
     """Label cells that differ by rounding only, in the order of appearance; the first of each.
-
-    Cells are sorted by one difference after the other. A gap between the values ends a class, and
-    so does a stretch as long as the tolerance: no chain of small steps joins unlike cells.
-    """
+    They are sorted by one difference after the other. A class ends at a gap, and after a stretch
+    as long as the tolerance: no chain of small steps joins unlike cells."""
     dim, cells = len(points), nodes.shape[1]
     sides = points[:, nodes[1:]] - points[:, nodes[:1]]
     longest = np.maximum(np.abs(sides).max(axis=(0, 1)), np.finfo(float).tiny)
@@ -128,10 +99,8 @@ def _power_of_two(least: Any) -> Any:
 
 def _label(points: Any, nodes: Any, words: Any) -> Any:
     """Label the cells by a hash table with open addressing; keys are compared word by word.
-
-    The hash is that of Fowler, Noll and Vo, with their offset basis and prime of 64 bits. Its high
-    bits are folded into the low ones, which alone choose the slot.
-    """
+    The hash is that of Fowler, Noll and Vo with 64 bits; its high bits are folded into the low
+    ones, which alone choose the slot."""
     dim = points.shape[0]
     corners, cells = nodes.shape
     more = words.shape[1]

@@ -141,28 +141,15 @@ class CongruentCells:
         return scatter_on(xp, local, self.labels, self._blocks, self._blocks)
 
 
-# Entries that are summed at a time: their places and columns take some hundred megabytes.
-_ENTRIES = 2**24
+_ENTRIES = 2**24  # entries summed at a time: their places and columns take some 100 MB
 
 
 def scatter_on(
     xp: Any, local: NDArray[Any], labels: NDArray[Any], rows: DofBlocks, columns: DofBlocks
 ) -> Any:
-    """Return what `scatter_matrix` returns, bit by bit, computed by NumPy or CuPy.
-
-    Parameters
-    ----------
-    xp
-        NumPy or CuPy.
-    local, labels, rows, columns
-        As for `skfem_adini.assembly.csr_scatter.scatter_matrix`.
-
-    Notes
-    -----
-    Each cell adds a small matrix, a tile, for each pair of its blocks. A stable sort brings equal
-    pairs together in the order of the cells, in which a pair's tiles are added: the order of sums
-    is that of the host.
-    """
+    """Return what `scatter_matrix` returns, bit by bit, computed by NumPy or CuPy. Each cell
+    adds a small matrix, a tile, for each pair of its blocks. A stable sort brings equal pairs
+    together in the order of the cells, so that the order of sums is that of the host."""
     pairs = _Pairs.of(xp, len(local), labels, rows, columns)
     starts, total, corner = _places(xp, pairs, rows, columns)
     column_start = xp.asarray(columns.start)
@@ -197,23 +184,12 @@ def scatter_on(
 
 
 class _Pairs(NamedTuple):
-    """The distinct pairs of blocks of all cells, in order, on the device.
+    """The distinct pairs of blocks of all cells, in order, on the device."""
 
-    Attributes
-    ----------
-    row, column
-        Blocks of each pair, shape (pairs,).
-    begin
-        Where the tiles that cells add to each pair begin, then how many there are, (pairs + 1,).
-    tiles
-        Their numbers, in the order of the cells: class of the cell times pairs in a cell, plus pair
-        in the cell; at the end that of the tile of zeros.
-    """
-
-    row: Any
-    column: Any
-    begin: Any
-    tiles: Any
+    row: Any  # row block of each pair, shape (pairs,)
+    column: Any  # column block of each pair
+    begin: Any  # where each pair's tiles begin, then their number, (pairs + 1,)
+    tiles: Any  # class times pairs in a cell plus pair in the cell; last the zero tile
 
     @classmethod
     def of(cls, xp: Any, classes: int, labels: Any, rows: DofBlocks, columns: DofBlocks) -> _Pairs:
@@ -242,9 +218,7 @@ class _Pairs(NamedTuple):
 
 def _places(xp: Any, pairs: _Pairs, rows: DofBlocks, columns: DofBlocks) -> tuple[Any, Any, Any]:
     """Return where rows begin, how long those of each row block are, and where each pair begins.
-
-    All rows of a block have the same columns; a pair begins in the first of its rows.
-    """
+    All rows of a block have the same columns; a pair begins in the first of its rows."""
     row_start, width = xp.asarray(rows.start), xp.asarray(np.diff(columns.start))[pairs.column]
     past = xp.concatenate([xp.zeros(1, dtype=np.int64), xp.cumsum(width, dtype=np.int64)])
     block = past[xp.searchsorted(pairs.row, xp.arange(len(rows.start)), side="left")]
@@ -258,9 +232,7 @@ def _tiles(
     local: NDArray[Any], rows: DofBlocks, columns: DofBlocks, h: int, w: int
 ) -> NDArray[Any]:
     """Return the tiles of one size of all classes, then one of zeros, shape (tiles, h w).
-
-    Tiles of another size are zero.
-    """
+    Tiles of another size are zero."""
     tall, wide = (range(len(of.local) - 1) for of in (rows, columns))
     tiles = np.zeros((len(local) + 1, len(tall), len(wide), h * w), dtype=local.dtype)
     for i, j in product(tall, wide):

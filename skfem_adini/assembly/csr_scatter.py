@@ -21,30 +21,14 @@ Integers = NDArray[np.integer]
 
 
 def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: DofBlocks) -> Any:
-    """Return the sum of the local matrices of all cells as a canonical CSR matrix.
+    """Return the sum of the local matrices (classes, rows, columns) of cells, in canonical CSR.
 
-    Entries to which only exact zeros contribute are left out, as scikit-fem does.
-
-    Parameters
-    ----------
-    local
-        Local matrices, shape (classes, local rows, local columns).
-    labels
-        Class of each cell.
-    rows, columns
-        Dofs of the test and of the trial functions.
-
-    Notes
-    -----
-    A row belongs to one block of dofs, and all rows of a block have the neighbours of the block as
-    columns. Two blocks have the same rows, apart from the column numbers, if their cells have the
-    same classes in the same order and their neighbours come in the same order. Each thread
-    therefore keeps the rows that it summed last and copies them for such blocks. Often even the
-    column numbers are those of the preceding block plus a constant; the counting kernel marks these
-    blocks for the writing kernel. Every block is summed by one thread, in the order of its cells,
-    so the number of threads does not change the result. Indices have 32 bits as long as numbers of
-    entries, rows and columns are below 2^31.
-    """
+    Entries to which only exact zeros contribute are left out, as scikit-fem does. A block of
+    dofs whose cells have the same classes, and whose neighbours the same order, as those of the
+    rows that a thread summed last gets a copy of these rows, often with all columns shifted by a
+    constant. One thread sums a block in the order of its cells: results do not depend on the
+    number of threads. Indices have 32 bits as long as numbers of entries, rows and columns are
+    below 2^31."""
     count_rows, fill_rows = row_kernel("count_rows"), row_kernel("fill_rows")
     first, *held = row_kernel("cells_of_blocks")(rows.of_cells, len(rows.start) - 1)
     masks, full = _masks(local, columns.local)
@@ -90,11 +74,8 @@ def index_type(entries: int, size: int) -> type[np.signedinteger[Any]]:
 
 
 def _masks(local: Array, starts: Integers) -> tuple[Array, bool]:
-    """Return which entries are not zero, as bit masks, and whether all are.
-
-    The masks have the shape (classes, local rows, column blocks of a cell), with one bit for each
-    dof of a column block; they are empty if no entry is zero.
-    """
+    """Return bit masks of the entries that are not zero, and whether all are (then without masks).
+    Shape (classes, local rows, column blocks of a cell), one bit for each dof of a column block."""
     nonzero = local != 0
     if nonzero.all():
         return np.empty((0, 0, 0), dtype=np.uint64), True

@@ -11,31 +11,17 @@ from numpy.typing import NDArray
 
 Integers = NDArray[np.integer]
 
-# Largest number of dofs in a block: each has one bit of a 64-bit word.
-LARGEST = 64
+LARGEST = 64  # dofs in a block at most: each has one bit of a 64-bit word
 
 
 @dataclass(frozen=True)
 class DofBlocks:
-    """The dofs of the cells of a mesh.
+    """The dofs of the cells of a mesh in blocks of consecutive numbers."""
 
-    Attributes
-    ----------
-    of_cells
-        Block numbers, shape (blocks of a cell, cells).
-    local
-        Where each block begins in a cell's list of dofs, then the length of that list, shape
-        (blocks of a cell + 1,).
-    start
-        First dof of each block, then the number of dofs, shape (blocks + 1,).
-    size
-        Number of dofs.
-    """
-
-    of_cells: Integers
-    local: Integers
-    start: Integers
-    size: int
+    of_cells: Integers  # block numbers, shape (blocks of a cell, cells)
+    local: Integers  # where blocks begin in a cell's dofs, then their number
+    start: Integers  # first dof of each block, then the number of dofs, shape (blocks + 1,)
+    size: int  # number of dofs
 
     @classmethod
     def from_mesh(cls, mesh: Any, element: Any) -> DofBlocks:

@@ -16,9 +16,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[Any]
 
-# Largest extent of a constant tensor along an axis: that of 6 x 6 elastic moduli in one row. A
-# larger array is taken for a field over another mesh.
-_MOST_COMPONENTS = 36
+_MOST_COMPONENTS = 36  # length of a constant tensor's axis (6 x 6 moduli); longer arrays are fields
 
 
 class NotConstant(Exception):
@@ -27,18 +25,8 @@ class NotConstant(Exception):
 
 class FormParameters(FormExtraParams):
     """The parameters ``w`` of a form: constants can be read, all others raise `NotConstant`.
-
-    Numbers and fields constant in each cell can be read. Any use of the coordinates ``x``, the
-    mesh size ``h``, the index ``idx`` or a field that varies inside a cell raises `NotConstant`
-    and is recorded, in case the form catches the exception.
-
-    Parameters
-    ----------
-    constant
-        Parameters that may be read, by name.
-    withheld
-        Names of parameters that exist but must not be read.
-    """
+    The others are the coordinates ``x``, the size ``h``, ``idx`` and fields that vary inside a
+    cell; their use is recorded, in case the form catches the exception."""
 
     def __init__(self, constant: Mapping[str, Any], withheld: set[str]) -> None:
         super().__init__(constant)
@@ -84,26 +72,8 @@ class FormParameters(FormExtraParams):
 
 def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
     """Return a parameter of a form, as a number, a tuple or an array with at least two axes.
-
-    Parameters
-    ----------
-    name, value
-        As passed by the caller.
-    cells, points, dofs
-        Numbers of cells, of quadrature points and of dofs.
-
-    Returns
-    -------
-    number, tuple, ndarray, DiscreteField or None
-        None for a vector of dofs, which is to be interpolated. Numbers of the cells, and
-        `DiscreteField` with one point, are repeated at all points, the only shape that scikit-fem
-        has for them, so that sums and sizes mean the same.
-
-    Raises
-    ------
-    InputError
-        The value is not finite, is no number or array, or its shape fits none of these.
-    """
+    None stands for a vector of dofs, which is to be interpolated. One number a cell, or a
+    `DiscreteField` with one point, is repeated at all points, as scikit-fem has it."""
     if isinstance(value, tuple):
         return value
     if isinstance(value, Number):
@@ -147,10 +117,8 @@ def wide_field(value: DiscreteField, points: int) -> DiscreteField:
 
 
 def constant_parts(value: Array, cells: int) -> list[Array | None] | None:
-    """Return a field and its derivatives if all are constant in every cell, else None.
-
-    The field has the shape (..., cells, points).
-    """
+    """Return a field (..., cells, points) and its derivatives if constant in every cell, else
+    None."""
     parts = value.astuple if isinstance(value, DiscreteField) else (np.asarray(value),)
     for part in parts:
         if part is None:

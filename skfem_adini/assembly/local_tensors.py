@@ -22,14 +22,10 @@ from skfem_adini.errors import InputError
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-# Quadrature points in one call of the form: its temporary arrays of 256 kB stay in the L2 cache.
-_POINTS_OF_CALL = 2**15
-# Values (functions x cells x points) that are prepared at a time: 8 MB for each component.
-_VALUES_PREPARED = 2**20
-# Cells from which on each entry has a call of its own: no functions need to be gathered then.
-_CELLS_OF_A_CALL = 256
-# Classes for each shape from which on the terms of a form are worth looking for.
-_CLASSES_OF_A_SHAPE = 4
+_POINTS_OF_CALL = 2**15  # quadrature points a call of the form: 256 kB arrays stay in L2
+_VALUES_PREPARED = 2**20  # functions x cells x points at a time: 8 MB a component
+_CELLS_OF_A_CALL = 256  # from so many cells each entry has its own call: nothing is gathered
+_CLASSES_OF_A_SHAPE = 4  # classes for each shape from which terms of a form are looked for
 
 
 # Value, gradient, ... of all functions, (..., functions * cells, points), for each component.
@@ -38,27 +34,17 @@ Fields = list[list[Array | None]]
 
 @dataclass(frozen=True)
 class Space:
-    """The shape functions of an element in the cells, with a quadrature rule.
-
-    Attributes
-    ----------
-    element, mapping
-        Those of scikit-fem.
-    X, W
-        Reference points, shape (dim, points), and weights, shape (points,).
-    """
+    """Shape functions of an element in the cells, with a quadrature rule."""
 
     element: Any
     mapping: Any
-    X: Array
-    W: Array
+    X: Array  # reference points, shape (dim, points)
+    W: Array  # weights, shape (points,)
 
     def on(self, cells: Integers) -> tuple[Any, Integers]:
         """Return a new mapping for some cells, without cached values, and their numbers in it.
-
         Straight quadrilaterals and bricks get a mesh of their own, because their mapping and the
-        elements of this package begin with computations for the whole mesh.
-        """
+        elements of this package begin with computations for the whole mesh."""
         mesh = self.mapping.mesh
         if isinstance(self.mapping, MappingAffine):
             return MappingAffine(mesh, tind=cells), cells
@@ -118,21 +104,11 @@ class Space:
 
 
 class Coefficients(NamedTuple):
-    """The parameters of a form.
+    """The parameters of a form."""
 
-    Attributes
-    ----------
-    numbers
-        Those that are the same for all cells.
-    fields
-        Field and derivatives over (..., cells, points or 1), constant in every cell.
-    withheld
-        Names of those that vary inside a cell.
-    """
-
-    numbers: dict[str, Any]
-    fields: dict[str, list[Array | None]]
-    withheld: set[str]
+    numbers: dict[str, Any]  # those that are the same for all cells
+    fields: dict[str, list[Array | None]]  # field and derivatives, (..., cells, points or 1)
+    withheld: set[str]  # names of those that vary inside a cell
 
 
 def local_tensors(
@@ -145,29 +121,8 @@ def local_tensors(
     coefficients: Coefficients,
 ) -> Array:
     """Return the local tensor of each class, shape (classes, test functions(, trial functions)).
-
-    Parameters
-    ----------
-    form
-        Linear or bilinear form.
-    spaces, sizes
-        Functions and their number: trial and test for a bilinear form, test for a linear one.
-    shapes
-        Classes of cells with the same shape.
-    classes
-        Classes of cells with the same shape and the same coefficients.
-    cells
-        Numbers of the cells in the mesh.
-    coefficients
-        Parameters of the form.
-
-    Raises
-    ------
-    NotConstant
-        The form used something that varies inside a cell.
-    FormNotPointwise
-        The form raised, did not return a number for each quadrature point, or mixes the cells.
-    """
+    `shapes` partition the cells by shape, `classes` by shape and coefficients; `spaces` and
+    `sizes` hold the trial space, for bilinear forms, and then the test space."""
     rows = _Rows(form, spaces, sizes, shapes, classes, cells, coefficients)
     local = np.zeros((len(classes.representatives), *reversed(sizes)), dtype=form.dtype)
     flat = local.reshape(len(local), -1)
@@ -300,13 +255,8 @@ class _Rows:
         self._needed = needed
 
     def densities(self, classes: Integers, entry: Integers) -> Any:
-        """Return the integrands times the weights, shape (rows, points), in one call of the form.
-
-        Parameters
-        ----------
-        classes, entry
-            Class and number of the entry for each row; the classes are among those prepared.
-        """
+        """Return integrand times weight of each (class, number of the entry), shape (rows, points).
+        The form is called once; the classes must be among those prepared."""
         # Entries are numbered row by row: rows are test functions, columns trial functions.
         indices = (entry,) if len(self._sizes) == 1 else np.divmod(entry, self._sizes[0])[::-1]
         place = np.searchsorted(self._needed, self.shape_of[classes])
@@ -350,10 +300,7 @@ def _pieces(order: Integers, step: int, cells: int) -> Iterator[Integers]:
 
 def _batches(members: int, entries: int, step: int, cells: int) -> Iterator[Integers]:
     """Yield the numbers of entries to compute together, never as many as there are cells.
-
-    An array over the cells that a form has captured cannot be detected directly; with another
-    number of rows it does not fit the form's other arrays, and the form fails.
-    """
+    A form that reads an array over the cells from outside its arguments then fails by its shape."""
     for begin in range(0, members * entries, step):
         batch = np.arange(begin, min(begin + step, members * entries))
         yield np.append(batch, batch[-1]) if len(batch) == cells != 1 else batch

@@ -11,15 +11,10 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-# Classes of cells, and entries of each, that are computed again: a form that mixes cells differs in
-# nearly all of them.
-_CLASSES_TRIED = 8
-_ENTRIES_TRIED = 4
-# Rows of one class added to the others: enough to change any mean, quantile or deviation.
-_ROWS_AROUND = 300
-# Tolerance relative to the sum of absolute values over the points: equal operations on equal
-# numbers differ by a few roundings at most, if vector instructions or BLAS reorder them.
-ROUNDING = 1e-11
+_CLASSES_TRIED = 8  # classes computed again: a form that mixes cells differs in nearly all
+_ENTRIES_TRIED = 4  # entries of each class computed again
+_ROWS_AROUND = 300  # rows of one class added to the others: enough to change any mean or quantile
+ROUNDING = 1e-11  # relative to the sum of moduli: vector instructions and BLAS reorder sums
 
 
 class FormNotPointwise(Exception):
@@ -47,33 +42,8 @@ def check_pointwise(
     rows: Rows, found: Array, sizes: Sequence[int], coefficients: Array, cells: int
 ) -> None:
     """Compute chosen entries again, in batches that differ in their cells, order and length.
-
-    A statistic of the cells of a batch (largest value, mean, norm, quantile, order, sum, number)
-    changes between these batches: every chosen class alone, including those with the smallest and
-    the largest values of the coefficients; all chosen classes among many cells of the class with
-    the smallest value, or with the largest; one entry repeated, without any other; and the order
-    reversed. A form that uses such a statistic gives other numbers there, unless the statistic has
-    no effect.
-
-    Parameters
-    ----------
-    rows
-        Evaluates the integrands of entries.
-    found
-        All entries as computed before, shape (classes, entries).
-    sizes
-        Number of trial and of test functions, or of test functions.
-    coefficients
-        Coefficients of the classes, shape (coefficients, classes).
-    cells
-        Number of cells in the mesh. No batch has this length, so that arrays over the cells that
-        the form has captured do not fit.
-
-    Raises
-    ------
-    FormNotPointwise
-        An entry differs from the one computed before.
-    """
+    A form that uses a statistic of the cells (maximum, mean, order, number) then gives other
+    numbers. No batch has the length `cells`, so that captured arrays do not fit."""
     rng = np.random.default_rng(0)
     chosen, extreme = _chosen(coefficients, rng)
     rows.prepare(chosen)

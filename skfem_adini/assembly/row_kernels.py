@@ -13,18 +13,13 @@ from typing import Any
 
 import numpy as np
 
-# Blocks of rows that a thread keeps for reuse, and the entries of all of them: 400 kB at 12 bytes
-# each, about half of a core's L2 cache.
-_WAYS = 64
-_CACHED = 2**15
+_WAYS = 64  # blocks of rows that a thread keeps for reuse
+_CACHED = 2**15  # entries of all of these: 400 kB at 12 bytes, about half of a core's L2 cache
 
 
 def cells_of_blocks(of_cells: Any, blocks: int) -> Any:
-    """Return the cells that each block belongs to and its places in them.
-
-    Those of block b are the entries first[b] to first[b + 1] - 1 of the arrays `holders` and
-    `places`.
-    """
+    """Return where each block's entries begin, the cells that hold it, and its places in them.
+    Those of block b are the entries first[b] to first[b + 1] - 1 of `holders` and `places`."""
     width, cells = of_cells.shape
     first = np.zeros(blocks + 1, dtype=np.int64)
     for b in range(width):
@@ -68,9 +63,7 @@ def count_rows(
     follows: Any, counts: Any,
 ) -> Any:  # fmt: skip
     """Count the entries of the rows of the blocks from `begin` to `end`.
-
-    In `follows` mark the blocks whose rows are those of the block before with shifted columns.
-    """
+    In `follows` mark the blocks whose rows are those of the block before with shifted columns."""
     first, holders, places, row_start, row_local = rows
     of_cells, start, begins, uniform = columns
     wide = begins.size - 1
@@ -207,9 +200,7 @@ def _sort_neighbours(
     offset: Any,
 ) -> Any:  # fmt: skip
     """Write the distinct blocks in ascending order, the slot of each, and where slots begin.
-
-    Return the number of slots.
-    """
+    Return the number of slots."""
     count = 0
     for k in range(size):
         block = blocks[k]

@@ -12,23 +12,14 @@ from numpy.typing import NDArray
 
 Integers = NDArray[np.integer]
 
-# More threads gain nothing: they share the bandwidth of the memory.
-_MOST_THREADS = 8
-# Least work of a thread, in pairs of a row block and a column block of one cell: .4 to 2 ms, many
-# times what it takes to start a thread.
-_WORTH_A_THREAD = 50_000
+_MOST_THREADS = 8  # more gain nothing: threads share the bandwidth of the memory
+_WORTH_A_THREAD = 50_000  # pairs of a row block and a column block of a cell: .4 to 2 ms
 
 
 def shares_of(first: Integers, columns: int) -> list[tuple[int, int]]:
     """Return ranges of row blocks of about equal work, one for each thread.
-
-    Parameters
-    ----------
-    first
-        Number of cells that hold the blocks before each one, shape (blocks + 1,).
-    columns
-        Blocks of a cell.
-    """
+    `first` (blocks + 1,) counts the cells of the blocks before each one, `columns` blocks of a
+    cell."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     work = int(first[-1]) * columns
     # The kernels are limited by the memory: on two processors a second thread gained nothing.

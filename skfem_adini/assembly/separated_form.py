@@ -24,12 +24,11 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 Term = tuple[Any, Array]  # number of each cell, or 1.0; an array over (..., rows, points)
 
-# More terms cost about as much as the integrand at the points of each cell.
-_MOST_TERMS = 16
+_MOST_TERMS = 16  # more cost about as much as the integrand at the points of each cell
 
 
 class NotSeparated(Exception):
-    """A form does with a coefficient what this module does not follow."""
+    """A form uses a coefficient in an operation that has no rule here."""
 
 
 def _refuse(*_: Any, **__: Any) -> NoReturn:
@@ -37,7 +36,7 @@ def _refuse(*_: Any, **__: Any) -> NoReturn:
 
 
 class _Symbol(NDArrayOperatorsMixin):
-    """What both kinds refuse: to be an array, a truth value or a list."""
+    """Base of `CellNumbers` and `Separated`, which are no arrays, truth values or lists."""
 
     __array__ = __bool__ = __len__ = __contains__ = __setitem__ = __float__ = _refuse
 

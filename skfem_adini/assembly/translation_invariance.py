@@ -28,11 +28,8 @@ def leaves(element: Any) -> list[Any]:
 
 def why_not_element(element: Any) -> str | None:
     """Say why an element's functions may depend on more than shape and orientation, else None.
-
-    Except for those defined by global functionals, the elements of scikit-fem use only the
-    derivative of the mapping and the method ``orient``. The ``gbasis`` of an element from another
-    package may use anything.
-    """
+    Elements of scikit-fem use only the mapping's derivative and ``orient``, but for global
+    functionals; the ``gbasis`` of another package may use anything."""
     for leaf in leaves(element):
         author = type(leaf).gbasis.__module__
         known = type(leaf) in _OURS or author.startswith("skfem.element.")

@@ -34,16 +34,8 @@ def imposed_components(components: int | Sequence[int] | None, count: int) -> li
 
 
 def facet_numbers(mesh: Any, facets: Any) -> Indices:
-    """Return the sorted numbers of facets given in any way scikit-fem knows.
-
-    Facets may be given by indices, boundary name, callable of the midpoints, or a set of these;
-    None stands for the whole boundary.
-
-    Raises
-    ------
-    InputError
-        Unknown boundary name, indices out of range, or no facet at all.
-    """
+    """Return the sorted numbers of facets; None stands for the whole boundary.
+    Facets are given by indices, boundary name, callable of the midpoints, or a set of these."""
     if facets is None:
         facets = mesh.boundary_facets()
     if isinstance(facets, str) and facets not in (mesh.boundaries or {}):
@@ -66,10 +58,8 @@ def facet_numbers(mesh: Any, facets: Any) -> Indices:
 
 
 def facet_corners(mesh: Any, facets: Indices) -> Array:
-    """Return the places of the vertices of facets, shape (dim, 2 or 4, facets).
-
-    On a periodic mesh a vertex has several places; these are those of the first cell.
-    """
+    """Return the coordinates of the vertices of facets, shape (dim, 2 or 4, facets).
+    On a periodic mesh a vertex has several places; these are those of the first cell."""
     vertices = mesh.facets[:, facets]
     if not isinstance(mesh, MeshQuad1DG | MeshHex1DG):
         return np.asarray(mesh.p[:, vertices])
@@ -91,23 +81,8 @@ def refuse_periodic(mesh: Any) -> None:
 
 def sample(value: Value, points: Array, count: int) -> Array:
     """Evaluate data at points (dim, facets, points of a facet), as (count, facets, points).
-
-    Parameters
-    ----------
-    value
-        A number for every component; a callable of the points that returns (facets, points) or,
-        for vector fields, (count, facets, points); or a sequence of `count` numbers and scalar
-        callables.
-    points
-        Where to evaluate.
-    count
-        Number of components of the field.
-
-    Raises
-    ------
-    InputError
-        Data of the wrong shape, not real, NaN or infinite.
-    """
+    The value is a number, a callable that returns (facets, points) or (count, facets, points),
+    or a sequence of `count` numbers and scalar callables."""
     shape = (count, *points.shape[1:])
     if callable(value):
         data = np.asarray(value(points))
@@ -134,18 +109,10 @@ def sample(value: Value, points: Array, count: int) -> Array:
 
 @dataclass(frozen=True)
 class BoundaryEdges:
-    """Straight edges of a mesh: its facets in 2-D, the sides of its facets in 3-D.
+    """Straight edges of a mesh: its facets in 2-D, the sides of its facets in 3-D."""
 
-    Attributes
-    ----------
-    vertices
-        First and last vertex of every edge, shape (2, edges).
-    first, last
-        End points, shape (dim, edges).
-    """
-
-    vertices: Indices
-    first: Array
+    vertices: Indices  # first and last vertex of every edge, shape (2, edges)
+    first: Array  # end points, shape (dim, edges)
     last: Array
 
     @classmethod
@@ -172,19 +139,9 @@ class BoundaryEdges:
         return self.first[:, :, None] * (1 - s) + self.last[:, :, None] * s
 
     def along(self, normals: Array) -> tuple[Array, Array]:
-        """Return unit tangents at both ends, projected to be orthogonal to the vertex normals.
-
-        Parameters
-        ----------
-        normals
-            Unit normals at all vertices of the mesh, shape (dim, vertices); where they are zero,
-            the tangent is that of the edge.
-
-        Returns
-        -------
-        tuple of ndarray
-            Tangents at the first and at the last vertices, shape (dim, edges) each.
-        """
+        """Return unit tangents, (dim, edges), at the first and at the last vertices.
+        They are orthogonal to the unit normals (dim, vertices); where these are zero, along the
+        edge."""
         first, last = (
             self.tangent - n * np.sum(n * self.tangent, axis=0)
             for n in normals[:, self.vertices].swapaxes(0, 1)
@@ -193,9 +150,7 @@ class BoundaryEdges:
 
     def curve(self, s: Array, ends: tuple[Array, Array]) -> Array:
         """Return points, (dim, edges, points), on the cubics with these unit tangents at the ends.
-
-        The fractions s are as in `points`.
-        """
+        The fractions s are as in `points`."""
         bumps = s * (1 - s) ** 2, -(s**2) * (1 - s)
         turns = ((end - self.tangent) * self.length for end in ends)
         bent = sum(turn[:, :, None] * bump for turn, bump in zip(turns, bumps, strict=True))

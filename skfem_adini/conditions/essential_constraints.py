@@ -23,9 +23,8 @@ from skfem_adini.conditions.vertex_normals import CORNER, NOISE, vertex_normals
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
-_SAMPLES = 10  # exact for cubic data on a cubic curve, which have degree nine along it
-# Relative to the largest value: data of two edges that differ by less at a vertex agree.
-_SAME_VALUE = 1e-10
+_SAMPLES = 10  # exact for cubic data on a cubic curve: degree nine along it
+_SAME_VALUE = 1e-10  # relative to the largest value: data that differ by less at a vertex agree
 
 
 def essential_constraints(

@@ -16,9 +16,7 @@ from skfem_adini.conditions.boundary_edges import (
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
-# Slant allowed, in lengths of an edge: above that from rounded coordinates, far below one that is
-# intended.
-_PARALLEL = 1e-10
+_PARALLEL = 1e-10  # slant in lengths of an edge: above that of rounded coordinates
 
 
 def essential_dofs(

@@ -17,15 +17,10 @@ from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, derivatives
 from skfem_adini.elements.vertex_dofs import full_name, scalar_element, vertex_dofs
 from skfem_adini.errors import InputError
 
-# In lengths of an edge: a vertex within this distance of it lies on it, or within this distance of
-# an end is that end.
-_ON_EDGE = 1e-9
-# Each squaring doubles the number of levels of hanging edges that are resolved.
-_SQUARINGS = 60
-# Change relative to the largest entry that counts as none: some hundred roundings.
-_CONVERGED = 1e-13
-# Smaller components of a unit tangent are rounding; as zeros they keep the two slopes apart.
-_NO_COMPONENT = 1e-12
+_ON_EDGE = 1e-9  # in lengths of an edge: a vertex nearer to the edge, or to its end, lies on it
+_SQUARINGS = 60  # each doubles the number of levels of hanging edges that are resolved
+_CONVERGED = 1e-13  # change relative to the largest entry, some hundred roundings
+_NO_COMPONENT = 1e-12  # smaller components of a unit tangent are rounding and would mix the slopes
 
 
 def hanging_constraints(
@@ -144,21 +139,11 @@ def _checked_conditions(essential: Any, rows: int) -> tuple[sp.csc_array, Array]
 
 @dataclass(frozen=True)
 class _HangingVertices:
-    """Vertices inside edges.
+    """Vertices inside edges."""
 
-    Attributes
-    ----------
-    vertex
-        The vertices, shape (hanging,).
-    edges
-        The edge that each lies on.
-    s
-        Place on the edge, from 0 at its first vertex to 1 at its last.
-    """
-
-    vertex: Indices
-    edges: BoundaryEdges
-    s: Array
+    vertex: Indices  # the vertices, shape (hanging,)
+    edges: BoundaryEdges  # the edge that each lies on
+    s: Array  # place on the edge, from 0 at its first vertex to 1 at its last
 
     @classmethod
     def find(cls, mesh: Any) -> _HangingVertices:
@@ -186,9 +171,7 @@ class _HangingVertices:
     @cached_property
     def tangent(self) -> Array:
         """Unit tangents of the edges, shape (2, hanging).
-
-        Rounding of coordinates must not mix the two slopes at a vertex on an axis-parallel edge.
-        """
+        Rounding of coordinates must not mix the two slopes at a vertex on an axis-parallel edge."""
         tangent = self.edges.tangent
         return np.where(np.abs(tangent) < _NO_COMPONENT, 0.0, tangent)
 

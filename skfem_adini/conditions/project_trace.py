@@ -109,37 +109,20 @@ def project_trace(
     return x
 
 
-# Exact to degree 15 in each direction. Products of two traces have degree 6; data may have a higher
-# one.
-_GAUSS_POINTS = 8
+_GAUSS_POINTS = 8  # exact to degree 15: products of traces have degree 6, data may have more
 _EDGE: tuple[Function, ...] = (((HERMITE,),), ((SLOPE,),))
 _FACE = adini_functions(2)
 
 
 @dataclass(frozen=True)
 class BoundaryTrace:
-    r"""Trace functions of facets at their Gauss points.
+    r"""Trace :math:`\sum_k u_k N_k+ \sum_{jk} (\partial_j F(k) \cdot \nabla u_k) H_{jk}` of facets.
+    The map :math:`F` takes the unit interval or square to the facet, k are its vertices: cubic
+    Hermite on edges, Adini's rectangle on faces."""
 
-    With the map :math:`F` of a facet from the unit interval or square, the trace is
-
-    .. math::
-        \sum_k u_k N_k + \sum_k \sum_j (\partial_j F(k) \cdot \nabla u_k) H_{jk}
-
-    over the vertices k: cubic Hermite on edges, Adini's rectangle on faces.
-
-    Attributes
-    ----------
-    points
-        Gauss points, shape (dim, facets, points).
-    dx
-        Weights times surface element, shape (facets, points).
-    functions
-        Trace of u, u_x, u_y (, u_z) of one vertex after the other, (functions, facets, points).
-    """
-
-    points: Array
-    dx: Array
-    functions: Array
+    points: Array  # Gauss points, shape (dim, facets, points)
+    dx: Array  # weights times surface element, shape (facets, points)
+    functions: Array  # of u, u_x, u_y (, u_z), vertex by vertex, (functions, facets, points)
 
     @classmethod
     def of(cls, mesh: Any, vertices: Indices) -> BoundaryTrace:

@@ -11,31 +11,13 @@ from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
 
 Mask = NDArray[np.bool_]
 
-# Relative to the largest eigenvalue, as a squared sine: edges that turn by less than 1e-6 are in
-# line.
-_STRAIGHT_SQUARED_SINE = 1e-12
+_STRAIGHT_SQUARED_SINE = 1e-12  # edges that turn by less than 1e-6 are in line
 
 
 class TraceDirections:
-    r"""Orthonormal directions of the vertex dofs, seen by a set of edges or free.
-
-    A direction is seen if the trace on the edges depends on it. At a vertex these are u and the
-    gradient along the eigenvectors of :math:`\sum_k t_k t_k^T` with non-zero eigenvalue: one when
-    the tangents lie in one line, two when they lie in one plane, three otherwise.
-
-    Parameters
-    ----------
-    dofs
-        Dofs (names, components, vertices) of u, u_x, u_y (, u_z) and possibly others.
-    dim
-        Dimension of space.
-
-    Attributes
-    ----------
-    projector
-        The sums of :math:`t_k t_k^T`, shape (components, vertices, dim, dim);
-        filled by `add`.
-    """
+    r"""Orthonormal directions of vertex dofs (names, components, vertices), seen by edges or not.
+    The trace on the edges, of tangents :math:`t_k`, sees u and the gradient along the
+    eigenvectors of :math:`\sum_k t_k t_k^T` with non-zero eigenvalue."""
 
     def __init__(self, dofs: Indices, dim: int) -> None:
         self.dofs = dofs
@@ -49,16 +31,9 @@ class TraceDirections:
             np.add.at(self.projector[component], node, outer)
 
     def split(self) -> tuple[sp.csc_array, sp.csc_array, Array]:
-        """Return the free directions, the seen ones, and the eigenvalues of the latter.
-
-        Returns
-        -------
-        free, seen
-            Sparse matrices with orthonormal columns, (dofs, directions); together a basis. A
-            column is one dof wherever the edges are parallel to the axes.
-        weights
-            One number for each seen direction: 1 for u, the eigenvalue for the gradient.
-        """
+        """Return the free directions, the seen ones, and the eigenvalues of the latter (1 for u).
+        The columns (dofs, directions) are an orthonormal basis, single dofs where edges are
+        axis-parallel."""
         touched = np.einsum("cvii->cv", self.projector) > 0
         u = self.dofs[0][touched]
         gradient = self.dofs[1 : 1 + self.dim, touched].T

@@ -8,29 +8,14 @@ import numpy as np
 
 from skfem_adini.conditions.boundary_edges import Array, Indices
 
-# In radians: facets that turn by more meet in a corner, by less they follow a curve. A circle of
-# eight facets (0.79) is smooth, a hexagon (1.05) has corners.
-CORNER = 0.9
-# In radians: facets that turn by less are in line, or in a plane, up to noise on the coordinates.
-NOISE = 1e-3
+CORNER = 0.9  # radians: facets that turn by more meet in a corner (hexagon yes, octagon no)
+NOISE = 1e-3  # radians: facets that turn by less are in line, up to noise of the coordinates
 
 
 def vertex_normals(mesh: Any, facets: Indices, turn: Array) -> Array:
-    """Return unit normals (dim, vertices), zero at corners and away from the facets.
-
+    """Unit normals (dim, vertices), zero at corners (turned by more than `turn`) and elsewhere.
     The weights of N. Max (Weights for computing vertex normals from facet normals, J. Graphics
-    Tools 4, 1999) make them exact on circles and spheres, whatever the facets' lengths.
-
-    Parameters
-    ----------
-    mesh
-        Quadrilaterals or hexahedra.
-    facets
-        Facet numbers, each once.
-    turn
-        Angle in radians for each facet: at a vertex where it is turned from another facet by more,
-        there is a corner.
-    """
+    Tools 4, 1999) make them exact on circles and spheres, whatever the facets' lengths."""
     vertices = mesh.facets[:, facets]
     normals = _at_corners(mesh.p[:, vertices])
     cells = mesh.t[:, mesh.f2t[0, facets]]

@@ -24,18 +24,12 @@ from skfem_adini.solvers.superlu import SuperLUFactor
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# Number of nearest cells that are tried for each vertex outside.
-_NEAREST_CELLS = 12
-# Farthest extrapolation, in cells: a cubic grows with the third power of the distance.
-_FARTHEST = 2.0
-# Least share of a cell inside the domain: a smaller one does not determine its polynomial.
-_LEAST_SHARE = 0.05
-# Each squaring doubles the length of the chains of dependent vertices that are resolved.
-_SQUARINGS = 60
-# Rounding of shares and weights: those nearer to one, or to a threshold, are equal to it.
-_ROUNDED_ONE = 1e-12
-# Pivots of a matrix with unit diagonal: below this they are rounding, of either sign.
-_NO_PIVOT = 1e-10
+_NEAREST_CELLS = 12  # nearest cells that are tried for each vertex outside
+_FARTHEST = 2.0  # cells of extrapolation at most: a cubic grows with the third power
+_LEAST_SHARE = 0.05  # of a cell inside the domain: a smaller one does not determine its polynomial
+_SQUARINGS = 60  # each doubles the length of the chains of dependent vertices that are resolved
+_ROUNDED_ONE = 1e-12  # shares and weights nearer to one, or to a threshold, equal it
+_NO_PIVOT = 1e-10  # of a matrix with unit diagonal: smaller pivots are rounding, of either sign
 
 
 class AdiniExtension:
@@ -258,9 +252,7 @@ class AdiniExtension:
     @staticmethod
     def _symmetric(A: sp.csr_array) -> sp.csr_array:
         """Return the symmetric part of a product that is symmetric up to rounding, else itself.
-
-        Rounding is taken to be below 1e-10 of the largest entry.
-        """
+        Rounding is taken to be below 1e-10 of the largest entry."""
         return sp.csr_array((A + A.T) / 2) if abs(A - A.T).max() < 1e-10 * abs(A).max() else A
 
 
@@ -392,10 +384,8 @@ def _resolved(
     T: sp.csr_array, x0: Array, follow: sp.csr_array, active: Indices
 ) -> tuple[sp.csc_array, Array]:
     """Combine x = T z + x0 with the extension; `follow` has its rows, at dofs outside.
-
-    A column of T belongs to the dof whose row in T is the unit vector of that column. Where that
-    dof is outside, its row of `follow` replaces the parameter, until only free parameters are left.
-    """
+    A column of T belongs to the dof whose row in T is its unit vector. If that dof is outside,
+    its row of `follow` replaces the parameter, until only free parameters are left."""
     count = T.shape[1]
     single = np.flatnonzero(np.diff(T.indptr) == 1)
     unit = single[np.abs(T.data[T.indptr[single]] - 1) < _ROUNDED_ONE]

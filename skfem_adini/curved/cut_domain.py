@@ -27,9 +27,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# Slant allowed, in sides of a cell: far above the rounding of coordinates, far below that of a cell
-# that was rotated.
-_PARALLEL = 1e-10
+_PARALLEL = 1e-10  # slant in sides of a cell: above that of rounded coordinates
 
 
 class CutDomain:
@@ -390,9 +388,8 @@ class CutDomain:
         self, owner: Indices, points: Array, weights: Array
     ) -> tuple[Indices, Array, Array, Indices]:
         """Return cells, reference points (2, cells, most), weights, and the source of each point.
-
-        Cells with fewer points than `most`, the largest number, repeat their first with weight 0.
-        """
+        Cells with fewer points than `most`, the largest number, repeat their first with weight
+        0."""
         cells, start, count = np.unique(owner, return_index=True, return_counts=True)
         order = np.arange(count.max())
         real = order < count[:, None]

@@ -20,21 +20,13 @@ Array = NDArray[Any]
 Integers = NDArray[np.integer]
 Parts = list[Array | None]  # value, gradient, ... over (..., cells, points)
 
-# The sample: cells of a batch, besides those with extreme coordinates and parameters, points of
-# each, and functions. A form that mixes cells or points differs at nearly all of them.
-_CELLS_TRIED = 4
-_POINTS_TRIED = 4
-_FUNCTIONS_TRIED = 4
+_CELLS_TRIED = 4  # cells of a batch, beside those with extreme coordinates and parameters
+_POINTS_TRIED = 4  # points of each cell: a form that mixes cells or points differs at nearly all
+_FUNCTIONS_TRIED = 4  # functions of the element
 
 
 class CutSample:
-    """A few functions at a few points in a few cells of each batch, to try a form on.
-
-    Parameters
-    ----------
-    form
-        The form.
-    """
+    """A few functions at a few points in a few cells of each batch, to try a form on."""
 
     def __init__(self, form: Form) -> None:
         self._form = form
@@ -46,12 +38,7 @@ class CutSample:
 
     def add(self, basis: CellBasis, parameters: dict[str, Any]) -> None:
         """Add cells of a batch: those with extreme coordinates or parameters, and random others.
-
-        Parameters
-        ----------
-        basis, parameters
-            Those that the form was assembled with. Derivatives it did not use are not computed.
-        """
+        Derivatives that the form did not use are not computed."""
         if not self._which:
             self._which = sorted(self._rng.permutation(basis.Nbfun)[:_FUNCTIONS_TRIED])
         cells, points = shape = basis.dx.shape
@@ -76,13 +63,7 @@ class CutSample:
         self._fields.append({name: sampled(field) for name, field in fields.items()})
 
     def check(self) -> None:
-        """Compare integrands from batches of different cells and numbers of points.
-
-        Raises
-        ------
-        InputError
-            An integrand depends on the other cells, or on the number of points.
-        """
+        """Compare integrands from batches of different cells and numbers of points."""
         rows = _Rows(self._form, self._functions, self._fields, self._others)
         classes, entries = (part.ravel() for part in np.indices(rows.shape))
         try:

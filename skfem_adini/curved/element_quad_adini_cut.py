@@ -22,14 +22,12 @@ Indices = NDArray[np.integer]
 # Exponents of the monomials: quadratic, then cubic ones, then Adini's x^3 y and x y^3.
 _POWERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]
 _POWERS += [(3, 1), (1, 3)]
-# By the number of vertices inside: number of monomials, and of points on the arc between the two
-# ends of the cut. There are three conditions for each vertex and one for each point or end.
+# Monomials, by the number of vertices inside: three conditions each, one for a point or end.
 _TERMS = {1: 6, 2: 10, 3: 12, 4: 12}
-_ARC_POINTS = {1: 1, 2: 2, 3: 1, 4: 0}
-# Largest 1 / sigma_min of a cell's matrix, whose entries are of order 1: four digits are left.
+_ARC_POINTS = {1: 1, 2: 2, 3: 1, 4: 0}  # points on the arc between the ends of the cut
+# Largest 1 / sigma_min of a cell's matrix, with entries of order 1: four digits are left.
 _SINGULAR = 1e12
-# The same with eight digits left: above this a warning is issued.
-_NEARLY_SINGULAR = 1e8
+_NEARLY_SINGULAR = 1e8  # the same with eight digits left: a warning is issued
 _FACETS = ((0, 1), (1, 2), (2, 3), (0, 3))
 
 

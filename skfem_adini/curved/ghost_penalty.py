@@ -18,9 +18,8 @@ from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.vertex_dofs import full_name
 from skfem_adini.errors import InputError
 
-# Ratio of the weight gamma of a mass matrix to that of a stiffness matrix.
-_MASS_SHARE = 1e-3
-# Highest derivative whose jump is penalised: the functions are cubics across an edge.
+_MASS_SHARE = 1e-3  # weight gamma of a mass matrix over that of a stiffness matrix
+# Highest derivative whose jump is penalised: functions are cubics across an edge.
 _NORMAL_DEGREE = 3
 
 

@@ -26,9 +26,7 @@ from skfem_adini.errors import InputError, UnresolvedWarning
 Array = NDArray[np.float64]
 Coefficient = float | Callable[[Array], Any]
 
-# Penalty in constants of the trace inequality: the matrix is definite above 1. With 2 it is at
-# least .29 of the energy and the penalty.
-_MARGIN = 2.0
+_MARGIN = 2.0  # penalty over the trace constant, definite above 1: .29 of energy and penalty remain
 
 
 def nitsche(

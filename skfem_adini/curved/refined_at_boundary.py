@@ -95,10 +95,8 @@ def refined_at_boundary(
 
 def _divided(mesh: MeshQuad, cells: NDArray[np.integer]) -> MeshQuad:
     """Divide cells in four; vertices in the same place become one.
-
     Midpoints are the same numbers, bit by bit, on both sides of an edge, so coordinates can be
-    compared exactly. (scikit-fem's sum of two meshes would round them to eight decimals.)
-    """
+    compared; scikit-fem's sum of two meshes would round them to eight decimals."""
     finer = MeshQuad(mesh.p, np.ascontiguousarray(mesh.t[:, cells]), validate=False).refined()
     p = np.hstack([mesh.p, finer.p])
     t = np.hstack([np.delete(mesh.t, cells, axis=1), finer.t + mesh.p.shape[1]])

@@ -18,13 +18,9 @@ Indices = NDArray[np.integer]
 # Components of a density at the points of a basis, (cells, points) each: it is the sum of squares.
 Parts = Callable[[Any, Any], list[Array]]
 
-# Added to the unit diagonal of the energies, whose kernel no flux sees: above their rounding, far
-# below their least eigenvalue that is not zero.
-_SHIFT = 1e-12
-# Layers of good cells that may be added to a patch whose good cells do not hang together.
-_MOST_LAYERS = 4
-# Eigenproblems solved at a time: their matrices take about 20 kB each.
-_PROBLEMS_AT_A_TIME = 1000
+_SHIFT = 1e-12  # on the unit diagonal of the energies: above rounding, below their least eigenvalue
+_MOST_LAYERS = 4  # layers of good cells added to a patch whose good cells are not connected
+_PROBLEMS_AT_A_TIME = 1000  # eigenproblems solved together: about 20 kB each
 
 
 def trace_constants(
@@ -35,28 +31,13 @@ def trace_constants(
     energy: Parts,
     extension: AdiniExtension | None,
 ) -> tuple[Indices, Array]:
-    r"""Return cells K and numbers such that the sum of the fluxes over them is at most the energy.
+    r"""Return cells K and :math:`\lambda_K` of a trace inequality of fluxes t and energy a(u, u).
 
     :math:`\lambda_K` is the largest eigenvalue of :math:`\int_{\Gamma_K} |t|^2` against
-    :math:`\sum_T a_T / m_T` over the cells T of the patch of K, where T is in :math:`m_T` patches.
-    So every energy is spent once, and
-    :math:`\sum_K \lambda_K^{-1} \int_{\Gamma_K} |t|^2 \le a(u, u)` for any cut, grading and
-    material. A good cell is its own patch; to another one, which has hardly any energy of its own,
-    belong the good cells at its vertices and the roots of those outside.
-
-    Parameters
-    ----------
-    boundary
-        Basis on the boundary.
-    groups
-        Yields the bases in which the energies of given cells are integrated.
-    fields
-        Returns what `flux` and `energy` read of their second argument, for each basis.
-    flux, energy
-        Components of the flux on the boundary, and of the energy density.
-    extension
-        Where the dofs of vertices outside come from; without it every cell is good.
-    """
+    :math:`\sum_T a_T / m_T` over the cells T of the patch of K, where T is in :math:`m_T`
+    patches: so :math:`\sum_K \int_{\Gamma_K} |t|^2 / \lambda_K \le a(u, u)` for any cut, grading
+    and material. A good cell is its own patch; to another one belong the good cells at its
+    vertices and the roots of those outside. Without an extension every cell is good."""
     dofs = boundary.dofs.element_dofs
     owners = np.unique(boundary.tind)
     patches: tuple[Indices, Indices] = (np.arange(owners.size), owners)
@@ -131,9 +112,7 @@ def _patches(
 
 def _apart(members: Any, depends: sp.csr_array, good: Indices) -> Indices:
     """Return the patches whose parameters are not held together by good cells.
-
-    Two of these hold each other, rigid motions included, if they have one parameter in common.
-    """
+    Two of these hold each other, rigid motions included, if they have one parameter in common."""
     place, cell = sp.csr_array(members).nonzero()
     rows = sp.coo_array(depends[cell])
     pair, column = rows.coords

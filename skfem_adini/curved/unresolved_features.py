@@ -15,17 +15,11 @@ from skfem_adini.errors import UnresolvedWarning
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# Boundary points that are compared in each cell, chosen from possibly hundreds.
-_POINTS_OF_A_CELL = 12
-# Two boundary points face each other if their normals are opposite to within 26 degrees, so that
-# the cosine between them is less than this,
-_MOST_COSINE_OF_NORMALS = -0.9
-# and if the line between the points is within 45 degrees of both normals.
-_LEAST_COSINE_AHEAD = 0.7
-# In cell sizes: in a thinner domain one polynomial represents both sides.
-_THIN_CELLS = 1.0
-# Bounds the memory of all pairs of points, (4 x 12)^2 for each vertex.
-_VERTICES_AT_A_TIME = 500
+_POINTS_OF_A_CELL = 12  # boundary points compared in each cell, of possibly hundreds
+_MOST_COSINE_OF_NORMALS = -0.9  # points face each other if their normals are opposite to 26 degrees
+_LEAST_COSINE_AHEAD = 0.7  # and if the line between them is within 45 degrees of both normals
+_THIN_CELLS = 1.0  # in cell sizes: in a thinner domain one polynomial represents both sides
+_VERTICES_AT_A_TIME = 500  # bounds the memory of all pairs of points, (4 x 12)^2 a vertex
 
 
 def components(domain: CutDomain) -> Indices:
@@ -39,16 +33,8 @@ def components(domain: CutDomain) -> Indices:
 
 def warn_of_unresolved_features(domain: CutDomain) -> None:
     r"""Warn where two pieces of the boundary face each other in the support of one shape function.
-
-    Active cells with a common vertex share its dofs, whatever lies between them: where a gap or a
-    hole of the domain is narrower than two cells, both sides are coupled. Where the domain is
-    thinner than a cell, one polynomial represents both sides.
-
-    Warns
-    -----
-    UnresolvedWarning
-        Normals :math:`n_a \cdot n_b < -0.9` of points that lie in front of each other.
-    """
+    Active cells at a vertex share its dofs: both sides of a gap of less than two cells are
+    coupled. Pieces face each other if :math:`n_a \cdot n_b < -0.9`, each in front of the other."""
     rule, mesh = domain.quadrature, domain.mesh
     cells, first, count = np.unique(rule.boundary_cells, return_index=True, return_counts=True)
     if cells.size == 0:

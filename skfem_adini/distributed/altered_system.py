@@ -17,8 +17,8 @@ from skfem_adini.errors import NotConverged
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_RESTARTS = 4  # runs of the Krylov method, each of which begins with the true residual
-_GAIN = 0.5  # a run that leaves more of the residual has reached its rounding
+_RESTARTS = 4  # Krylov runs, each from the true residual
+_GAIN = 0.5  # a run that leaves a larger share of the residual has reached its rounding
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,8 @@ class AlteredSystem:
         return ksp, [ksp, *pieces]
 
     def _stiffen(self, P: Any, of_x: sparse.csr_array) -> None:
-        """Add the symmetric part of what acts on x, so that the multigrid knows of it."""
+        """Add the symmetric part of the change on the chosen unknowns to the matrix of the
+        multigrid."""
         PETSc = self._PETSc
         part = (0.5 * (of_x + of_x.T)).tocoo()
         row, column = part.coords

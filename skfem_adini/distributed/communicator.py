@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from skfem_adini.errors import AdiniError, MissingDependency
 
-# What launchers tell their processes about the number of them.
+# Variables in which launchers give the number of processes.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE")
 
 INSTALLING = (
@@ -57,13 +57,7 @@ class Communicator(Protocol):
 
 
 class Alone:
-    """The communicator of a single process, which needs no MPI.
-
-    Examples
-    --------
-    >>> Alone().allgather(7)
-    [7]
-    """
+    """The communicator of a single process, which needs no MPI."""
 
     rank, size = 0, 1
 
@@ -148,14 +142,7 @@ def _end_all(kind: Any, error: Any, trace: Any) -> None:
 
 def petsc(comm: Any) -> Any:
     """Return petsc4py's module PETSc, for the processes of a communicator.
-
-    Raises
-    ------
-    MissingDependency
-        petsc4py is not installed.
-    AdiniError
-        PETSc was built with another MPI library than mpi4py.
-    """
+    PETSc and mpi4py must be built with the same MPI library."""
     try:
         from petsc4py import PETSc
     except ImportError as error:

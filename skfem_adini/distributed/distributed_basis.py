@@ -23,8 +23,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Cells that are assembled at once: a brick of degree three has a local matrix of 300 kB.
-_AT_ONCE = 100_000
+_AT_ONCE = 100_000  # cells assembled at once: a brick of degree three takes 300 kB
 
 
 class DistributedBasis:
@@ -155,10 +154,8 @@ class DistributedBasis:
 
     def _refuse_orientation(self) -> None:
         """Refuse dofs on facets whose sign needs the cells on both sides, beside dofs at vertices.
-
-        Rows of dofs at vertices have columns of facets that a vertex does not touch, behind which
-        a piece ends; its outward normal there may be opposite to that of the whole mesh.
-        """
+        Rows of dofs at vertices have columns of facets where a piece ends; its outward normal
+        there may be opposite to that of the whole mesh."""
         element = self.basis.elem
         at_facets = element.dofnames[element.nodal_dofs :][: element.facet_dofs]
         if element.nodal_dofs and any(n.split("^")[0] != "u" for n in at_facets):
@@ -307,17 +304,8 @@ class DistributedBasis:
 
 class Halo:
     """Which values each process copies from which other one.
-
-    Parameters
-    ----------
-    comm : Communicator
-    numbers : ndarray, shape (n,)
-        Number of every local dof in the whole space.
-    first : int
-        Number of the first owned dof; those of a process are consecutive.
-    owned : ndarray
-        Local dofs that belong to this process, by number.
-    """
+    `numbers` (n,) are those of the local dofs in the whole space, `owned` the local dofs that
+    belong to this process, by number from `first` without gaps."""
 
     def __init__(self, comm: Any, numbers: Indices, first: int, owned: Indices) -> None:
         self._comm = comm

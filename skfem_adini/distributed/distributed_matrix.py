@@ -109,18 +109,8 @@ class DistributedMatrix:
 def to_petsc(
     rows: Any, numbers: NDArray[np.int64], shape: tuple[int, int], comm: Any, block_size: int = 1
 ) -> Any:
-    """Rows of this process in local columns as a part of a PETSc matrix.
-
-    Parameters
-    ----------
-    rows : csr_array, shape (own rows, n)
-    numbers : ndarray, shape (n,)
-        Number of each local column.
-    shape : (int, int)
-        Of the whole matrix.
-    comm : Communicator
-    block_size : int
-    """
+    """Rows of this process in local columns, numbered by `numbers` (n,), as a part of a PETSc
+    matrix."""
     PETSc = petsc(comm)
     rows = sparse.csr_array(rows)
     columns = numbers[rows.indices]

@@ -21,10 +21,8 @@ Array = NDArray[np.float64]
 Method = Literal["auto", "mumps", "gamg", "hypre"]
 _log = logging.getLogger(__name__)
 
-# Unknowns in space from which multigrid is faster than a factorisation; in the plane MUMPS was
-# faster up to the largest that were measured (benchmarks/distributed.py).
-_LARGE_IN_SPACE = 50_000
-_RESTARTS = 3  # runs of conjugate gradients, each of which begins with the true residual
+_LARGE_IN_SPACE = 50_000  # unknowns from which multigrid beats MUMPS (benchmarks/distributed.py)
+_RESTARTS = 3  # runs of conjugate gradients, each from the true residual
 
 
 class DistributedSolver:
@@ -221,7 +219,7 @@ class DistributedSolver:
         return float(np.sqrt(sum(self.space.comm.allgather(float(own @ own)))))
 
     def _apply(self, load: Array) -> Array:
-        """The inverse, or what the iteration takes for it, on values of owned dofs."""
+        """The inverse, or the preconditioner of the iteration, applied to values of owned dofs."""
         if self.method == "factorize":
             found: Array = self._factor.solve(load)
             return found

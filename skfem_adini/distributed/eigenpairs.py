@@ -16,8 +16,7 @@ from skfem_adini.solvers.lowest_eigenpairs import warn_of_negative
 
 Array = NDArray[np.float64]
 
-# Relative residual that each pair must have, in the scaled unknowns.
-_RESIDUAL = 1e-9
+_RESIDUAL = 1e-9  # relative residual of each pair, in the scaled unknowns
 
 
 def lowest_eigenpairs(

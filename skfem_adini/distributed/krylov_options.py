@@ -21,16 +21,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 
 def precondition(ksp: Any, matrix: Any, near_null: Array, method: str) -> None:
-    """Give a Krylov method a multigrid of a matrix.
-
-    Parameters
-    ----------
-    ksp : PETSc.KSP
-    matrix : PETSc.Mat
-    near_null : ndarray, shape (own unknowns, modes)
-        Functions of little energy; they are made orthonormal.
-    method : {"gamg", "hypre"}
-    """
+    """Give a PETSc Krylov method a multigrid ("gamg" or "hypre") of a matrix.
+    The near-null space (own unknowns, modes), functions of little energy, is made orthonormal."""
     from petsc4py import PETSc
 
     v = matrix.createVecRight()

@@ -100,7 +100,7 @@ class MumpsSchur:
         self.schur = self._whole(triangle) - np.diag(shifts)
 
     def _whole(self, block: Array | None) -> Array:
-        """Both triangles from the one that was computed: which one that is, a product tells."""
+        """Both triangles from the one that MUMPS computed, recognised by a product with S."""
         z = np.random.default_rng(0).standard_normal(self._chosen.size)
         exact = self._product(z)
         found: Array | str = "the product with the Schur complement of MUMPS is wrong"

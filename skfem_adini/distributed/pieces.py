@@ -21,26 +21,13 @@ Indices = NDArray[np.int64]
 @dataclass(frozen=True)
 class Piece:
     """Cells of one process: all that touch a vertex of its own cells.
-
-    Around every vertex, edge and facet of a process's own cells all cells are there, so that it
-    assembles complete rows of matrices, and conditions on the boundary see all facets that meet in
-    a vertex.
-
-    Attributes
-    ----------
-    mesh : Mesh
-    cells : ndarray, shape (ncells,)
-        Numbers of the cells in the whole mesh, ascending.
-    owner : ndarray, shape (ncells,)
-        The process to which each cell belongs.
-    total : int
-        Number of cells of the whole mesh.
-    """
+    So the process assembles complete rows, and conditions on the boundary see all facets that
+    meet in a vertex."""
 
     mesh: Any
-    cells: Indices
-    owner: Indices
-    total: int
+    cells: Indices  # numbers in the whole mesh, ascending, shape (ncells,)
+    owner: Indices  # process that each cell belongs to, shape (ncells,)
+    total: int  # number of cells of the whole mesh
 
 
 class TensorGrid:
@@ -161,20 +148,8 @@ def whole_mesh(mesh: Any) -> Any:
 
 
 def strip_of(mesh: Any, names: Sequence[str], comm: Communicator) -> tuple[Any, Indices]:
-    """All cells that touch boundaries, on every process, and their numbers in the whole mesh.
-
-    Parameters
-    ----------
-    mesh
-        As for `own_piece`.
-    names : sequence of str
-    comm
-
-    Raises
-    ------
-    InputError
-        No such boundary.
-    """
+    """All cells that touch the named boundaries, on every process, and their numbers in the
+    whole mesh."""
     if isinstance(mesh, TensorGrid) and len(names) == 1 and names[0] in mesh.sides:
         return mesh.side(names[0])
     found = comm.bcast(_strip(mesh, names) if comm.rank == 0 else None)
@@ -198,19 +173,8 @@ def _strip(mesh: Any, names: Sequence[str]) -> tuple[Any, Indices] | str:
 
 def own_piece(mesh: Mesh | TensorGrid | Callable[[], Mesh] | None, comm: Communicator) -> Piece:
     """Return the piece of this process.
-
-    Parameters
-    ----------
-    mesh
-        A mesh, the same on all processes; or a function that makes it, called on the first process
-        alone, which sends the pieces to the others; or a `TensorGrid`.
-    comm
-
-    Raises
-    ------
-    InputError
-        Something else, or fewer cells than processes.
-    """
+    The mesh is a `TensorGrid`, the same mesh on all processes, or a function that makes it,
+    called on the first process alone, which sends the pieces to the others."""
     if isinstance(mesh, TensorGrid):
         return mesh.piece(comm.rank, comm.size)
     if isinstance(mesh, Mesh):

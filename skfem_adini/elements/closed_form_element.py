@@ -22,29 +22,15 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Cells = QuadCells | HexCells
 
-# The highest order that scikit-fem's DiscreteField has a place for.
-_MOST_DERIVATIVES = 6
+_MOST_DERIVATIVES = 6  # the highest order that scikit-fem's DiscreteField has
 
 
 class ClosedFormElement(ElementH1):
-    r"""Element with u and derivatives at the vertices, its functions known on the reference cell.
+    r"""Element with u and physical derivatives at vertices, in closed form on the reference cell.
+    The function of :math:`\partial u/\partial x_i` at the vertex k is :math:`\sum_j DF_{ij}(k)
+    H_j` with its reference functions :math:`H_j`. An instance may serve many meshes."""
 
-    In a cell :math:`F` the function of the dof :math:`\partial u/\partial x_i` at the vertex
-    :math:`k` is :math:`\sum_j DF_{ij}(k) H_j`, with the reference functions :math:`H_j` of that
-    vertex, so the dofs are the physical derivatives.
-
-    Subclasses set the attributes below and those of `skfem.Element`; instances hold nothing but
-    `derivatives`, and may serve any number of meshes.
-
-    Attributes
-    ----------
-    reference
-        Reference functions of the dofs of the vertex at the origin.
-    cells
-        Geometry of the cells.
-    """
-
-    reference: ClassVar[tuple[Function, ...]]
+    reference: ClassVar[tuple[Function, ...]]  # of the dofs of the vertex at the origin
     cells: ClassVar[type[QuadCells] | type[HexCells]]
 
     def __init__(self, derivatives: int = 2) -> None:
@@ -171,10 +157,8 @@ def _combine(coefficients: Sequence[Array], functions: Array) -> Array:
 
 def _push_forward(weights: Sequence[Array], functions: Array, G: Array, order: int) -> Array:
     r"""Return all derivatives of one order m, by the chain rule of an affine map.
-
-    With :math:`G = DF^{-1}`, the operator :math:`\prod_r \partial_{i_r}` in x is the polynomial
-    :math:`\prod_r \sum_j G_{j i_r} \partial_{X_j}`.
-    """
+    With :math:`G = DF^{-1}`, :math:`\prod_r \partial_{i_r}` in x is :math:`\prod_r \sum_j G_{j
+    i_r} \partial_{X_j}`."""
     dim = len(G)
     alphas = exponents(dim, order)
     affine = G.shape[-1] == 1
@@ -208,10 +192,8 @@ def _twist_hessian(
     second: Iterable[tuple[tuple[int, int], Array]], gradient: Array, G: Array
 ) -> Array:
     r"""Return the correction to the Hessian of an affine map, which is to be subtracted.
-
-    It is the sum over i < j of :math:`(\nabla u \cdot \partial_{X_i} \partial_{X_j} F)` times the
-    symmetric product of rows i and j of :math:`DF^{-1}`.
-    """
+    It is the sum over i < j of :math:`(\nabla u \cdot \partial_{X_i} \partial_{X_j} F)` times
+    the symmetric product of rows i and j of :math:`DF^{-1}`."""
     total = np.zeros(())
     for (i, j), c in second:
         along = sum((part * g for part, g in zip(c, gradient, strict=True)), start=np.zeros(()))
@@ -220,8 +202,7 @@ def _twist_hessian(
     return total
 
 
-# Relative to the longest side: noise of coordinates in files is far below.
-NEGLIGIBLE_TWIST = 1e-3
+NEGLIGIBLE_TWIST = 1e-3  # relative to the longest side: noise of coordinates in files is far below
 
 _logger = logging.getLogger(__name__)
 # The meshes that were spoken of, by their addresses.
@@ -229,18 +210,8 @@ _spoken_of: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary(
 
 
 def log_twist(twist: float, cells: Any, mapping: Any, X: NDArray[np.float64]) -> None:
-    """Log, once for a mesh, that the twist of its cells over their sides is not negligible.
-
-    Parameters
-    ----------
-    twist
-        The largest relative twist; above 1e-3 a message of level WARNING is logged.
-    cells
-        Geometry of the cells, with the names in the message.
-    mapping, X
-        Those of the basis. Points with an axis of cells belong to facets or probes, for which
-        nothing is logged.
-    """
+    """Log, once for a mesh, that the largest twist of its cells over their sides is not negligible.
+    Points X with an axis of cells belong to facets or probes, for which nothing is logged."""
     mesh = getattr(mapping.mesh, "part_of", mapping.mesh)
     if twist <= NEGLIGIBLE_TWIST or X.ndim > 2 or _spoken_of.get(id(mesh)) is mesh:
         return

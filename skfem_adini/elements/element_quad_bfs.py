@@ -13,9 +13,7 @@ from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, Function
 from skfem_adini.elements.quad_cells import QuadCells
 from skfem_adini.errors import InputError
 
-# Slant allowed, in lengths of a side: above that from rounded coordinates, far below that of a cell
-# that was rotated.
-_PARALLEL = 1e-10
+_PARALLEL = 1e-10  # slant in lengths of a side: above that of rounded coordinates
 
 
 class ElementQuadBFS(ClosedFormElement):

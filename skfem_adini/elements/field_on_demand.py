@@ -11,7 +11,7 @@ from skfem.element import DiscreteField
 
 Array = NDArray[np.float64]
 
-# The places of the derivatives of orders 1, 2, ... in the tuple of a DiscreteField.
+# Places of the derivatives of each order in a DiscreteField's tuple.
 _PLACES = {1: 1, 2: 4, 3: 5, 4: 6, 5: 7, 6: 8}
 _ORDERS = {place: order for order, place in _PLACES.items()}
 DERIVATIVE_NAMES = ("value", "grad", "hess", "grad3", "grad4", "grad5", "grad6")
@@ -34,20 +34,9 @@ def _derivative(order: int) -> property:
 
 
 class FieldOnDemand(DiscreteField):
-    """A shape function with its gradient; higher derivatives are computed when first used.
-
-    So the Hessian is not computed for forms that do not use it. Code that copies a whole field (by
-    `astuple`: `skfem.ElementVector`, `basis.interpolate`, pickle) computes all orders up to `most`.
-
-    Parameters
-    ----------
-    value, grad
-        As of a DiscreteField; the gradient is None where only values are wanted.
-    most
-        Highest order of derivatives.
-    make
-        Returns the derivatives of an order, or raises for an order beyond `most`.
-    """
+    """A shape function with its gradient; `make` computes higher derivatives when first used.
+    Code that copies a whole field (by `astuple`: `skfem.ElementVector`, `basis.interpolate`,
+    pickle) computes all orders up to `most`."""
 
     def __new__(
         cls, value: Array, grad: Array | None, most: int, make: Callable[[int], Array]

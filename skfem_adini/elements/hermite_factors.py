@@ -24,13 +24,8 @@ SLOPE: Factor = ((0.0, 1.0, -2.0, 1.0), (0.0, 0.0, -1.0, 1.0))
 
 def adini_functions(dim: int) -> tuple[Function, ...]:
     r"""Return Adini's functions of one vertex: that of u, then those of the derivatives.
-
-    In any dimension
-
-    .. math::
-        N = \prod_i L(X_i) + \sum_i B(X_i) \prod_{j \ne i} L(X_j), \quad
-        H_i = S(X_i) \prod_{j \ne i} L(X_j).
-    """
+    :math:`N = \prod_i L(X_i) + \sum_i B(X_i) \prod_{j \ne i} L(X_j)`, :math:`H_i = S(X_i)
+    \prod_{j \ne i} L(X_j)`."""
     plain = (LINEAR,) * dim
     bubbles, slopes = (
         [(*plain[:i], factor, *plain[i + 1 :]) for i in range(dim)] for factor in (BUBBLE, SLOPE)
@@ -46,25 +41,9 @@ def exponents(dim: int, order: int) -> tuple[tuple[int, ...], ...]:
 
 
 def derivatives(functions: Sequence[Function], vertex: Array, X: Array, order: int) -> Array:
-    """Return all partial derivatives of one order of each function.
-
-    Parameters
-    ----------
-    functions
-        Functions of the vertex at the origin of the reference cell.
-    vertex
-        The vertex whose corresponding functions are wanted, shape (dim,), entries 0 or 1.
-    X
-        Reference points, shape (dim, ...).
-    order
-        Order of the derivatives.
-
-    Returns
-    -------
-    ndarray
-        Shape (functions times multi-indices, ...), each function's derivatives in the order of
-        :func:`exponents`.
-    """
+    """Return all partial derivatives of one order at reference points X (dim, ...), by `exponents`.
+    The functions are those of the origin, moved to the vertex; shape (functions times indices,
+    ...)."""
     ends = vertex.astype(int)
     known: dict[tuple[Factor, int, int], Array] = {}
 

@@ -17,42 +17,22 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 
 _OTHER_AXES = ((1, 2), (2, 0), (0, 1))
-# Parts of a cell in each direction for a second bound of its Jacobian where the first one fails.
-_FINE_STEPS = 8
+_FINE_STEPS = 8  # parts of a cell in each direction for a second bound of its Jacobian
 
 
 @dataclass(frozen=True)
 class HexCells:
-    r"""Trilinear cells on the unit cube.
-
-    With :math:`(i, j, k)` cyclic,
-
-    .. math::
-        F(X) = p_{000} + \sum_i a_i X_i + \sum_i c_i X_j X_k + d X_1 X_2 X_3 .
-
-    The coefficients are differences of coordinates, so that a large offset of the mesh from the
-    origin costs no more than the rounding already in its coordinates.
-
-    Attributes
-    ----------
-    a
-        Sides :math:`a_i` at the corner (0, 0, 0), shape (3, components, cells).
-    c
-        Twists :math:`c_i` of the three pairs of faces, shape (3, components, cells). A twist at
-        rounding level is stored as zero.
-    d
-        Triple twist, shape (components, cells), stored as zero at rounding level like c.
-    affine
-        True when every cell is a parallelepiped.
-    """
+    r"""Trilinear cells on the unit cube, from differences of coordinates; with (i, j, k) cyclic
+    :math:`F(X) = p_{000} + \sum_i a_i X_i + \sum_i c_i X_j X_k + d X_1 X_2 X_3`. An offset of
+    the mesh from the origin costs no further rounding."""
 
     affine_name: ClassVar[str] = "parallelepiped"
     general_name: ClassVar[str] = "hexahedral"
 
-    a: Array
-    c: Array
-    d: Array
-    affine: bool
+    a: Array  # sides at the corner (0, 0, 0), shape (3, components, cells)
+    c: Array  # twists of the pairs of faces, shape as a; zero at rounding level
+    d: Array  # triple twist, shape (components, cells); zero at rounding level
+    affine: bool  # whether every cell is a parallelepiped
 
     @property
     def count(self) -> int:
@@ -77,10 +57,8 @@ class HexCells:
 
     def tangents(self, *X: Any) -> Array:
         """Return the derivatives of F as (3, components, cells).
-
-        With three arrays X of points, (points,) or (cells, points), the shape is (3, components,
-        cells, points).
-        """
+        With three arrays X of points, (points,) or (cells, points), a last axis of points
+        follows."""
         a, c, d = self.a, self.c, self.d
         if np.ndim(X[0]):
             a, c, d = a[..., None], c[..., None], d[..., None]
@@ -93,12 +71,7 @@ class HexCells:
 
     def inverse_jacobian(self, X: Array) -> Array:
         """Return DF^-1 as (3, 3, cells, points), with one point when the cells are affine.
-
-        Parameters
-        ----------
-        X
-            Reference points, shape (3, points) or (3, cells, points).
-        """
+        The reference points X have the shape (3, points) or (3, cells, points)."""
         t = self.a[..., None] if self.affine else self.tangents(*X)
         G = np.array([_cross(t[j], t[k]) for j, k in _OTHER_AXES])
         G /= _dot(t[0], G[0])
@@ -110,21 +83,9 @@ class HexCells:
             yield (j, k), self.c[i][..., None] + self.d[..., None] * X[i]
 
     def check(self) -> float:
-        """Raise on a cell whose Jacobian vanishes or changes sign, else return the largest twist.
-
-        The determinant has degree 2 in each coordinate. Its Bernstein coefficients, on the cell
-        or on 8^3 parts of it, have one sign in every cell that is accepted.
-
-        Returns
-        -------
-        float
-            Largest ratio of a twist to the longest side of its cell.
-
-        Raises
-        ------
-        InputError
-            A cell is degenerate, folded, or has a coordinate that is not a number.
-        """
+        """Raise on a degenerate or folded cell, else return the largest ratio of twist to side.
+        The determinant has degree 2 in each coordinate; its Bernstein coefficients on the cell,
+        or on 8^3 parts of it, have one sign in every cell that is accepted."""
         corners = [self.tangents(*corner) for corner in np.ndindex(2, 2, 2)]
         lengths = np.array([[np.sqrt(_dot(t, t)) for t in corner] for corner in corners])
         volumes = np.array([_dot(t[0], _cross(t[1], t[2])) for t in corners])

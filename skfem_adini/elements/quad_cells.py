@@ -15,34 +15,22 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-# Least sine of the angle between two sides: with a smaller one the Jacobian has less than four
-# digits.
-SMALLEST_SINE = 1e-12
+SMALLEST_SINE = 1e-12  # of the angle of two sides: below it the Jacobian has less than four digits
 
 
 @dataclass(frozen=True)
 class QuadCells:
-    r"""Bilinear cells :math:`F(X, Y) = p_0 + a X + b Y + c X Y` on the unit square.
-
-    The Jacobian is formed from the sides :math:`a = p_1 - p_0`, :math:`b = p_3 - p_0` and the
-    twist :math:`c = p_0 - p_1 + p_2 - p_3`, so that a large offset of the mesh from the origin
-    costs no more than the rounding already in its coordinates.
-
-    Attributes
-    ----------
-    a, b, c
-        Sides and twist, shape (2, number of cells). A twist at rounding level is stored as zero.
-    affine
-        True when every cell is a parallelogram.
-    """
+    """Bilinear cells :math:`F(X, Y) = p_0 + a X + b Y + c X Y` on the unit square.
+    Sides a, b and twist c are differences of coordinates: an offset of the mesh from the origin
+    costs no further rounding."""
 
     affine_name: ClassVar[str] = "parallelogram"
     general_name: ClassVar[str] = "quadrilateral"
 
-    a: Array
-    b: Array
-    c: Array
-    affine: bool
+    a: Array  # p_1 - p_0, shape (2, cells)
+    b: Array  # p_3 - p_0
+    c: Array  # p_0 - p_1 + p_2 - p_3, stored as zero at rounding level
+    affine: bool  # whether every cell is a parallelogram
 
     @property
     def count(self) -> int:
@@ -69,12 +57,7 @@ class QuadCells:
 
     def inverse_jacobian(self, X: Array) -> Array:
         """Return DF^-1 as (2, 2, cells, points), with one point when the cells are affine.
-
-        Parameters
-        ----------
-        X
-            Reference points, shape (2, points) or (2, cells, points).
-        """
+        The reference points X have the shape (2, points) or (2, cells, points)."""
         if self.affine:
             X = np.zeros((2, 1))
         u = self.c[:, :, None] * X[1]
@@ -97,17 +80,7 @@ class QuadCells:
 
     def check(self) -> float:
         """Raise on a cell that is not strictly convex, else return the largest relative twist.
-
-        Returns
-        -------
-        float
-            Largest ratio of a twist to the longest side of its cell.
-
-        Raises
-        ------
-        InputError
-            A cell is degenerate, concave, self-crossing, or has a coordinate that is not a number.
-        """
+        It is the ratio of a twist to the longest side of its cell."""
         places = ((0, 0), (1, 0), (1, 1), (0, 1))
         corners = [self.tangents(X, Y) for X, Y in (places[:1] if self.affine else places)]
         lengths = np.array([[np.hypot(*u), np.hypot(*v)] for u, v in corners])

@@ -11,21 +11,13 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-# Distance allowed from a node to the middle, in sizes of a cell: more than rounding in a file.
-_STRAIGHT = 1e-10
+_STRAIGHT = 1e-10  # distance of a node from the middle, in sizes of a cell: above rounding in files
 
 
 def straight_corners(mesh: Any, tind: NDArray[np.integer] | None) -> Array:
     """Return the corners of the cells `tind`, shape (corners, dim, cells).
-
-    Meshes of second order pass where every other node lies at the mean of the corners of its edge,
-    face or cell: their map is then that of the first-order mesh.
-
-    Raises
-    ------
-    InputError
-        A node lies elsewhere.
-    """
+    On meshes of second order every other node must lie at the mean of the corners of its edge,
+    face or cell: their map is then that of the first-order mesh."""
     nodes = mesh.dofs.element_dofs
     nodes = nodes if tind is None else nodes[:, tind]
     count = mesh.refdom.nnodes

@@ -20,16 +20,8 @@ Indices = NDArray[np.integer]
 
 def vertex_dofs(basis: Any, weighted: bool = False) -> Indices:
     """Return the dofs as (names, components, vertices): u, u_x, u_y (, u_z) and, for BFS, u_xy.
-
-    The Bogner-Fox-Schmit element may be this package's or scikit-fem's: their dofs are the same.
-    Those of a weighted element, which belong to u over the weight, are returned only if `weighted`
-    is true.
-
-    Raises
-    ------
-    InputError
-        No scikit-fem basis, another element, or a weighted one if `weighted` is false.
-    """
+    BFS may be this package's or scikit-fem's, with the same dofs. Dofs of a weighted element,
+    which belong to u over the weight, are returned only if `weighted`."""
     elem = scalar_element(basis)
     if not isinstance(elem, ElementQuadAdini | ElementHexAdini | ElementQuadBFS | ScikitFemBFS):
         raise InputError(
@@ -46,13 +38,7 @@ def vertex_dofs(basis: Any, weighted: bool = False) -> Indices:
 
 
 def scalar_element(basis: Any) -> Any:
-    """Return the element of a basis; for a vector field, that of a component.
-
-    Raises
-    ------
-    InputError
-        It is no scikit-fem basis.
-    """
+    """Return the element of a scikit-fem basis; for a vector field, that of a component."""
     if not isinstance(basis, AbstractBasis):
         raise InputError(f"basis: expected a scikit-fem Basis, got {type(basis).__name__}")
     return basis.elem.elem if isinstance(basis.elem, ElementVector) else basis.elem

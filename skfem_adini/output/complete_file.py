@@ -19,34 +19,9 @@ _NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EPERM, errno
 
 @contextmanager
 def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]:
-    """Open a temporary file beside `path` and move it to `path` when everything is written.
-
-    After an interruption, an error or a full disk an existing file is unchanged, and the temporary
-    one is removed; a killed process leaves the temporary one for `remove_unfinished`. Its name is
-    random, so that no other thread, process or container uses it. After the block, content and name
-    have reached the disk.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file is replaced, a symbolic link too.
-    exclusive : bool
-        Leave an existing file and raise `FileExistsError`: of several writers one succeeds.
-
-    Raises
-    ------
-    OSError
-        The folder is missing, or there is no space left.
-
-    Examples
-    --------
-    >>> from tempfile import mkdtemp
-    >>> path = Path(mkdtemp()) / "steps.txt"
-    >>> with complete_file(path) as file:
-    ...     _ = file.write(b"one")
-    >>> path.read_text()
-    'one'
-    """
+    """Open a temporary file beside `path` and move it to `path` when everything is on the disk.
+    After an error an existing file is unchanged; with `exclusive` one raises `FileExistsError`.
+    A killed process leaves the temporary file, of random name, for `remove_unfinished`."""
     temporary, descriptor = _beside(path), None
     try:  # begins before the file is there: an interruption may come between
         while (descriptor := _locked(temporary)) is None:
@@ -68,10 +43,7 @@ def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]
 
 def remove_unfinished(folder: Path) -> None:
     """Remove temporary files of a `complete_file` that killed processes left in a folder.
-
-    Files that are still being written are locked, and stay. Without file locks the two cannot be
-    distinguished, and all stay.
-    """
+    Files that are still being written are locked, and stay; without file locks all stay."""
     for path in folder.iterdir():
         if not _UNFINISHED.fullmatch(path.name):
             continue

@@ -12,19 +12,9 @@ except ImportError:  # not a POSIX system
 
 
 def try_lock(descriptor: int) -> bool | None:
-    """Lock an open file for this descriptor alone, until it is closed or its process ends.
-
-    Parameters
-    ----------
-    descriptor : int
-        Descriptor of a file opened for writing, as network file systems require.
-
-    Returns
-    -------
-    bool or None
-        True if the file is now locked; False if another descriptor holds the lock, in this process,
-        another one or another container; None if the system or file system has no such locks.
-    """
+    """Lock a file open for writing for this descriptor alone, until it or its process ends.
+    True if it is locked now; False if another descriptor, process or container holds the lock;
+    None without such locks in the system or file system."""
     if _fcntl is None:
         return None
     try:

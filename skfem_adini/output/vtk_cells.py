@@ -72,24 +72,12 @@ _VTK_TYPE: dict[Any, int] = {
 
 @dataclass(frozen=True)
 class CellPattern:
-    """VTK cells inside one reference cell.
+    """VTK cells inside one reference cell."""
 
-    Attributes
-    ----------
-    vtk_type
-        Number of the VTK cell type.
-    points
-        Reference points, shape (dim, points); multiples of 1/`steps`.
-    cells
-        Points of each VTK cell in VTK order, shape (cells, points of a cell).
-    steps
-        Intervals along an edge.
-    """
-
-    vtk_type: int
-    points: Array
-    cells: NDArray[np.integer]
-    steps: int
+    vtk_type: int  # number of the VTK cell type
+    points: Array  # reference points, multiples of 1/steps, shape (dim, points)
+    cells: NDArray[np.integer]  # points of each VTK cell, shape (cells, points of a cell)
+    steps: int  # intervals along an edge
 
 
 def exact_degree(elem: Element) -> int | None:
@@ -113,13 +101,8 @@ def lagrange_pattern(refdom: Any, degree: int) -> CellPattern | None:
 
 
 def linear_pattern(refdom: Any, steps: int) -> CellPattern:
-    """Return linear cells that divide each edge into `steps` intervals.
-
-    Raises
-    ------
-    InputError
-        `steps` is not a positive whole number, or for triangles and tetrahedra no power of two.
-    """
+    """Return linear cells that divide each edge into `steps` intervals, a power of two for
+    simplices."""
     if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
         raise InputError(f"subdivide: expected a positive whole number, got {steps!r}")
     steps = int(steps)
@@ -183,11 +166,9 @@ def _quad_lattice(degree: int) -> Array:
 
 
 def _hex_lattice(degree: int) -> Array:
-    """Return the points of a Lagrange hexahedron: corners, edges, faces, inside.
-
+    """Return the points of a Lagrange hexahedron: corners, edges, faces, inside, with x fastest.
     Edges go in the direction of their axis: around the bottom, around the top, then upwards.
-    Faces come in pairs normal to x, y, z; their points and those inside with x fastest, z slowest.
-    """
+    Faces come in pairs normal to x, y, z."""
     inner = np.arange(1, degree) / degree
     corners = _cyclic_corners(RefHex)
     around = [(0, 1), (1, 2), (3, 2), (0, 3)]

@@ -29,8 +29,7 @@ Indices = NDArray[np.integer]
 Fields = Array | Mapping[str, Array]
 Step = tuple[float, Fields] | tuple[float, Fields, Mapping[str, Any]]
 
-# Linear parts of a side: the error of four chords of a curve is a sixteenth of that of one.
-_DEFAULT_SUBDIVISION = 4
+_DEFAULT_SUBDIVISION = 4  # linear parts of a side: 1/16 of the error of one chord
 
 
 def to_pyvista(
@@ -274,18 +273,9 @@ def _vertex_weights(basis: Any, X: Array) -> Array:
 def _number_points(
     pattern: CellPattern, cells: Indices, weights: Array, continuous: bool
 ) -> tuple[Indices, Indices]:
-    """Number the points of all cells, those of neighbours alike when `continuous`.
-
-    Lattice points of two cells coincide exactly when they have the same weights on the same
-    vertices. The sum of weight times a random 64-bit number of the vertex tells them apart.
-
-    Returns
-    -------
-    keep
-        Position in (cells, points), flattened, of each numbered point.
-    number
-        Number of every point, shape (cells, points).
-    """
+    """Return kept positions in the flattened (cells, points), and every point's number.
+    If `continuous`, points of two cells are one when they have the same weights on the same
+    vertices, by the sum of weight times a random 64-bit number of the vertex."""
     shape = weights.shape[1:]
     if not continuous:
         everything = np.arange(shape[0] * shape[1])

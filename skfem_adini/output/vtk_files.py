@@ -15,23 +15,8 @@ from skfem_adini.output.complete_file import complete_file
 
 
 def write_grid(path: Path, grid: Any) -> None:
-    """Write a data set of pyvista, in whole or not at all.
-
-    Parameters
-    ----------
-    path
-        A name ending in `.vtu` or `.vtp`, as the grid demands, or in `.vtk` (not for polygons).
-        Missing folders are made, an existing file is replaced.
-    grid
-        A `pyvista.UnstructuredGrid` or `pyvista.PolyData`.
-
-    Raises
-    ------
-    OSError
-        No space left, or no right to write.
-    AdiniError
-        VTK refuses the data set.
-    """
+    """Write a `pyvista.UnstructuredGrid` or `pyvista.PolyData`, in whole or not at all.
+    The name ends in `.vtu`, `.vtp` or, not for polygons, `.vtk`; missing folders are made."""
     from vtkmodules import vtkIOLegacy, vtkIOXML
 
     writer: Any
@@ -56,22 +41,8 @@ def write_grid(path: Path, grid: Any) -> None:
 
 def write_blocks(path: Path, blocks: Any) -> Path:
     """Write a `pyvista.MultiBlock` as a `.vtm` file that lists a file for each block, by name.
-
-    Parameters
-    ----------
-    path
-        A name ending in `.vtm`; the blocks lie beside it as `name_0.vtu` (polygons: `.vtp`) and so
-        on, and are complete before the list appears.
-    blocks
-        Data sets with names, not nested.
-
-    Raises
-    ------
-    OSError
-        No space left, or no right to write.
-    AdiniError
-        VTK refuses a data set.
-    """
+    Blocks lie beside it as `name_0.vtu` (polygons: `.vtp`) and are complete before the list
+    appears."""
     whole = ElementTree.Element("VTKFile", type="vtkMultiBlockDataSet", version="1.0")
     listed = ElementTree.SubElement(whole, "vtkMultiBlockDataSet")
     for k, name in enumerate(blocks.keys()):
@@ -99,22 +70,9 @@ def _write_list(path: Path, root: ElementTree.Element) -> Path:
 
 
 def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> Path:
-    """Write data sets of pyvista as a `.pvd` collection, with one file for each step beside it.
-
-    Parameters
-    ----------
-    path
-        A name ending in `.pvd`; the steps are `name_0000.vtu` (polygons: `.vtp`) and so on. A step
-        of several blocks is `name_0000.vtm`, see `write_blocks`.
-    steps
-        Times and data sets, read one after the other.
-
-    Raises
-    ------
-    OSError
-        No space left, or no right to write. Files of earlier steps stay; the collection is written
-        last.
-    """
+    """Write (time, data set) pairs as a `.pvd` collection, with one file for each step beside it.
+    Steps are `name_0000.vtu` (polygons: `.vtp`, several blocks: `.vtm`); the collection comes
+    last."""
     collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     listed = ElementTree.SubElement(collection, "Collection")
     for k, (time, grid) in enumerate(steps):

@@ -1,4 +1,8 @@
-"""Factors of a symmetric matrix on a CUDA device by NVIDIA's cuDSS, and solutions by them."""
+"""Factors of a symmetric matrix on a CUDA device by NVIDIA's cuDSS, and solutions by them.
+
+The binding is by ctypes because nvmath-python, which has one, needs a version of cuDSS before
+1.0, whose numbers differ. Source: NVIDIA cuDSS 1.0 documentation, data types and functions.
+"""
 
 from __future__ import annotations
 
@@ -32,66 +36,22 @@ Order = ArrayLike | Blocks | Callable[[], Blocks | None] | None
 _REFINEMENTS, _HYBRID_MEMORY, _MEMORY_LIMIT, _LEVELS, _DETERMINISTIC = 5, 11, 12, 17, 24
 _INFO, _FILL, _ORDER, _TREE = 0, 1, 9, 21
 ANALYSIS, FACTORISATION, REFACTORISATION, SOLUTION = 0b11, 0b100, 0b1000, 0b11_1111_0000
-# Corrections of a solution by its residual, as many as PARDISO makes. cuDSS makes none in its
-# deterministic mode, and solves for one load at a time there.
-_CORRECTIONS = 2
+_CORRECTIONS = 2  # by the residual, as many as PARDISO makes; deterministic cuDSS makes none
 _TOGETHER = 32  # loads that are on the device at a time
 
 
 class CudssMatrix:
-    """One symmetric matrix and its factors in the memory of a CUDA device.
-
-    The memory is released with the object, also when its construction fails. Threads that share an
-    object take turns. A copy or pickle factors again; a forked process cannot use the device.
-    Ctrl-C ends an analysis or a factorisation, of several devices only when it is done; the object
-    then needs `refactor`.
-
-    The binding is by ctypes because nvmath-python, which has one, needs a version of cuDSS before
-    1.0, whose numbers differ.
-
-    Parameters
-    ----------
-    A
-        Symmetric sparse matrix, shape (n, n); its upper triangle is taken.
-    definite
-        Whether A is positive definite; else pivots of both signs are expected.
-    deterministic
-        Whether equal calls give equal bits on the same device. Loads are then solved for one by
-        one, else together.
-    order
-        Order of elimination, shape (n,): ``order[k]`` is the unknown of step k. A tuple holds the
-        order and the sizes of a `DissectionTree`, which spare cuDSS the most work; it may come from
-        a callable, which is asked when the matrix is on the device. cuDSS computes an order of its
-        own if None, or if the blocks of the tree do not separate the unknowns of A.
-    hybrid_memory
-        Keep the factors in the memory of the host, and a part of them on the device: of as many
-        bytes as the number says, or as cuDSS decides if True. Not deterministic.
-    devices
-        Numbers of the devices that share the factors, the first of which holds the matrix; None for
-        the present device. They are for what one device cannot hold, and hardly faster. Not
-        deterministic.
-
-    Raises
-    ------
-    MissingDependency
-        cuDSS, CuPy or a device is not there, or cuDSS has another major version.
-    InputError
-        `order` is no permutation, `devices` are no numbers of devices that are there, or
-        `hybrid_memory` or `devices` are asked for with `deterministic` or with each other.
-    DeviceMemory
-        The factors will not fit into the device; nothing was factored.
-    CudssError
-        The factorisation fails; `CudssError.pivot` tells whether A is not definite.
-
-    References
-    ----------
-    NVIDIA cuDSS 1.0 documentation, data types and functions.
-    """
+    """One symmetric matrix and its factors in the memory of a CUDA device, freed with the object.
+    Threads take turns; a copy or pickle factors again; a forked process cannot use it. Ctrl-C
+    ends a call early, except on several devices; then `refactor` is needed."""
 
     def __init__(
         self, A: Any, definite: bool, deterministic: bool = True, order: Order = None,
         hybrid_memory: bool | int = False, devices: Iterable[int] | None = None,
     ) -> None:  # fmt: skip
+        """Factor the upper triangle of A, (n, n); `deterministic`: equal bits on one device.
+        `order[k]` is the unknown of step k, with sizes of a `DissectionTree` in a tuple. The
+        host keeps factors beyond `hybrid_memory` bytes, or `devices` share them."""
         _refuse(deterministic, hybrid_memory, devices)
         self._deterministic, self._hybrid = deterministic, hybrid_memory
         self._n, self._lock, self._factored = A.shape[0], threading.Lock(), False
@@ -114,20 +74,9 @@ class CudssMatrix:
             weakref.finalize(self, self._cudss.release, opened.pop_all())
 
     def refactor(self, A: Any) -> None:
-        """Factor a matrix with the same pattern; the analysis is kept.
-
-        Parameters
-        ----------
-        A
-            Symmetric sparse matrix, shape (n, n), with entries in the same places, zeros included.
-
-        Raises
-        ------
-        InputError
-            The pattern is another one; the factors are those of before.
-        CudssError
-            The factorisation fails; there are no factors then.
-        """
+        """Factor a matrix with entries, zeros included, in the same places; keep the analysis.
+        After an `InputError` (another pattern) the old factors remain, after a `CudssError`
+        none."""
         self._cudss.here()
         with self._lock, self._home():
             self._cudss.set_values(self._triangle.values(A))
@@ -135,11 +84,8 @@ class CudssMatrix:
             self._factor(REFACTORISATION)
 
     def statistics(self) -> dict[str, Any]:
-        """Entries of the factors, and the most bytes of the device and of the host.
-
-        These are cuDSS's estimates. "used" is what the matrix and its factors took of each of
-        several devices.
-        """
+        """Entries of the factors, and cuDSS's estimates of the most bytes on device and host.
+        "used" is what the matrix and its factors took of the memory of each device."""
         entries = self._cudss.get(_FILL, ctypes.c_int64()).value
         return {"entries": entries, **memory(self._cudss), "used": self._used}
 
@@ -256,17 +202,8 @@ class Cudss(CudssMatrix):
         return self._solutions(b, 0)
 
     def at(self, places: Any, loads: Array, corrected: bool = True) -> Array:
-        """Return solutions at some unknowns for loads on the same, without vectors of all others.
-
-        Parameters
-        ----------
-        places
-            Their numbers, shape (k,).
-        loads
-            Shape (k,) or (k, count), as the result.
-        corrected
-            Whether solutions are corrected by their residuals.
-        """
+        """Return solutions at the unknowns `places` (k,) for loads (k,) or (k, count) on them.
+        If `corrected`, the residual improves them; no vector of all unknowns leaves the device."""
         some, xp = loads.reshape(len(places), -1), self._cudss.xp
         found = np.empty(some.shape)
         with self._factors():
@@ -308,13 +245,7 @@ class Cudss(CudssMatrix):
         return x
 
     def congruence(self, rows: Any) -> Any:
-        """Return ``R A^-1 R^T`` on the device, shape (k, k), by the factors alone.
-
-        Parameters
-        ----------
-        rows
-            Sparse matrix R by rows, shape (k, n); each row takes a solution.
-        """
+        """Return ``R A^-1 R^T`` on the device, shape (k, k); R is sparse by rows, shape (k, n)."""
         xp, k = device_arrays(), rows.shape[0]
         together = 1 if self._deterministic else max(1, min(_TOGETHER, k))
         touched, at = np.unique(rows.indices, return_inverse=True)
@@ -338,19 +269,10 @@ Index = NDArray[np.integer[Any]]
 
 
 class DissectionTree(NamedTuple):
-    """An order of elimination in the blocks of a complete binary tree, its leaves first.
+    """An order of elimination in the blocks of a complete binary tree, leaves first, root last."""
 
-    Attributes
-    ----------
-    order : ndarray, shape (n,)
-        ``order[k]`` is the unknown of step k; blocks follow one another level by level, the leaves
-        first and the separator of the whole, the root, last.
-    sizes : ndarray, shape (2**levels - 1,)
-        Unknowns in each block, in the same order; none is empty.
-    """
-
-    order: Index
-    sizes: Index
+    order: Index  # order[k] is the unknown of step k, shape (n,); blocks level by level
+    sizes: Index  # unknowns in each block, none zero, shape (2**levels - 1,)
 
     @property
     def levels(self) -> int:
@@ -358,17 +280,8 @@ class DissectionTree(NamedTuple):
         return int(self.sizes.size + 1).bit_length() - 1
 
     def separates(self, xp: Any, starts: Any, columns: Any) -> bool:
-        """Whether each entry joins unknowns of one block, or of a block and one above it.
-
-        cuDSS trusts a tree, and writes where it must not if this does not hold.
-
-        Parameters
-        ----------
-        xp
-            NumPy or CuPy.
-        starts, columns
-            Upper triangle by rows, arrays of xp, shapes (n + 1,) and (nnz,).
-        """
+        """Whether each upper entry joins unknowns of one block, or of a block and one above it.
+        cuDSS trusts a tree, and writes outside its memory if this does not hold."""
         # Blocks from the last to the first are numbered 1, 2, ...: block h is below block h // 2.
         number = np.empty(self.order.size, dtype=np.int32)
         number[self.order] = np.repeat(np.arange(self.sizes.size, 0, -1), self.sizes)
@@ -390,18 +303,8 @@ y = sum;
 
 
 class DeviceProduct:
-    """The symmetric matrix of an upper triangle, as an operator on rows of an array.
-
-    The entries below the diagonal are kept by rows too, so that each entry of a product is summed
-    by one thread.
-
-    Parameters
-    ----------
-    xp
-        NumPy or CuPy.
-    starts, columns, values
-        The upper triangle by rows, arrays of xp, shapes (n + 1,) and (nnz,).
-    """
+    """The symmetric matrix of an upper triangle by rows, as an operator on the rows of an array.
+    The entries below the diagonal are stored by rows too, so that one thread sums each entry."""
 
     def __init__(self, xp: Any, starts: Any, columns: Any, values: Any) -> None:
         n = len(starts) - 1
@@ -453,23 +356,8 @@ _PEAK, _HOST, _HYBRID = 1, 3, 4
 def check_memory(
     cudss: Any, hybrid: bool, more: int, devices: tuple[int, ...] | None = None
 ) -> None:
-    """Raise if the factorisation needs more memory than is free; call it after the analysis.
-
-    Parameters
-    ----------
-    cudss
-        The handles, after the analysis.
-    hybrid
-        Whether the factors may lie on the host.
-    more
-        Bytes on the device that are needed beside the factors.
-    devices
-        Numbers of the devices that share the factors; what is free on all of them counts.
-
-    Raises
-    ------
-    DeviceMemory
-    """
+    """After the analysis: raise `DeviceMemory` if the factors and `more` bytes do not fit.
+    With several devices the free memory of all of them counts."""
     estimates = _estimates(cudss)
     least = int(estimates[_HYBRID]) + more
     needed = least if hybrid else int(estimates[_PEAK]) + more
@@ -494,10 +382,8 @@ def _estimates(cudss: Any) -> Any:
 
 
 def _unused(xp: Any) -> int:
-    """Bytes of the device that nobody keeps; -1 where there is no device.
-
-    To release what CuPy keeps takes milliseconds, and so does to allocate it again.
-    """
+    """Free bytes of the device, without those in CuPy's pool; -1 without a device.
+    To empty and refill that pool takes milliseconds."""
     return int(xp.cuda.runtime.memGetInfo()[0]) if hasattr(xp, "cuda") else -1
 
 

@@ -30,19 +30,8 @@ _INTERRUPT, _DEVICES, _WHICH = 23, 21, 22
 
 class CudssHandles:
     """Handles of cuDSS for a matrix on the device; `opened` destroys them in the reverse order.
-
-    Parameters
-    ----------
-    arrays
-        The upper triangle on the device: row starts, columns (int32), values (float64).
-    definite
-        Whether the matrix is positive definite.
-    settings
-        Number of each setting of cuDSS, and its value as a ctypes number or array.
-    devices
-        Numbers of the devices that share the factors, the first of which holds the arrays; None
-        for the present device alone.
-    """
+    `arrays` are row starts, columns (int32) and values (float64) of the upper triangle, on the
+    first of `devices` (None: the present one); `settings` map cuDSS's numbers to ctypes values."""
 
     def __init__(
         self, opened: ExitStack, arrays: Any, definite: bool, settings: Any,
@@ -163,15 +152,12 @@ class CudssHandles:
             raise CudssError(name, status)
 
 
-# Seconds between looks at signals: one that comes just before a wait begins does not end it.
-_PAUSE = 0.05
+_PAUSE = 0.05  # seconds between checks for signals: one just before a wait does not end it
 
 
 def in_a_thread(work: Callable[[], None], interrupt: Callable[[bool], None]) -> None:
     """Run long work of a library so that Python handles signals meanwhile.
-
-    At Ctrl-C the work is told to end, and has ended when KeyboardInterrupt leaves this function.
-    """
+    At Ctrl-C the work is told to end, and has ended when KeyboardInterrupt leaves this function."""
     result: Future[None] = Future()
     begin = threading.Event()
     dropped = False

@@ -12,8 +12,7 @@ from typing import Any
 
 from skfem_adini.errors import AdiniError, InputError, MissingDependency
 
-# The numbers of the other file are those of this major version; those of 0.x differ.
-_VERSION = 1
+_VERSION = 1  # major version whose numbers the bindings use; those of 0.x differ
 _STATUSES = (
     *("success", "not initialized", "allocation failed", "invalid value", "not supported"),
     *("execution failed", "internal error", "refinement failed"),
@@ -24,15 +23,8 @@ _MISSING = "cuDSS needs CuPy and nvidia-cudss-cu13: pip install 'skfem-adini[cud
 
 
 class CudssError(AdiniError):
-    """cuDSS returned an error.
-
-    Attributes
-    ----------
-    call, status
-        The function that was called, and cuDSS's number of the status.
-    pivot
-        Whether a pivot was zero, or not positive in a matrix said to be definite.
-    """
+    """cuDSS returned an error status from a call.
+    `pivot` tells whether a pivot was zero, or not positive in a matrix said to be definite."""
 
     def __init__(self, call: str, status: int, pivot: bool = False) -> None:
         known = 0 <= status < len(_STATUSES)
@@ -50,17 +42,9 @@ class CudssError(AdiniError):
 
 
 class DeviceMemory(CudssError):
-    """The analysis tells that the factors will not fit into the memory of the device.
-
-    Attributes
-    ----------
-    estimate, free
-        Bytes that the factorisation needs at its peak, and that are free.
-    hybrid
-        Bytes of the device with which `hybrid_memory` would do; None if not even that.
-    kept
-        Bytes among the estimate that the dense complement of kept unknowns takes.
-    """
+    """The analysis tells that the factors, in bytes, will not fit into the memory of the device.
+    `hybrid` is what the device needs with `hybrid_memory` (None: too much as well), `kept` the
+    part of the estimate for the dense complement of kept unknowns."""
 
     def __init__(self, estimate: int, free: int, hybrid: int | None, kept: int) -> None:
         super().__init__("cudssDataGet", _ALLOCATION_FAILED)
@@ -84,20 +68,8 @@ def _gib(size: int) -> str:
 
 
 def chosen_devices(xp: Any, devices: Any) -> tuple[int, ...] | None:
-    """Return the numbers of devices that share a factorisation, as a tuple.
-
-    Parameters
-    ----------
-    xp
-        NumPy or CuPy.
-    devices
-        Different numbers, counted from 0; None for the present device.
-
-    Raises
-    ------
-    InputError
-        They are no such numbers, or a device is not there.
-    """
+    """Return the different numbers of devices that share a factorisation; None: the present
+    device."""
     if devices is None:
         return None
     try:

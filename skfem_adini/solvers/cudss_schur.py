@@ -18,42 +18,16 @@ FORWARD, BACKWARD = 0b11_0000, 0b1_1000_0000
 
 
 class CudssSchur(CudssMatrix):
-    """Factors of the unknowns that are not chosen, and the Schur complement of those that are.
-
-    It is in cuDSS's order of sums, which may vary from call to call: in the deterministic mode of
-    version 1.0 the complement lacks terms, without an error.
-
-    Parameters
-    ----------
-    A
-        Symmetric sparse matrix, shape (n, n); its block without the chosen unknowns must be
-        positive definite.
-    chosen
-        Ascending indices of the unknowns to keep, shape (k,), fewer than n.
-    tree
-        As the order of `CudssMatrix`, the chosen unknowns last and ascending.
-    hybrid_memory
-        As for `CudssMatrix`.
-
-    Attributes
-    ----------
-    complement
-        Dense Schur complement on the device, shape (k, k).
-
-    Raises
-    ------
-    MissingDependency, DeviceMemory, CudssError
-        As for `CudssMatrix`.
-
-    References
-    ----------
-    NVIDIA cuDSS 1.0 documentation, Schur complement mode.
-    """
+    """Factors of the unknowns that are not chosen, and the dense Schur complement of the chosen.
+    Not deterministic: in that mode cuDSS 1.0 leaves out terms of the complement without an
+    error. NVIDIA cuDSS 1.0 documentation, Schur complement mode."""
 
     def __init__(
         self, A: Any, chosen: ArrayLike, tree: Order = None,
         hybrid_memory: bool | int = False,
     ) -> None:  # fmt: skip
+        """Factor A, whose block without the chosen unknowns is positive definite; `chosen` ascends.
+        The tree is as the order of `CudssMatrix`, with the chosen unknowns last and ascending."""
         self._marks = np.zeros(A.shape[0], dtype=np.int32)
         self._marks[np.asarray(chosen)] = 1
         self._count = int(self._marks.sum())
@@ -67,10 +41,8 @@ class CudssSchur(CudssMatrix):
         self.complement = self._complement()
 
     def forward(self, load: Any) -> Any:
-        """Eliminate a load (n,): in an order of cuDSS, the carried chosen part in the last k.
-
-        Loads lie on the host or on the device; results, here and of `backward`, on the device.
-        """
+        """Eliminate a load (n,) on host or device: its last k entries are the chosen unknowns'.
+        The result, like that of `backward`, lies on the device, in an order of cuDSS."""
         return self._one(FORWARD, load)
 
     def backward(self, halfway: Any) -> Any:

@@ -16,24 +16,12 @@ from skfem_adini.solvers.upper_triangle import upper_triangle
 
 @dataclass(frozen=True)
 class Restricted:
-    """The matrix ``D A[free][:, free] D``, formed on the device alone.
+    """The matrix ``D A[free][:, free] D``, formed on the device alone."""
 
-    Attributes
-    ----------
-    matrix
-        Sparse matrix A by rows; or, if it is `placed`, what returns it when it is asked for.
-    free
-        Ascending numbers of the rows and columns that remain, shape (n,).
-    scale
-        Diagonal of D, shape (n,).
-    placed
-        Row starts, columns (ascending) and values of A, where they lie on the device already.
-    """
-
-    matrix: Any
-    free: NDArray[np.integer]
-    scale: NDArray[np.float64]
-    placed: tuple[Any, Any, Any] | None = None
+    matrix: Any  # A by rows; or, if `placed`, a function that returns it
+    free: NDArray[np.integer]  # ascending numbers of the rows and columns that remain, shape (n,)
+    scale: NDArray[np.float64]  # diagonal of D, shape (n,)
+    placed: tuple[Any, Any, Any] | None = None  # starts, columns and values on the device
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -57,19 +45,7 @@ class Restricted:
 
 class DeviceTriangle:
     """Which entries of a matrix form its upper triangle, columns ascending, all of the diagonal.
-
-    Parameters
-    ----------
-    xp
-        NumPy or CuPy.
-    A
-        Sparse matrix, or `Restricted`, shape (n, n).
-
-    Raises
-    ------
-    AdiniError
-        More entries than 32 bits count.
-    """
+    At most as many entries as 32 bits count."""
 
     def __init__(self, xp: Any, A: Any) -> None:
         self._xp, (whole, self._free, _) = xp, _parts(A)
@@ -109,13 +85,7 @@ class DeviceTriangle:
         )
 
     def values(self, A: Any) -> Any:
-        """Return the values of a matrix with the same pattern.
-
-        Raises
-        ------
-        InputError
-            The pattern is another one.
-        """
+        """Return the upper triangle's values of a matrix with the same pattern."""
         before, now = self._pattern(), _pattern(on_host_alone(A))
         same = all(a is b or np.array_equal(a, b) for a, b in zip(before, now, strict=True))
         if not (same and np.array_equal(_parts(A)[1], self._free)):

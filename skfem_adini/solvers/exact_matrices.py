@@ -22,62 +22,25 @@ _FACTORS = (
     (0, -1, 3, -2),
     (0, 0, -1, 1),
 )
-# The least common multiple of 1, ..., 7: the factors are cubics.
-_DENOMINATOR = 420
+_DENOMINATOR = 420  # least common multiple of 1, ..., 7: the factors are cubics
 
 
 class ExactMatrix(NamedTuple):
-    """A matrix of fractions with one denominator.
+    """A matrix of fractions with one denominator."""
 
-    Attributes
-    ----------
-    numerators
-        Whole numbers, shape (functions, functions).
-    denominator
-        A whole number; it has no factor in common with all numerators.
-    """
-
-    numerators: Integers
-    denominator: int
+    numerators: Integers  # whole numbers, shape (functions, functions)
+    denominator: int  # has no factor in common with all numerators
 
 
 @lru_cache
 def exact_matrix(dim: int, row: int | None = None, column: int | None = None) -> ExactMatrix:
-    r"""Return the integrals of products of shape functions over the unit box.
+    r"""Return the integrals of products of shape functions over the unit box, in 1 to 3 variables.
 
-    The shape functions of the vertex at the origin are, with :math:`L = 1 - X`,
-    :math:`B = X (1 - X) (1 - 2 X)` and :math:`S = X (1 - X)^2`,
-
-    .. math::
-        N = \prod_j L(X_j) + \sum_i B(X_i) \prod_{j \ne i} L(X_j), \qquad
-        H_i = S(X_i) \prod_{j \ne i} L(X_j),
-
-    so every integral is a sum of products of integrals in one variable. On a box with the sides
-    h the dofs u and :math:`h_i \partial_i u` have the same functions.
-
-    Parameters
-    ----------
-    dim
-        Number of variables, 1 to 3.
-    row, column
-        The variable in which the test and the trial function are differentiated; None for the
-        functions themselves. ``(None, None)`` is the mass matrix, ``(0, 0)`` the part
-        :math:`\int v_x u_x` of the stiffness matrix.
-
-    Returns
-    -------
-    ExactMatrix
-        The vertices come in the order of `itertools.product((0, 1), repeat=dim)`; each brings
-        dim + 1 functions, N, H_1, H_2 and so on.
-
-    Examples
-    --------
-    >>> mass = exact_matrix(2)
-    >>> mass.numerators.shape, mass.denominator
-    ((12, 12), 25200)
-    >>> int(mass.numerators[::3, ::3].sum())
-    25200
-    """
+    With :math:`L = 1 - X`, :math:`B = X (1 - X) (1 - 2 X)`, :math:`S = X (1 - X)^2` those of the
+    origin are :math:`N = \prod_j L(X_j) + \sum_i B(X_i) \prod_{j \ne i} L(X_j)` and :math:`H_i =
+    S(X_i) \prod_{j \ne i} L(X_j)`, for u and :math:`h_i \partial_i u` on a box of sides h.
+    Vertices are in the order of `itertools.product`. `row` and `column` are the variables of
+    differentiation, if any."""
     integrals = [_integrals(int(row == i), int(column == i)) for i in range(dim)]
     functions = _functions(dim)
     numerators = functions @ reduce(np.kron, integrals) @ functions.T

@@ -21,15 +21,9 @@ from skfem_adini.solvers.superlu import SuperLUFactor
 Array = NDArray[np.float64]
 Solver = Literal["auto", "pardiso", "superlu", "amg", "cudss"]
 
-# Asymmetry allowed, relative to the diagonal: assembled matrices stay below, at some thousand
-# roundings.
-_SYMMETRIC = 1e-12
-# Error allowed in recovering a random vector with entries in [-1, 1]: three digits show that the
-# matrix is not singular.
-_PROBE_ERROR = 1e-3
-# Steps of Ruiz's scaling: each about halves the logarithms of the rows' largest entries, so that
-# ten leave a thousandth of them.
-_SCALINGS = 10
+_SYMMETRIC = 1e-12  # asymmetry allowed, relative to the diagonal: some thousand roundings
+_PROBE_ERROR = 1e-3  # of a recovered random vector in [-1, 1]: three digits show a regular matrix
+_SCALINGS = 10  # Ruiz steps, each about halves the logarithms of the rows' largest entries
 
 
 class Factorization(Protocol):

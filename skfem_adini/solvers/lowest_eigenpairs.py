@@ -18,19 +18,13 @@ from skfem_adini.solvers.factorize import Factorization, Solver, factorize, requ
 
 Array = NDArray[np.float64]
 
-# Relative to the largest eigenvalue: far above its rounding, and below the lowest of a fine mesh.
-_ZERO_EIGENVALUE = 1e-9
-# Factor from one trial shift to the next: five lead from the first beyond the largest eigenvalue.
-_STEP = 100.0
-# Ratio of the largest to the least distance of an eigenvalue from the shift: up to this one the
-# shift loses no more digits than the mesh does.
-_SPREAD = 1e3
-# Eigenvalue of M, of unit diagonal, that may be below zero by rounding: cells cut to slivers have
-# such in a mass matrix that is definite.
+_ZERO_EIGENVALUE = 1e-9  # relative to the largest: above its rounding, below a fine mesh's lowest
+_STEP = 100.0  # factor from one trial shift to the next: five pass the largest eigenvalue
+_SPREAD = 1e3  # ratio of distances from the shift up to which the mesh costs more digits
+# Negative eigenvalue of M, of unit diagonal, that is rounding: slivers of cells have such.
 _ROUNDING = 1e-11
-# Residual that a recomputed pair may have relative to lambda M x, and by rounding to K x.
-_RESIDUAL = 1e-6
-_NOISE = 1e4 * np.finfo(float).eps
+_RESIDUAL = 1e-6  # residual of a recomputed pair, relative to lambda M x
+_NOISE = 1e4 * np.finfo(float).eps  # residual by rounding, relative to K x
 
 
 def lowest_eigenpairs(
@@ -169,11 +163,8 @@ def _check_mass(M: Any, solver: Solver) -> None:
 
 def _shifted_twice(K: Any, M: Any, count: int, solver: Solver) -> tuple[Array, Array]:
     """Compute with a first shift below all eigenvalues, then if needed with a better one.
-
-    If the distances of the eigenvalues from the first shift differ by many orders of magnitude, the
-    farthest loses as many digits. The second shift lies below the lowest eigenvalue by the mean
-    spacing of the eigenvalues.
-    """
+    The second lies below the lowest eigenvalue by their mean spacing: if distances from the
+    shift differ by many orders of magnitude, the farthest eigenvalue loses as many digits."""
     shift, factors = _first_shift(K, M, solver)
     values, z = _nearest(K, M, count, shift, factors)
     low, high = float(values.min()), float(values.max())
@@ -234,9 +225,7 @@ def _nearest(
 
 def _check_pairs(K: Any, M: Any, values: Array, z: Array) -> None:
     """Raise unless K z = lambda M z, up to the rounding of K, whose norm is at most one.
-
-    Not the residual of the inverse: next to a shift its rounding is amplified.
-    """
+    Not the residual of the inverse: next to a shift its rounding is amplified."""
     Mz = M @ z
     residuals = np.linalg.norm(K @ z - Mz * values, axis=0)
     sizes = np.linalg.norm(Mz, axis=0)

@@ -17,12 +17,9 @@ from skfem_adini.errors import MissingDependency, NotConverged
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# Largest number of runs of conjugate gradients, each of which begins with the true residual.
-_RESTARTS = 3
-# Relative to |b|: largest residual that is attributed to the rounding of A x.
-_MOST_ROUNDING = 1e-6
-# Largest number of blocks of the coarsest matrix, which is solved directly as a dense one.
-_COARSEST = 20
+_RESTARTS = 3  # runs of conjugate gradients, each from the true residual
+_MOST_ROUNDING = 1e-6  # relative to |b|: largest residual attributed to the rounding of A x
+_COARSEST = 20  # blocks of the coarsest matrix, which is solved as a dense one
 _SMOOTHER = ("block_gauss_seidel", {"sweep": "symmetric"})
 
 
@@ -58,31 +55,13 @@ class NearNullSpace:
 
 class Multigrid:
     """Solver of A x = b for a symmetric positive definite matrix with unit diagonal.
-
-    The unknowns of a vertex are aggregated and smoothed together, as one block of the matrix;
-    unknowns that a vertex lacks are replaced by decoupled ones. The prolongation is smoothed with
-    local weights and nothing is random, so equal input gives equal output.
-
-    Parameters
-    ----------
-    A
-        Sparse matrix, shape (n, n), scaled to a unit diagonal.
-    near_null
-        Its near-null space in the same scaling.
-    tol
-        Bound of |b - A x| / |b| in the Euclidean norm, recomputed after the iteration. The rounding
-        error of A x, 2.2e-16 times the norm of abs(A) abs(x) and at most 1e-6 |b|, is allowed on
-        top of it: it dominates where x is very large, as in slender bodies.
-    max_iterations
-        Largest number of iterations of conjugate gradients, over all restarts.
-
-    Attributes
-    ----------
-    iterations
-        Iterations of the last call of `solve`; with several loads the largest number for one.
-    """
+    The unknowns of a vertex are aggregated and smoothed as one block; those that a vertex lacks
+    are replaced by decoupled ones. Nothing is random: equal input gives equal output."""
 
     def __init__(self, A: Any, near_null: NearNullSpace, tol: float, max_iterations: int) -> None:
+        """Aggregate A (n, n), scaled like its near-null space; `max_iterations` over all restarts.
+        |b - A x| <= tol |b| must hold up to the rounding of A x: 2.2e-16 times the norm of
+        abs(A) abs(x), at most 1e-6 |b|. It dominates in slender bodies."""
         self._given = A, near_null, tol, max_iterations
         self._A, self._tol, self._most = A, tol, max_iterations
         self.iterations = 0
@@ -125,12 +104,7 @@ class Multigrid:
 
     def solve(self, b: Array) -> Array:
         """Return the solution for one load (n,) or several (n, loads).
-
-        Raises
-        ------
-        NotConverged
-            The residual does not come below `tol`.
-        """
+        `iterations` is then the largest number for one load."""
         loads = b[:, None] if b.ndim == 1 else b
         columns = [self._solve_one(np.ascontiguousarray(column)) for column in loads.T]
         # Assigned once: threads that share the object never see an intermediate number.
@@ -174,9 +148,7 @@ class Multigrid:
 
 def _slots(vertex: Indices) -> tuple[Indices, int, int]:
     """Return a place for each unknown, the size of a block and the number of blocks.
-
-    The places of the unknowns of a vertex are consecutive, in one block.
-    """
+    The places of the unknowns of a vertex are consecutive, in one block."""
     _, block_of, count = np.unique(vertex, return_inverse=True, return_counts=True)
     order = np.argsort(block_of, kind="stable")
     first = np.cumsum(count) - count

@@ -1,4 +1,7 @@
-"""An interface to MKL's PARDISO: one handle for each matrix, and one call."""
+"""MKL's PARDISO: one handle for each matrix, and one call.
+
+Source: Intel oneMKL developer reference, ``pardiso`` and its parameter table ``iparm``.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +35,8 @@ _SOLUTIONS = (33, 331, 332, 333)
 
 
 class PardisoError(AdiniError):
-    """PARDISO returned an error.
-
-    Attributes
-    ----------
-    phase, code
-        What was called, and PARDISO's number of the error.
-    pivot
-        Whether a pivot was zero, or negative in a matrix said to be definite.
-    """
+    """PARDISO returned an error code in a phase; `pivot`: one was zero, or negative in a
+    definite matrix."""
 
     def __init__(self, phase: int, code: int) -> None:
         super().__init__(f"PARDISO phase {phase} failed with code {code}")
@@ -53,33 +49,9 @@ def has_pardiso() -> bool:
 
 
 class Pardiso:
-    """One matrix in PARDISO's memory, which is released with the object.
-
-    PARDISO works in that memory while it solves, so threads that share an object take turns. A
-    copy, deep copy or pickle has memory of its own: it repeats the factorisation when it is first
-    used. A forked process inherits the factors (a fork waits for the end of running calls) and
-    works with one thread: libgomp's threads do not survive a fork, and a child that waits for them
-    hangs. Two-level factors (iparm[23]) that were laid out for several threads are therefore
-    computed again in the child.
-
-    Parameters
-    ----------
-    A
-        Symmetric sparse matrix, shape (n, n). Its upper triangle is taken, with the diagonal
-        stored even where it is zero, as PARDISO demands.
-    kind
-        `DEFINITE` or `INDEFINITE`: real symmetric, PARDISO's matrix types 2 and -2.
-    iparm
-        Entries of PARDISO's integer parameters that differ from zero, counted from 0. Without any
-        the defaults hold; with some, iparm[0] is set to 1 and zeros mean what the reference says.
-    chosen
-        Unknowns whose Schur complement is wanted (iparm[35] not zero), marked in PARDISO's
-        permutation.
-
-    References
-    ----------
-    Intel oneMKL developer reference, ``pardiso`` and its parameter table ``iparm``.
-    """
+    """One matrix in PARDISO's memory, released with the object; threads that share it take turns.
+    A copy or pickle factors again when used. A forked process inherits the factors and has one
+    thread, as libgomp's do not survive; two-level factors are computed again."""
 
     def __init__(
         self,
@@ -88,6 +60,9 @@ class Pardiso:
         iparm: Mapping[int, int] | None = None,
         chosen: ArrayLike | None = None,
     ) -> None:
+        """Take the upper triangle of A, shape (n, n), of the kind `DEFINITE` or `INDEFINITE`.
+        `iparm` holds PARDISO's integer parameters that are not zero, counted from 0; without any
+        its defaults hold. `chosen` marks the unknowns of a Schur complement (iparm[35])."""
         n = A.shape[0]
         upper = upper_triangle(A)
         if upper.nnz >= 2**31:
@@ -114,27 +89,9 @@ class Pardiso:
         _watch(self)
 
     def __call__(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
-        """Run one phase.
-
-        Parameters
-        ----------
-        phase
-            11 analysis, 22 factorisation, 12 both of them, 33 solution, and the partial solutions
-            331, 332, 333.
-        b, x
-            Right-hand sides and output, (n,) or in Fortran order (n, loads); in phase 22 with a
-            Schur complement x receives its dense matrix. PARDISO does not change b.
-
-        Raises
-        ------
-        PardisoError
-            Any error but lack of memory.
-        MemoryError
-            PARDISO could not allocate its factors.
-        AdiniError
-            A solution before the factorisation, or arrays of wrong type, order or shape: PARDISO
-            checks neither, and the process would crash.
-        """
+        """Run a phase: 11 analysis, 22 factorisation, 12 both, 33 solution, 331 to 333 its parts.
+        Load b and output x are (n,) or in Fortran order (n, loads), checked because PARDISO
+        would crash; phase 22 writes the dense Schur complement to x."""
         with self._lock:
             if self._anew:
                 self._repeat()
@@ -322,9 +279,7 @@ def _threads() -> int:
 @contextmanager
 def _held_to(threads: int) -> Iterator[None]:
     """Set MKL's number of threads, within the block, to that of the factors' layout.
-
-    With another number of threads PARDISO misreads two-level factors and returns no error.
-    """
+    With another number of threads PARDISO misreads two-level factors and returns no error."""
     set_threads = _mkl()["MKL_Set_Num_Threads_Local"]
     before = set_threads(ctypes.c_int(threads))
     try:

@@ -18,8 +18,7 @@ from skfem_adini.solvers.exact_matrices import exact_matrix
 Array = NDArray[np.float64]
 LongArray = NDArray[np.longdouble]
 
-# Largest distance of a vertex from the corner of its cell's box, in the least side of all cells.
-_RECTANGLE = 1e-10
+_RECTANGLE = 1e-10  # distance of a vertex from its box's corner, in the least side of all cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,10 +154,8 @@ def refine_eigenpair(
 
 
 def _box_cells(basis: Any) -> tuple[NDArray[np.integer], LongArray]:
-    """Return the dofs of each cell in the order of `exact_matrix`, and its sides.
-
-    The shapes are (2^dim (dim + 1), cells) and (dim, cells).
-    """
+    """Return the dofs of cells in the order of `exact_matrix`, (2^dim (dim + 1), cells), and sides.
+    The sides have the shape (dim, cells)."""
     dim = basis.mesh.dim()
     names = ["u", "u_x", "u_y", "u_z"][: dim + 1]
     if list(basis.elem.dofnames) != names or basis.element_dofs.shape[0] != 2**dim * (dim + 1):

@@ -14,29 +14,9 @@ Ordering = Literal["NATURAL", "MMD_AT_PLUS_A"]
 
 
 class SuperLUFactor:
-    """The factors of one symmetric matrix, without row exchanges where the pivots allow it.
-
-    The object is immutable: copies are the object itself, and threads may share it. SciPy's object
-    cannot be pickled; this one is pickled with its matrix, which the copy factors again.
-
-    Parameters
-    ----------
-    A
-        Symmetric sparse matrix, shape (n, n).
-    ordering
-        SuperLU's ``permc_spec``.
-    threshold
-        SuperLU's ``diag_pivot_thresh``: 0 keeps every pivot on the diagonal that is not zero.
-
-    Attributes
-    ----------
-    factors : scipy.sparse.linalg.SuperLU
-
-    Raises
-    ------
-    RuntimeError
-        A is exactly singular.
-    """
+    """Factors of a symmetric matrix A (n, n), without row exchanges where the pivots allow it.
+    Threads may share it, and a copy is the object itself; a pickle factors the matrix again.
+    With a `threshold` of 0 every pivot on the diagonal that is not zero is kept."""
 
     def __init__(self, A: Any, ordering: Ordering, threshold: float) -> None:
         A = sparse.csc_matrix(A)

@@ -20,10 +20,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Condition = Literal["dirichlet", "neumann"]
 
-# Relative to the largest coordinate: coordinates that differ by less lie on one grid line.
-_UNIFORM = 1e-10
-# Relative to the sum of absolute loads: the sum of balanced loads is below this after rounding.
-_BALANCED = 1e-10
+_UNIFORM = 1e-10  # relative to the largest coordinate: closer coordinates lie on one grid line
+_BALANCED = 1e-10  # relative to the sum of absolute loads: rounding of a sum that should vanish
 
 
 class UniformSolver:

@@ -15,40 +15,19 @@ from skfem_adini.solvers.exact_matrices import ExactMatrix, exact_matrix
 
 Array = NDArray[np.float64]
 
-# Decimal digits carried beyond those requested.
-_GUARD_DIGITS = 15
-# Never reached: from below, Newton's method rises to the root, where each step doubles the digits.
-_NEWTON_STEPS = 200
+_GUARD_DIGITS = 15  # decimal digits carried beyond those requested
+_NEWTON_STEPS = 200  # never reached: each step near the root doubles the digits
 
 
 @lru_cache
 def exact_symbol(dim: int, direction: int | None = None) -> ExactMatrix:
-    r"""Return the symbol of a mass or stiffness matrix as a trigonometric form.
+    r"""Return the symbol of the mass matrix, or of the stiffness :math:`\int u_i v_i`.
 
-    On a uniform grid the matrix couples a vertex to its 3^dim neighbours by blocks :math:`A(o)`
-    with a row and a column for each of u and :math:`h_i u_i`. Reflection in the direction i
-    keeps an entry or, if just one of the two dofs is :math:`h_i u_i`, changes its sign; so
-
-    .. math::
-        \sum_o A_{pq}(o) e^{i \theta \cdot o} = i^m \sum_{e \in \{0,1\}^d} C_{pq}(e)
-        \prod_i w_i(e_i)
-
-    with w = (1, -4 sin^2(theta/2)) in the m' directions of even and (0, 2 sin(theta)) in the m
-    directions of odd entries. The constants C are whole numbers over one denominator, so that
-    terms that vanish for theta = 0 are exactly zero.
-
-    Parameters
-    ----------
-    dim
-        Number of variables.
-    direction
-        The variable of the stiffness part :math:`\int u_i v_i`, None for the mass matrix.
-
-    Returns
-    -------
-    ExactMatrix
-        Numerators of shape (dim + 1, dim + 1, 2, ..., 2), with `dim` twos.
-    """
+    On a uniform grid a vertex is coupled to its 3^dim neighbours by blocks :math:`A(o)` for u
+    and :math:`h_i u_i`. By reflection :math:`\sum_o A_{pq}(o) e^{i \theta \cdot o} = i^m \sum_{e
+    \in \{0,1\}^d} C_{pq}(e) \prod_i w_i(e_i)` with w = (1, -4 sin^2(theta/2)) in even directions
+    and (0, 2 sin(theta)) in the m odd ones. The numerators C, shape (dim + 1, dim + 1, 2, ...,
+    2), are whole numbers, so that terms that vanish for theta = 0 are exactly zero."""
     matrix = exact_matrix(dim, direction, direction)
     size = dim + 1
     cell = matrix.numerators.reshape(2**dim, size, 2**dim, size)
@@ -76,12 +55,9 @@ def is_odd(p: int, q: int, direction: int) -> bool:
 
 
 def phase(p: int, q: int, dirichlet: bool) -> int:
-    r"""Return the factor of the trigonometric form of an entry, 1 or -1.
-
-    With u and its slopes written in sines and cosines the powers of i become signs. For u a
-    product of sines, :math:`h_i u_i` has a cosine in the direction i; for u a product of cosines
-    a sine, and the sign of the coupling between u and the slopes is the other one.
-    """
+    """Return the sign, 1 or -1, of an entry of the trigonometric form for real sines and cosines.
+    For u a product of sines, :math:`h_i u_i` has a cosine in the direction i. For u a product of
+    cosines it has a sine, and the coupling of u and its slopes the other sign."""
     if p == q:
         return 1
     if q == 0:
@@ -99,27 +75,9 @@ def extended_eigenvalue(
     dirichlet: bool,
     digits: int,
 ) -> Decimal:
-    r"""Return the smallest eigenvalue of one block of the discrete operator -sum k_i u_ii.
-
-    The block K of stiffness and the block M of mass are matrices of dim + 1 rows; the eigenvalue
-    is the root of det(K - lambda M) next to 0, found by Newton's method from the left, where it is
-    monotone because all roots are real.
-
-    Parameters
-    ----------
-    lengths
-        Sides of the box, taken as their exact binary values.
-    cells
-        Number of cells in each direction.
-    modes
-        Half waves in each direction.
-    weights
-        The numbers k_i.
-    dirichlet
-        Whether u is a product of sines, otherwise of cosines.
-    digits
-        Significant digits of the result.
-    """
+    """Return the smallest eigenvalue of one block of the discrete operator -sum k_i u_ii. It is
+    the root of det(K - lambda M) next to 0, by Newton's method from the left, which is monotone
+    because all roots are real. The modes are half waves, the lengths exact binary values."""
     dim = len(cells)
     with localcontext() as context:
         context.prec = digits + _GUARD_DIGITS
@@ -174,9 +132,7 @@ def _is_active(p: int, modes: Sequence[int], cells: Sequence[int], dirichlet: bo
 
 def _determinant(rows: list[Any]) -> list[Decimal]:
     """Return the determinant of a matrix of polynomials, expanded along the first row.
-
-    Polynomials are lists of coefficients, that of the lowest power first.
-    """
+    Polynomials are lists of coefficients, that of the lowest power first."""
     if not rows:
         return [Decimal(1)]
     result = [Decimal(0)] * (len(rows) + 1)

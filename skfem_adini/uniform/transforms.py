@@ -16,22 +16,9 @@ Array = NDArray[np.float64]
 
 
 class BlockDiagonalGrid:
-    r"""The matrix of :math:`-\sum_i k_i u_{ii} + c u` in the basis of sines and cosines.
-
-    The blocks of all modes are factored together as :math:`L D L^T`, with one array over the modes
-    for each entry. Arrays of dofs have the shape (dim + 1, n_x + 1, n_y + 1(, n_z + 1)).
-
-    Parameters
-    ----------
-    cells
-        Number of cells in each direction.
-    steps
-        Sides of a cell.
-    k, c
-        Coefficients, k for each direction.
-    dirichlet
-        Whether u is a sum of products of sines, otherwise of cosines.
-    """
+    r"""The matrix of :math:`-\sum_i k_i u_{ii} + c u` in a basis of sines (`dirichlet`) or cosines.
+    All blocks are factored together as :math:`L D L^T`, with an array over the modes for each
+    entry. Arrays of dofs have the shape (dim + 1, n_x + 1, n_y + 1(, n_z + 1))."""
 
     def __init__(
         self,
@@ -70,10 +57,8 @@ class BlockDiagonalGrid:
 
     def solve(self, load: Array, constant: float = 0.0) -> Array:
         """Return the solution for an assembled load; entries of fixed dofs do not count.
-
-        A singular matrix is inverted on the loads of mean zero; the mean itself is multiplied with
-        `constant`.
-        """
+        A singular matrix is inverted on loads of mean zero; the mean itself is multiplied by
+        `constant`."""
         z = np.zeros(self.shape)
         for p, scale in enumerate(self._scale):
             inside: Any = (p, *self._inside(p))

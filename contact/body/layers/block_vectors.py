@@ -17,23 +17,15 @@ from contact.errors import InputError
 
 
 class BlockLoads(Solid):
-    """What a `LayeredBlock` keeps of its load.
-
-    Tractions act on the dofs of an edge, few among all. While nothing else is loaded the vector of
-    all dofs is read-only, so that snapshots and devices need no copy of it, and its other entries
-    are known to be zero. Who takes `f` gets a vector that may be edited, as of any body.
-
-    Attributes
-    ----------
-    arrays : HostArrays
-        Where the body computes.
-    """
+    """The load of a `LayeredBlock`, which acts on few dofs: those of its edges.
+    Until other dofs are loaded the vector is read-only, so that snapshots and devices share it,
+    and known to be zero elsewhere; whoever reads `f` gets a vector that may be edited."""
 
     arrays = HostArrays()
     _acting: NDArray[np.int64] | None = None  # dofs that may be loaded, ascending; None: any
 
     def _unload(self, size: int) -> None:
-        """No load on so many dofs."""
+        """Replace the load by zeros on `size` dofs."""
         self._f, self._acting = np.zeros(size), np.zeros(0, dtype=np.int64)
         self._f.flags.writeable = False
 
@@ -49,13 +41,7 @@ class BlockLoads(Solid):
         self._f, self._acting = self._checked_load(value), None
 
     def _add(self, loads: Sequence[tuple[NDArray[np.int64], Array]]) -> None:
-        """Load some dofs besides, in each of the loads every dof once.
-
-        Raises
-        ------
-        InputError
-            The sum is not finite.
-        """
+        """Add loads, pairs of dofs (in each every dof once) and forces."""
         acting = self._acting
         if acting is None:
             f = self._f.copy()
@@ -105,26 +91,14 @@ Array = NDArray[np.float64]
 
 
 class BlockVectors(BlockLoads):
-    """What `LayeredBlock` computes with vectors of all its dofs, where its arrays lie.
+    """What `LayeredBlock` computes with vectors of all its dofs, where its arrays lie."""
 
-    Attributes
-    ----------
-    columns, node_rows : int
-        Cells in a row, and rows of nodes.
-    x, y : ndarray
-        Places of the nodes.
-    cell_rows : list of CellRows
-    prescribed : (ndarray of int, ndarray)
-        Dofs with a prescribed displacement, and its values.
-    cell_size : float
-    """
-
-    columns: int
-    node_rows: int
-    x: Any
+    columns: int  # cells in a row
+    node_rows: int  # rows of nodes
+    x: Any  # coordinates of the nodes, as y
     y: Any
-    cell_rows: Any
-    prescribed: Any
+    cell_rows: Any  # list of CellRows
+    prescribed: Any  # dofs with a prescribed displacement, and its values
     cell_size: Any
 
     def compute_on(self, device: str) -> HostArrays:
@@ -178,7 +152,8 @@ class BlockVectors(BlockLoads):
         return float(abs(u.reshape(-1, PER_NODE)[:, :2]).max())
 
     def deformation(self, u: Any) -> float:
-        """Largest part of a displacement that no rigid motion explains, by numbers x + i y."""
+        """Largest part of a displacement that no rigid motion explains; nodes are numbers x + i
+        y."""
         u = self.arrays.get(u)
         v = u.reshape(self.node_rows, -1, PER_NODE)[..., :2] @ np.array([1.0, 1j])
         v, z = v - v.mean(), (self.x - self.x.mean()) + 1j * (self.y - self.y.mean())[:, None]
@@ -205,20 +180,12 @@ class BlockVectors(BlockLoads):
         return np.array([float(part.sum()) for part in parts])
 
 
-_CHUNK = 1 << 12  # cells whose dofs are gathered at a time: about what the cache holds
+_CHUNK = 1 << 12  # cells whose dofs are gathered at a time: they fit into the cache
 
 
 class CellStencil:
-    """``S @ u`` and |S| |u| for layers of equal cells; only element matrices are stored.
-
-    Parameters
-    ----------
-    columns : int
-    layers : list of CellRows
-        From the bottom up.
-    arrays : HostArrays
-        Where to compute; products are returned where the vectors lie.
-    """
+    """``S @ u`` and |S| |u| for layers of equal cells, bottom up, by their element matrices.
+    The products are computed where `arrays` lie, and returned where the vectors lie."""
 
     def __init__(self, columns: int, layers: list[CellRows], arrays: HostArrays) -> None:
         self.columns, self.layers, self.arrays = columns, layers, arrays
@@ -233,15 +200,7 @@ class CellStencil:
         self, u: Any, external: Any, size: Any, held: NDArray[np.int64], cell: float
     ) -> tuple[float, float]:
         """Largest component of ``S u + external`` and of ``|S| |u| + size`` at the free dofs.
-
-        Parameters
-        ----------
-        u, external, size : arrays, shape (ndofs,), on the host or the device
-        held : ndarray of int
-            Dofs that do not count.
-        cell : float
-            Length that derivatives are multiplied by, and their forces divided by.
-        """
+        Derivatives are multiplied by the length `cell`, and their forces divided by it."""
         xp = self.arrays.xp
         shape = (-1, self.columns + 1, PER_NODE)
         per_length = xp.asarray([1.0, 1.0] + [1.0 / cell] * 4)
@@ -255,11 +214,8 @@ class CellStencil:
         return largest[0], largest[1]
 
     def strips(self, step: int) -> Iterator[tuple[Array, tuple[Any, ...]]]:
-        """Element matrix of so many rows of cells at a time, and where their four corners are.
-
-        The places index the first two axes of an array of the nodes; corners are ordered as in
-        `CellRows`.
-        """
+        """Element matrix of up to `step` rows of cells at a time, and slices of their corners.
+        They index the first two axes of an array of the nodes, in the order of `CellRows`."""
         n, first = self.columns, 0
         left, right = slice(0, n), slice(1, n + 1)
         for layer in self.layers:

@@ -14,19 +14,8 @@ _AXES = "xyz"
 
 
 def read_sides(sides: Any, dim: int) -> Sides:
-    """What is fixed on both sides of each lateral direction; None where they are periodic.
-
-    Parameters
-    ----------
-    sides : str or sequence of str
-        "periodic", or the components that are fixed: the normal one alone (rollers) or all others.
-    dim : int
-
-    Raises
-    ------
-    InputError
-        Sides that transforms do not diagonalise.
-    """
+    """Components fixed on both sides of each lateral direction; None where they are periodic.
+    They are the normal one alone (rollers) or all others, which transforms diagonalise."""
     lateral = dim - 1
     given = [sides] * lateral if sides == "periodic" or lateral == 1 else sides
     if isinstance(given, tuple | list) and lateral == 1 and isinstance(given[0], tuple | list):
@@ -56,13 +45,7 @@ def read_sides(sides: Any, dim: int) -> Sides:
 
 def odd_unknowns(sides: Sides, kinds: NDArray[np.int64]) -> list[NDArray[np.bool_] | None]:
     """For each direction the unknowns of a node that are odd about its sides; None: periodic.
-
-    Parameters
-    ----------
-    sides : Sides
-    kinds : ndarray of int, shape (r,)
-        Of the unknowns of a node, by `dof_kinds`; components alternate.
-    """
+    The kinds (r,) of the unknowns are those of `dof_kinds`; components alternate."""
     component = np.arange(kinds.size) % (len(sides) + 1)
     return [
         None if fixed is None

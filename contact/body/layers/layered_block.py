@@ -67,13 +67,7 @@ def strip(block: Any, mesh: MeshQuad, cell: ElasticBody, intorder: int | None) -
 
 
 def prescribed_on_edges(block: Any) -> tuple[NDArray[np.int64], Array]:
-    """Dofs of a block with a prescribed displacement, ascending, and its values.
-
-    Raises
-    ------
-    InputError
-        Two prescriptions contradict each other.
-    """
+    """Dofs of a block with a prescribed displacement, ascending, and its values."""
     dofs, values = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for name in SIDES:
         own = [(c, value) for b, c, value in block._supports if b == name]
@@ -380,7 +374,8 @@ class LayeredBlock(BlockVectors):
         return other
 
     def in_unknowns(self, rows: sparse.csr_array) -> sparse.csr_array:
-        """Rows given on all dofs, of which they take those of the `trace`, on its unknowns."""
+        """Rows on all dofs, of which only those of the `trace` occur, on the unknowns of the
+        trace."""
         return sparse.csr_array(rows[:, : self.trace.ndofs] @ self.trace.constraint[0])
 
     def displacement(self, u: Array, points: Array) -> Array:
@@ -462,23 +457,18 @@ class LowestRow(ElasticBody):
 
 
 class Layered(Protocol):
-    """What is asked of a `LayeredBlock`; `cell_bodies` are bodies of one cell, one a layer."""
+    """What evaluation at points needs of a `LayeredBlock`."""
 
     width: float
     height: float
     columns: int
     layers: list[Layer]
-    cell_bodies: list[Any]
+    cell_bodies: list[Any]  # bodies of one cell, one a layer
 
 
 def located(block: Layered, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
-    """Layer of each point, and its place in units of that layer's cells, three of shape (npoints,).
-
-    Raises
-    ------
-    InputError
-        A point lies outside the block.
-    """
+    """Layer of each point, and its place in units of that layer's cells, three of shape
+    (npoints,)."""
     x, y = points
     width, height = block.width, block.height
     slack = 1e-12 * max(width, height)  # rounding of the coordinates

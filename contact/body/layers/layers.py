@@ -30,23 +30,14 @@ class Layer(NamedTuple):
 
 
 class CellRows(NamedTuple):
-    """A layer: ``height`` rows of cells with the same element matrix.
+    """A layer: ``height`` rows of cells with the same element matrix."""
 
-    ``stiffness`` has shape (24, 24), its nodes in the order bottom left, bottom right, top right,
-    top left.
-    """
-
-    stiffness: Array
+    stiffness: Array  # (24, 24); nodes bottom left, bottom right, top right, top left
     height: int
 
 
 def read_layers(layers: Any) -> list[Layer]:
-    """Check ``[(height, cells, E, nu), ...]``, from the bottom up.
-
-    Raises
-    ------
-    InputError
-    """
+    """Check ``[(height, cells, E, nu), ...]``, from the bottom up."""
     if not isinstance(layers, list | tuple) or not layers:
         raise InputError(f"layers={layers!r}: expected a list of (height, cells, E, nu)")
     found: list[Layer] = []
@@ -78,13 +69,7 @@ def refuse_rings(plane: Any, dim: int) -> None:
 
 
 def read_lengths(lengths: Any, layers: Sequence[Layer]) -> tuple[float, float]:
-    """Width and height; the height is the layers'.
-
-    Raises
-    ------
-    InputError
-        Not positive, or a height that is not the sum of the layers'.
-    """
+    """Width and height; a given height must be the sum of the layers'."""
     given = numbers("lengths", lengths)
     if given.shape not in ((), (1,), (2,)) or not np.all(np.isfinite(given)) or np.any(given <= 0):
         raise InputError(f"lengths={lengths!r}: expected a positive width, or width and height")
@@ -95,12 +80,7 @@ def read_lengths(lengths: Any, layers: Sequence[Layer]) -> tuple[float, float]:
 
 
 def read_columns(columns: Any, width: float, layer: Layer) -> int:
-    """Number of cells in a row; None makes the layer's cells as square as can be.
-
-    Raises
-    ------
-    InputError
-    """
+    """Number of cells in a row; None makes the layer's cells as square as can be."""
     if columns is None:
         return max(1, round(width * layer.cells / layer.height))
     count = _number("columns", columns)
@@ -110,13 +90,7 @@ def read_columns(columns: Any, width: float, layer: Layer) -> int:
 
 
 def each_side(sides: Any) -> tuple[Any, ...]:
-    """What the argument says of one side after the other, in any of its forms.
-
-    Raises
-    ------
-    InputError
-        Something that names no components.
-    """
+    """The entries for one side after the other, from any form of the argument `sides`."""
     given = tuple(sides) if isinstance(sides, list | tuple) else (sides,)
     for entry in given:
         numbered = isinstance(entry, list | tuple) and all(isinstance(c, int) for c in entry)
@@ -133,12 +107,7 @@ def checked_path(path: Any) -> None:
 
 
 def read_sides(sides: Any) -> tuple[Any, Any]:
-    """Components fixed on the left and on the right.
-
-    Raises
-    ------
-    InputError
-    """
+    """Components fixed on the left and on the right."""
     if sides is None or isinstance(sides, str):
         return sides, sides
     if not isinstance(sides, list | tuple) or len(sides) != 2:
@@ -166,10 +135,8 @@ def grid(x: Array, y: Array) -> MeshQuad:
 
 
 def named_by_place(mesh: Any, ends: dict[str, tuple[int, float]]) -> Any:
-    """A tensor mesh with names for its sides, each the axis and the place of its vertices.
-
-    Places are exactly those of the facets' middles, however flat a cell is.
-    """
+    """A tensor mesh with names for its sides, each the axis and the coordinate of its vertices.
+    The coordinates of the facets' middles are exactly these, however flat a cell is."""
     return mesh.with_boundaries(
         {name: lambda x, axis=axis, at=at: x[axis] == at for name, (axis, at) in ends.items()}
     )

@@ -22,31 +22,16 @@ from skfem_adini import ElementQuadAdini
 
 
 class MeshedBlock(ElasticBody):
-    """What `LayeredBlock` makes where it takes a mesh: an `ElasticBody` that knows its waves.
-
+    """The `ElasticBody` that `LayeredBlock` makes where it needs a mesh, with lateral transforms.
     Contact on its "bottom" is condensed by transforms where its sides allow it, else by a sparse
-    factorisation; everything else is as for any `ElasticBody`. Its boundaries are "bottom", "top",
-    "left", "right" and in space "front" (y = 0) and "back".
+    factorisation. In space "front" is y = 0 and "back" opposite."""
 
-    Attributes
-    ----------
-    widths : tuple of float
-        In the lateral directions.
-    cells : tuple of int
-        Cells in the lateral directions.
-    layers : list of Layer
-    sides, path
-        As given to `LayeredBlock`.
-    lateral : Sides or None
-        What transforms may diagonalise; None where the sides are of another kind.
-    """
-
-    widths: tuple[float, ...]
-    cells: tuple[int, ...]
+    widths: tuple[float, ...]  # in the lateral directions
+    cells: tuple[int, ...]  # cells in the lateral directions
     layers: list[Layer]
-    sides: Any
+    sides: Any  # as given to `LayeredBlock`, like path
     path: str | None
-    lateral: Sides | None
+    lateral: Sides | None  # what transforms may diagonalise, if anything
     _made_of: Any  # the material that the layers were given
 
     def __repr__(self) -> str:
@@ -55,12 +40,7 @@ class MeshedBlock(ElasticBody):
         return f"LayeredBlock({self.dim}-D, {size} cells, {self.f.size} unknowns of {name})"
 
     def elastic(self) -> ElasticBody:
-        """The same body without its waves: contact condenses it by a sparse factorisation.
-
-        Returns
-        -------
-        ElasticBody
-        """
+        """The same body without its transforms: contact condenses it by a sparse factorisation."""
         plain = ElasticBody.__new__(ElasticBody)
         own = set(MeshedBlock.__annotations__)
         plain.__dict__.update({k: v for k, v in vars(self).items() if k not in own})
@@ -80,19 +60,7 @@ def meshed_block(
     element: Any,
     path: str | None,
 ) -> MeshedBlock:
-    """The block; arguments as for `LayeredBlock`.
-
-    Examples
-    --------
-    In space, between periodic sides:
-
-    >>> from contact import ContactProblem, LayeredBlock
-    >>> layers = [(0.5, 2, 1.0, 0.3)]
-    >>> block = LayeredBlock((1.0, 1.0), layers, "periodic", "xy", cells=(4, 4))
-    >>> problem = ContactProblem(block.fix("top", "z", -0.01), "bottom", 0.0, 0.3)
-    >>> problem.condense().path
-    'fourier'
-    """
+    """The block with a mesh; arguments as for `LayeredBlock`."""
     if columns is not None and cells is not None:
         raise InputError(f"columns={columns!r}: cells={cells!r} says the same; leave it out")
     found = read_layers(layers)

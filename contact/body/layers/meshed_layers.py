@@ -20,17 +20,8 @@ SIDES = (("left", "right"), ("front", "back"))  # across x and across y
 def meshed(
     kind: Any, lengths: Sequence[float], shape: Sequence[int], layers: Sequence[Layer]
 ) -> tuple[Any, NDArray[np.int64]]:
-    """Tensor mesh with the boundaries "bottom", "top" and those of `SIDES`, and cells' layers.
-
-    Parameters
-    ----------
-    kind : type
-        MeshQuad or MeshHex.
-    lengths : sequence of float
-    shape : sequence of int
-        Cells in the lateral directions.
-    layers : sequence of Layer
-    """
+    """Tensor mesh with the boundaries "bottom", "top" and those of `SIDES`, and the layer of
+    each cell."""
     dim = len(lengths) + 1
     ticks = [np.linspace(0, length, n + 1) for length, n in zip(lengths, shape, strict=True)]
     levels = np.concatenate(

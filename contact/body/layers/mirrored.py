@@ -1,4 +1,4 @@
-"""A block without a mesh whose sides equal their mirror image: what that holds besides."""
+"""Blocks without a mesh between mirror images: the dofs that symmetry holds at their sides."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from contact.body.layers.layers import PER_NODE, grid
 from contact.errors import InputError
 from skfem_adini import ElementQuadAdini
 
-KINDS = np.array([-1, -1, 0, 0, 1, 1])  # of the unknowns of a node, by `dof_kinds`
+KINDS = np.array([-1, -1, 0, 0, 1, 1])  # `dof_kinds` of the unknowns of a node
 
 
 def odd_of(block: Any) -> NDArray[np.bool_]:

@@ -35,22 +35,9 @@ SLIVER = 1e-13  # part of the smaller facet below which a polygon is rounding
 def polygon_quadrature(
     first: FaceMaps, second: FaceMaps, outward: tuple[Array, Array], degree: int
 ) -> InterfaceQuadrature:
-    """Gauss points on all polygons of an interface in space.
-
-    Parameters
-    ----------
-    first, second : FaceMaps
-        Non-mortar and mortar side.
-    outward : pair of ndarray, shapes (3, nfacets)
-        Outward unit normals in the middle of the facets of either side.
-    degree : int
-        Of polynomials in the plane to be integrated exactly.
-
-    Raises
-    ------
-    InputError
-        No facet faces another one, or only such as have normals that point the same way.
-    """
+    """Gauss points on the common polygons of all facing pairs, exact up to a degree in the plane.
+    `outward` holds the unit normals in the middle of the facets of either side, (3, nfacets).
+    Raises InputError where no facet faces another one with an opposite normal."""
     planes = FacetPlanes.of(first, outward[0])
     facet, other = _pairs(planes, second, outward, 1.0)
     polygon, size = _common(planes, second, facet, other)
@@ -169,11 +156,8 @@ def _points(polygon: Array, size: Index, degree: int) -> tuple[Index, Array, Arr
 
 
 def _collapsed_rule(degree: int) -> tuple[Array, Array]:
-    """Positive points and weights on the reference triangle, exact to the last digit.
-
-    Those of a square whose one side is collapsed (A. H. Stroud, Approximate Calculation of Multiple
-    Integrals, Prentice-Hall 1971, section 2.4).
-    """
+    """Positive points and weights on the reference triangle: a Gauss rule of the square, collapsed.
+    A. H. Stroud, Approximate Calculation of Multiple Integrals, Prentice-Hall 1971, section 2.4."""
     count = degree // 2 + 1
     (u, wu), (v, wv) = (roots_jacobi(count, power, 0) for power in (1, 0))
     x, y = 0.5 * (1.0 + u)[:, None], 0.5 * (1.0 + v)
@@ -189,7 +173,7 @@ def middle_normals(maps: FaceMaps, at_corners: Array) -> Array:
     return np.asarray(n * np.sign(np.sum(n * at_corners.sum(axis=2), axis=0)))
 
 
-# Part of a facet that two polygons may have in common by rounding.
+# Part of the area of a facet that two polygons may have in common by rounding.
 OVERLAP = 1e-10
 
 
@@ -200,27 +184,9 @@ def nearest_polygons(
     area: Array,
     distance: Callable[[Index, Array], Array],
 ) -> tuple[Array, Index, Index]:
-    """Cut what is hidden by nearer polygons out of the polygons of each facet.
-
-    Which of two is nearer is decided in the middle of what they have in common.
-
-    Parameters
-    ----------
-    polygon, size
-        See `contact.rows.mortar.clipped_polygons`, with the interior on the left.
-    facet : ndarray of int, shape (n,)
-        The facet in whose plane each polygon lies.
-    area : ndarray, shape (nfacets,)
-    distance : callable (k, place) -> d
-        Distance of polygons k from the facet at places of shape (2, len(k)).
-
-    Returns
-    -------
-    polygon, size
-        The pieces that are left.
-    source : ndarray of int
-        The polygon that each is a piece of.
-    """
+    """Cut from the polygons of each facet, (n, k, 2), the parts that nearer polygons hide.
+    The nearer of two has the smaller `distance(k, place)` in the middle of their overlap.
+    Returns the remaining pieces, their numbers of corners, and the polygon each comes from."""
     source = np.arange(size.size)
     while True:
         own = facet[source]
@@ -260,9 +226,7 @@ def _neighbours(own: Index, crowded: NDArray[np.bool_]) -> tuple[Index, Index]:
     return member[one], member[one + ahead]
 
 
-# Convex polygons in the plane, many at once: cut by lines, cut out of each other, measured.
-#
-# Polygons are padded arrays of corners, shape (n, k, 2), with the number of corners of each, (n,).
+# Convex polygons in the plane: padded corners, (n, k, 2), and the number of corners of each, (n,).
 
 
 def anticlockwise(corners: Array) -> Array:
@@ -274,18 +238,7 @@ def anticlockwise(corners: Array) -> Array:
 
 def clipped(polygon: Array, size: Index, a: Array, b: Array) -> tuple[Array, Index]:
     """The part of each polygon on the left of the line from a to b, shapes (n, 2).
-
-    References
-    ----------
-    I. E. Sutherland and G. W. Hodgman, Reentrant polygon clipping, Comm. ACM 17 (1974).
-
-    Examples
-    --------
-    >>> square = np.array([[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]])
-    >>> left = clipped(square, np.array([4]), np.array([[0.25, 0.0]]), np.array([[0.25, 1.0]]))
-    >>> measured(*left)[0].tolist()
-    [0.25]
-    """
+    I. E. Sutherland and G. W. Hodgman, Reentrant polygon clipping, Comm. ACM 17 (1974)."""
     count, width = polygon.shape[:2]
     index = np.arange(width)
     real = index < size[:, None]
@@ -319,7 +272,7 @@ def edges(polygon: Array, size: Index, k: int) -> tuple[Array, Array]:
 
 
 def common(polygon: Array, size: Index, window: Array, sides: Index) -> tuple[Array, Index]:
-    """The part of each polygon inside a window, which is one too."""
+    """The part of each polygon inside a convex window, another padded polygon."""
     for k in range(window.shape[1]):
         polygon, size = clipped(polygon, size, *edges(window, sides, k))
     return polygon, size
@@ -327,9 +280,7 @@ def common(polygon: Array, size: Index, window: Array, sides: Index) -> tuple[Ar
 
 def outside(polygon: Array, size: Index, window: Array, sides: Index) -> list[tuple[Array, Index]]:
     """The part of each polygon outside a window, as convex pieces, one for every edge.
-
-    A piece is beyond its edge and within the edges before.
-    """
+    Piece k lies beyond edge k and within the edges before it."""
     pieces = []
     for k in range(window.shape[1]):
         a, b = edges(window, sides, k)
@@ -361,49 +312,27 @@ def padded(polygon: Array, width: int) -> Array:
     return np.pad(polygon, ((0, 0), (0, width - polygon.shape[1]), (0, 0)))
 
 
-# Mean planes of facets in space, in which facets are cut by those of the other side.
-#
-# The corners of a facet, projected onto its mean plane along the normal in its middle, span a
-# straight polygon; a place X of the reference facet has its image p(X) there by the (bi)linear map
-# of the corners. A facet of second order, or a warped one, is taken to the polygon by way of X, so
-# that all of it is covered, and two facets agree about the edge between them.
-#
-# A place y of the other side is taken to p(X) where the averaged normal n(X) from the facet meets
-# it,
-#
-# .. math:: x(X) + g \, n(X) = y,
-#
-# by fixed-point steps. Beyond the facet n and the height of x above the plane are those of the
-# nearest place of the facet. So every place has an image, also where normals diverge, and
-# neighbouring facets of the other side have neighbouring images, which neither overlap nor leave
-# gaps.
-
-
-# The error falls by gap over radius of curvature a step. Where that is large nothing is in contact.
+# Fixed-point steps; each reduces the error by gap over radius of curvature, small near contact.
 STEPS, SETTLED = 40, 1e-14
-# Least cosine between an averaged normal and that of the plane which is used as it is.
+# Least cosine between an averaged normal and that of the plane; smaller ones are raised to it.
 STEEP = 0.1
 
 
 @dataclass(frozen=True)
 class FacetPlanes:
-    """The mean planes of the facets of a boundary.
+    r"""Mean planes of the facets of a boundary, in which facets of the other side cut them.
+    The image p(X) of a place of the reference facet is the (bi)linear map of the projected corners;
+    a place y of the other side maps to p(X) where it lies on the averaged normal at X:
 
-    Attributes
-    ----------
-    maps : FaceMaps
-    origin : ndarray, shape (3, nfacets)
-        Means of the corners.
-    axes : ndarray, shape (3, 3, nfacets)
-        Orthonormal; the last is the outward normal.
-    polygon : ndarray, shape (2, nfacets, ncorners)
-        The corners in the plane, in ring order.
-    """
+    .. math:: x(X) + g \, n(X) = y .
+
+    Beyond the facet, n and the height of x are those of its nearest place, so that images of
+    neighbouring facets neither overlap nor leave gaps."""
 
     maps: FaceMaps
-    origin: Array
-    axes: Array
-    polygon: Array
+    origin: Array  # means of the corners, shape (3, nfacets)
+    axes: Array  # orthonormal, the last outward, shape (3, 3, nfacets)
+    polygon: Array  # corners in the plane, in ring order, shape (2, nfacets, ncorners)
 
     @classmethod
     def of(cls, maps: FaceMaps, outward: Array) -> FacetPlanes:
@@ -465,7 +394,7 @@ class FacetPlanes:
         return np.array([s, t])
 
     def image(self, facet: Index, y: Array) -> Array:
-        """Images of places y of the other side, along averaged normals, shape (2, n)."""
+        """Images of places y of the other side by fixed-point steps, shape (2, n)."""
         origin, axes = self.origin[:, facet], self.axes[:, :, facet]
         off = np.einsum("dan,dn->an", axes, y - origin)
         size = np.sqrt(self.area()[facet])

@@ -1,19 +1,11 @@
-r"""Contact rows of an interface where the bodies are, not where they were.
+r"""Contact rows of an interface at the displaced places of the bodies.
 
-The segments are those of the displaced facets. At their integration points the condition of no
-penetration,
+The segments are those of the displaced facets. With the reference places X and Y that face each
+other there, the condition of no penetration is linear in the displacement of the elements:
 
-.. math:: n \cdot \big(Y + u_m(Y) - X - u_s(X)\big) \ge 0,
+.. math:: n \cdot \big(Y + u_m(Y) - X - u_s(X)\big) \ge 0, \quad G u \le P (n \cdot (Y - X)) .
 
-is linear in the displacement once the reference places X and Y that face each other are known:
-:math:`G u \le P (n \cdot (Y - X))`. The displacement is that of the element, so that points of a
-facet which its displaced nodes do not describe have no error either.
-
-References
-----------
-P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapter 4; M. A. Puso and T.
-A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).
-"""
+P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapter 4."""
 
 from __future__ import annotations
 
@@ -36,24 +28,9 @@ Array = NDArray[np.float64]
 
 
 def displaced_rows(interface: Interface | SolidInterface, u: Array, v: Array) -> MortarRows:
-    """Rows at the places x + u of both bodies; their gap is that between the reference places.
-
-    Parameters
-    ----------
-    interface : Interface or SolidInterface
-    u, v : ndarray, shape (ndofs,)
-        Displacements of the first and of the second body.
-
-    Returns
-    -------
-    MortarRows
-        The gap between the displaced bodies is ``rows.gap - (rows.G @ u + other_G @ v)``.
-
-    Raises
-    ------
-    InputError
-        No facet faces another one any longer.
-    """
+    """Rows at the places x + u and y + v of the two bodies, with the gap between reference places.
+    The gap of the displaced bodies is ``rows.gap - (rows.G @ u + other_G @ v)``.
+    Raises InputError where no facet faces another one any longer."""
     outlines = interface.first, interface.second
     if isinstance(interface, SolidInterface):
         one, two = outlines

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _STEPS, _SETTLED = 30, 1e-14
-# Part of a facet, and of a unit normal, that is rounding.
+# Rounding of places, relative to the facet, and of unit normals.
 AFFINE = 1e-11
 # Nodes of a facet of second order with 3 and with 4 corners.
 _SECOND = {3: 6, 4: 9}
@@ -35,30 +35,14 @@ _GRIDS = {(order + 1) ** 2: (order, _grid(order)) for order in (1, 2, 3)}
 
 @dataclass(frozen=True)
 class FaceMaps:
-    """The facets of a boundary in space, by Lagrange polynomials of their nodes.
+    """Facets of a boundary in space, by the Lagrange polynomials of their nodes."""
 
-    Attributes
-    ----------
-    nodes : ndarray, shape (3, nfacets, k)
-        Corners in ring order first; then, of facets of second order, the middles of the edges and
-        of quadrilaterals; then, of displaced ones of third order, the others.
-    normals : ndarray, shape (3, nfacets, ncorners)
-        Averaged unit normals at the corners, see `contact.rows.outline.Outline.averaged`.
-    """
-
-    nodes: Array
-    normals: Array
+    nodes: Array  # corners in ring order, middles of edges, the others; (3, nfacets, k)
+    normals: Array  # averaged unit normals at the corners, shape (3, nfacets, ncorners)
 
     @classmethod
     def of(cls, outline: Outline, moved: Array | None = None) -> FaceMaps:
-        """The facets of an outline.
-
-        Parameters
-        ----------
-        outline : Outline
-        moved : ndarray, shape (3, nfacets, k), optional
-            Displacement of the nodes, see `moving_nodes`.
-        """
+        """Facets of an outline, at rest or with `moving_nodes` displaced by (3, nfacets, k)."""
         corners = outline.corners.shape[1]
         X = reference_nodes(outline) if moved is None else moving_nodes(outline)
         nodes = np.asarray(outline.body.basis.mapping.G(X, find=outline.facets))
@@ -123,15 +107,8 @@ class FaceMaps:
         return np.asarray(n / np.linalg.norm(n, axis=0))
 
     def met(self, facet: Index, x: Array, direction: Array) -> Array:
-        """Where lines through places x meet facets: reference coordinates, shape (2, n).
-
-        They may lie outside the reference facet. Newton's method, certified by its residual.
-
-        Raises
-        ------
-        InputError
-            A facet is so distorted that a line has no crossing.
-        """
+        """Reference coordinates, (2, n), where lines through places x meet facets or beyond them.
+        Newton's method; raises InputError where a distorted facet has no crossing with its line."""
         X = np.full((2, facet.size), 1.0 / 3.0 if self.corners == 3 else 0.5)
         size = np.ptp(self.nodes[:, facet, : self.corners], axis=2).max(axis=0)
         least = _SETTLED + 4.0 * np.spacing(np.abs(x).max(initial=0.0)) / size.min(initial=np.inf)
@@ -180,17 +157,8 @@ def _lagrange_nodes(count: int) -> Array:
 
 
 def shapes(X: Array, nodes: int) -> tuple[Array, Array]:
-    """Lagrange polynomials of a facet of 3, 4, 6, 9 or 16 nodes and their derivatives.
-
-    Parameters
-    ----------
-    X : ndarray, shape (2, n)
-    nodes : int
-
-    Returns
-    -------
-    values, derivatives : ndarray, shapes (nodes, n) and (nodes, 2, n)
-    """
+    """Lagrange polynomials of facets of 3, 4, 6, 9 or 16 nodes at X (2, n), and derivatives.
+    Shapes (nodes, n) and (nodes, 2, n)."""
     x, y = X
     one, zero = np.ones_like(x), np.zeros_like(x)
     if nodes in (3, 6):

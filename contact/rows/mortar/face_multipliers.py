@@ -1,12 +1,10 @@
 r"""Multiplier functions of an interface in space.
 
 As in the plane (`contact.rows.mortar.multipliers`) they belong to positive functions N_k that sum
-to one: hats of the vertices for linear and bilinear traces, for the Adini brick, whose trace has
-three numbers a vertex, and on curved facets; else the Bernstein polynomials of second order, whose
-integrals are positive where those of Lagrange polynomials are not. Dual functions are
-:math:`\psi = D_e M_e^{-1} N` over the covered part of a facet. Where that part is so small that
-M_e has lost its digits the N_k themselves take their place: they sum to one as well.
-"""
+to one: hats of the vertices on curved facets, for linear and bilinear traces and for the Adini
+brick; else Bernstein polynomials of second order, whose integrals are positive where those of
+Lagrange polynomials are not. Dual functions are :math:`\psi = D_e M_e^{-1} N` over the covered part
+of a facet, or N_k itself where that part is so small that M_e is singular by rounding."""
 
 from __future__ import annotations
 
@@ -25,31 +23,18 @@ from contact.rows.outline import Outline, hats
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_SINGULAR = 1e-4  # least ratio of singular values of functions of unit size on a covered part
+_SINGULAR = 1e-4  # least ratio of singular values of scaled functions on a covered part
 
 
 @dataclass(frozen=True)
 class FaceBasis:
-    """The positive functions N_k of a boundary in space.
-
-    Attributes
-    ----------
-    outline : Outline
-    form : FacetFunctional
-        Whose polynomials span the functions of a facet.
-    hat : bool
-        Hats of the vertices, whatever the element.
-    number : ndarray of int, shape (nfacets, nvalues)
-        Contact point of each function of a facet, -1 for none.
-    size : int
-        Number of contact points, covered or not.
-    """
+    """The positive functions N_k of a boundary in space."""
 
     outline: Outline
-    form: FacetFunctional
-    hat: bool
-    number: Index
-    size: int
+    form: FacetFunctional  # its polynomials span the functions of a facet
+    hat: bool  # hats of the vertices, whatever the element
+    number: Index  # contact point of each function, -1 for none; shape (nfacets, nvalues)
+    size: int  # number of contact points, covered or not
 
     @classmethod
     def of(cls, outline: Outline, form: FacetFunctional, hat: bool) -> FaceBasis:
@@ -81,10 +66,8 @@ class FaceBasis:
 
 
 def _bernstein(nominal: Array, X: Array) -> Array:
-    """Bernstein polynomials of second order with given places, 6 or 9 of them, shape (k, n).
-
-    As products, so that those that are small on a narrow part keep their digits.
-    """
+    """Bernstein polynomials of second order with given nominal places, shape (6 or 9, n).
+    Formed as products, so that small values on a narrow part keep their digits."""
     i, j = np.rint(2 * nominal).astype(np.int64)
     x, y = X
     if i.size == 9:
@@ -97,14 +80,7 @@ def _bernstein(nominal: Array, X: Array) -> Array:
 
 
 def face_multipliers(basis: FaceBasis, quadrature: InterfaceQuadrature, dual: bool) -> Multipliers:
-    """Evaluate the functions at the integration points; uncovered contact points have none.
-
-    Parameters
-    ----------
-    basis : FaceBasis
-    quadrature : InterfaceQuadrature
-    dual : bool
-    """
+    """Evaluate the functions at the integration points; uncovered contact points have none."""
     facet, w = quadrature.facet, quadrature.w
     N = basis.values(facet, quadrature.X)
     number = basis.number[facet]
@@ -128,11 +104,8 @@ def face_multipliers(basis: FaceBasis, quadrature: InterfaceQuadrature, dual: bo
 
 
 def _dual(facet: Index, w: Array, N: Array, used: NDArray[np.bool_]) -> Array:
-    """Dual functions at all points, shape (n, nvalues).
-
-    ``M_e = R^T R`` is not formed: ``sqrt(w) N = Q R``, so that half of the digits that a condition
-    of M_e costs are kept.
-    """
+    """Dual functions at all points, shape (n, nvalues), by ``sqrt(w) N = Q R`` on each facet.
+    M_e = R^T R is not formed, which would square its condition."""
     order = np.argsort(facet, kind="stable")
     _, start, count = np.unique(facet[order], return_index=True, return_counts=True)
     place = np.arange(facet.size) - np.repeat(start, count)

@@ -12,45 +12,23 @@ from contact.rows.outline import Outline
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Distance of a facet's middle from its chord, over the length of the chord, that is rounding; and
-# rounding of a place, over its coordinates.
+# Rounding of the distance of a middle from its chord, over the chord; of places, over coordinates.
 STRAIGHT, ROUNDING = 1e-12, 16 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
 class FacetCurves:
-    """The facets of a boundary, parametrised by the coordinate s in [0, 1] of the reference facet.
+    """Facets of a boundary as curves ``(1 - s) a + s b + s (1 - s) c`` of s in [0, 1]."""
 
-    A facet is ``(1 - s) a + s b + s (1 - s) c`` with its ends a and b; c is zero on straight ones.
-
-    Attributes
-    ----------
-    ends : ndarray, shape (2, nfacets, 2)
-        Places of a and b.
-    bulge : ndarray, shape (2, nfacets)
-        The vectors c.
-    sign : ndarray, shape (nfacets,)
-        1 where the outward normal is the tangent turned by -90 degrees, else -1.
-    normals : ndarray, shape (2, nfacets, 2)
-        Averaged unit normals at the ends, see `contact.rows.outline.Outline.averaged`.
-    """
-
-    ends: Array
-    bulge: Array
-    sign: Array
-    normals: Array
+    ends: Array  # places a and b, shape (2, nfacets, 2)
+    bulge: Array  # vectors c, zero on straight facets, shape (2, nfacets)
+    sign: Array  # 1 where the outward normal is the tangent turned by -90 degrees, else -1
+    normals: Array  # averaged unit normals at the ends, shape (2, nfacets, 2)
 
     @classmethod
     def of(cls, outline: Outline, nodes: Array | None = None) -> FacetCurves:
-        """The facets of an outline.
-
-        Parameters
-        ----------
-        outline : Outline
-        nodes : ndarray, shape (2, nfacets, 2 or 3), optional
-            Places of the ends, and of the middle in between where facets are of second order. Those
-            of the mesh if not given.
-        """
+        """Facets of an outline with their nodes at given places, else at those of the mesh.
+        Nodes, shape (2, nfacets, 2 or 3): the ends, and the middle between them on second order."""
         at_rest = facet_nodes(outline)
         nodes = at_rest if nodes is None else nodes
         ends, at_ends = nodes[:, :, [0, -1]], outline.at_corners

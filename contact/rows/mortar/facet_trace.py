@@ -14,19 +14,9 @@ Index = NDArray[np.int64]
 
 
 def facet_trace(outline: Outline, facet: Index, X: Array) -> sparse.csr_array:
-    """Trace of all scalar functions, shape (n, scalar dofs).
-
-    Functions that are not connected to the facet vanish there and are left out, so that no rounding
-    of theirs remains.
-
-    Parameters
-    ----------
-    outline : Outline
-    facet : ndarray of int, shape (n,)
-        Position in ``outline.facets`` of the facet of each place.
-    X : ndarray, shape (dim - 1, n)
-        Coordinates on the reference facet.
-    """
+    """Trace of all scalar functions at X (dim - 1, n) on reference facets, (n, scalar dofs).
+    `facet` counts positions in ``outline.facets``. Functions not connected to the facet vanish
+    there and are left out, so that no rounding of theirs remains."""
     body, mesh = outline.body, outline.body.mesh
     corners = np.hstack((np.zeros((len(X), 1)), np.eye(len(X))))
     first, *ends = np.moveaxis(places_on_facets(mesh, outline.facets, corners), 2, 0)

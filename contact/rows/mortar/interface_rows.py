@@ -7,12 +7,9 @@ of the scalar elements on either side, :math:`\Phi_s` and :math:`\Phi_m`,
     P = \mathrm{diag}(1 / w_k) \, \Psi^T \mathrm{diag}(w_q), \qquad
     G = P \, [n \cdot \Phi_s, \; -n \cdot \Phi_m], \qquad g = P \, ((y - x) \cdot n),
 
-and T likewise with the tangents at the points. A multiplier :math:`\mu_k` is a force; it acts on
-both bodies along one line, from x to y, so that forces and, without friction, moments of the two
-bodies cancel to the last digit, whatever the gap (M. A. Puso and T. A. Laursen, A mortar segment-
-to-segment contact method for large deformation solid mechanics, Comput. Methods Appl. Mech. Engrg.
-193, 2004).
-"""
+and T likewise with the tangents. A multiplier is a force on both bodies along the line from x to y,
+so that forces and, without friction, moments balance to rounding whatever the gap (M. A. Puso and
+T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193, 2004)."""
 
 from __future__ import annotations
 
@@ -40,59 +37,33 @@ from contact.rows.outline import Outline
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Entries of a row that are rounding, over the length of the dof; and what counts as held.
+# Relative: entries of a row that are rounding, over the length of the dof; norm of a held row.
 ROUNDING, HELD = 1e-14, 1e-9
 
 
 @dataclass(frozen=True)
 class MortarRows:
-    """Contact rows of the interface of two bodies.
+    """Contact rows of the interface of two bodies with displacements u and v.
+    ``rows.G @ u + other_G @ v`` is the normal displacement of the first relative to the second,
+    along the outward normal of the first."""
 
-    ``rows.G @ u + other_G @ v`` is the normal displacement of the first body, u, relative to that
-    of the second, v, along the outward normal of the first.
-
-    Attributes
-    ----------
-    rows : ContactRows
-        G and T with the columns of the first body; the gap, weights, places and frames.
-    other_G, other_T : csr_array
-        Rows as those of G and T, with the columns of the second body.
-    P : csr_array, shape (m, n)
-        Means over the interface: of values at its integration points, one for each contact point.
-    quadrature : InterfaceQuadrature
-        The integration points.
-    """
-
-    rows: ContactRows
+    rows: ContactRows  # G and T with the columns of the first body; gap, weights, frames
     other_G: sparse.csr_array  # noqa: N815
     other_T: sparse.csr_array  # noqa: N815
-    P: sparse.csr_array
+    P: sparse.csr_array  # means of values at the integration points, shape (m, n)
     quadrature: InterfaceQuadrature
 
 
 @dataclass(frozen=True)
 class InterfaceRows:
-    """What the rows of an interface are made of.
+    """Integration points, multipliers and traces that the rows of an interface are built from."""
 
-    Attributes
-    ----------
-    first, second : Outline
-        Non-mortar and mortar side.
-    quadrature : InterfaceQuadrature
-    functions : Multipliers
-    own : csr_array, shape (m, scalar dofs of the first body)
-        Its trace at the contact points.
-    at_place : ndarray of bool, shape (m,)
-        The contact points that count as held where the body is held at their place; the others
-        where the mean over the interface is.
-    """
-
-    first: Outline
-    second: Outline
+    first: Outline  # non-mortar side
+    second: Outline  # mortar side
     quadrature: InterfaceQuadrature
     functions: Multipliers
-    own: sparse.csr_array
-    at_place: NDArray[np.bool_]
+    own: sparse.csr_array  # trace of the first body at the contact points, (m, scalar dofs)
+    at_place: NDArray[np.bool_]  # held as their place is, not as their mean, shape (m,)
 
     def means(self) -> sparse.csr_array:
         """The matrix P, shape (m, n)."""
@@ -100,13 +71,8 @@ class InterfaceRows:
         return sparse.csr_array(sparse.diags_array(1.0 / self.functions.weights) @ psi.T @ w)
 
     def normals(self) -> Array:
-        """Unit normals of the contact points, shape (dim, m).
-
-        Raises
-        ------
-        InputError
-            Facets with opposite normals share a contact point.
-        """
+        """Unit normals of the contact points, (dim, m).
+        Raises InputError where facets with opposite normals share a contact point."""
         mean = (self.functions.N.T @ (self.quadrature.w * self.quadrature.n).T).T
         length = np.linalg.norm(mean, axis=0)
         if np.any(length < 1e-9 * self.functions.weights):  # unit vectors that cancel
@@ -114,17 +80,9 @@ class InterfaceRows:
         return np.asarray(mean / length)
 
     def assemble(self, x_nominal: Array, partner: sparse.csr_array, name: str) -> MortarRows:
-        """Build the rows; their gap is the measured one.
-
-        Parameters
-        ----------
-        x_nominal : ndarray, shape (dim, m)
-        partner : csr_array, shape (m, scalar dofs of the second body)
-            Its trace opposite the contact points, by which it is decided whether both bodies are
-            held there.
-        name : str
-            Name of the functional.
-        """
+        """Build the rows with the measured gap; `name` is that of the functional.
+        `partner`, (m, scalar dofs of the second body), is its trace opposite the contact points,
+        which tells with the own trace where supports hold both bodies."""
         quadrature, P = self.quadrature, self.means()
         here = facet_trace(self.first, quadrature.facet, quadrature.X)
         there = facet_trace(self.second, quadrature.other, quadrature.Y)
@@ -155,12 +113,9 @@ class InterfaceRows:
         return MortarRows(rows, G[1], other, P, quadrature)
 
     def _recognised(self, P: sparse.csr_array, here: sparse.csr_array) -> sparse.csr_array:
-        """Rows of the first body's trace by which supports are recognised.
-
-        A point on a plane of symmetry counts as held where its place is: its mean over the half of
-        the interface that is modelled may have a displacement normal to the plane, see
-        `contact.rows.trace_rows.TraceRows.supported`.
-        """
+        """Rows of the first body's trace by which supports are recognised, shape (m, scalar dofs).
+        On a plane of symmetry the mean over the modelled half may move across it: the place
+        decides, see `contact.rows.trace_rows.TraceRows.supported`."""
         place, mean = (
             sparse.diags_array(part.astype(float)) for part in (self.at_place, ~self.at_place)
         )
@@ -175,21 +130,9 @@ class InterfaceRows:
         vectors: Array,
         traces: tuple[sparse.csr_array, sparse.csr_array],
     ) -> tuple[sparse.csr_array, sparse.csr_array]:
-        """Rows of one direction for both bodies.
-
-        Where supports hold both bodies in this direction, as on a plane of symmetry, the mean over
-        the half of the interface that is modelled is not zero, but that over both halves is: the
-        row is that of its place alone, which the supports fix.
-
-        Parameters
-        ----------
-        P, own, partner : csr_array
-        straight : ndarray, shape (dim, m)
-            The direction at each contact point.
-        vectors : ndarray, shape (dim, nnz)
-            The direction at the integration points, for each entry of P.
-        traces : pair of csr_array
-        """
+        """Rows of both bodies in one direction, `straight` (dim, m), `vectors` (dim, nnz of P).
+        Where supports hold both bodies in this direction, as on a plane of symmetry, the row is
+        that of the place alone: the mean over the modelled half would not vanish."""
         alone = [directed(own, straight), -directed(partner, straight)]
         bodies = self.first.body, self.second.body
         held = np.ones(P.shape[0], dtype=bool)

@@ -27,7 +27,7 @@ Index = NDArray[np.int64]
 Clearance = float | ArrayLike | Callable[[Array], ArrayLike]
 
 FUNCTIONALS = ("dual", "standard", "hat")
-# Degrees that Gauss rules integrate besides those of the trace where normals vary.
+# Degrees added to those of the Gauss rules where normals vary along facets.
 CURVED = 4
 
 
@@ -40,49 +40,9 @@ def mortar_rows(
     clearance: Clearance | None = None,
     tied: bool = False,
 ) -> MortarRows:
-    """Discretise the interface of two bodies.
-
-    Parameters
-    ----------
-    first : ElasticBody
-        The body that carries the multipliers: the non-mortar side.
-    facets : ndarray of int
-        Facets of its contact boundary.
-    second : ElasticBody
-        The body opposite; it may be the first one, whose facets it then must not share.
-    others : ndarray of int
-        Facets of its surface.
-    functional : {None, "dual", "standard", "hat"}
-        See `contact.rows.mortar.multipliers`; None is "dual".
-    clearance : number, callable x -> gap, or ndarray of shape (m,), optional
-        Gap at places x of shape (2, n) on the first body, or at the contact points, in the place of
-        the one between the two meshes.
-    tied : bool
-        Lower the degree of the multipliers at held ends, see
-        `contact.rows.mortar.positive_basis`.
-
-    Raises
-    ------
-    InputError
-        Facets that no facet of the second body faces, or of which it shares one; normals that point
-        the same way; an unknown functional; a clearance that is not finite or has a wrong shape.
-
-    Examples
-    --------
-    >>> from skfem import ElementQuad1, MeshQuad
-    >>> upper, lower = (
-    ...     ElasticBody.from_mesh(
-    ...         MeshQuad.init_tensor(np.linspace(0, 1, n + 1), [y, y + 1.0]).with_defaults(),
-    ...         ElementQuad1(),
-    ...         E=1.0,
-    ...         nu=0.3,
-    ...     )
-    ...     for n, y in ((3, 0.5), (5, -1.0))
-    ... )
-    >>> interface = mortar_rows(upper, upper.facets("bottom"), lower, lower.facets("top"))
-    >>> interface.rows.gap.round(12).tolist(), interface.rows.weights.round(3).tolist()
-    ([0.5, 0.5, 0.5, 0.5], [0.167, 0.333, 0.333, 0.167])
-    """
+    """Discretise the interface of two bodies; the first is the non-mortar side.
+    The second may be the first body with other facets. `clearance`, on x (2, n) or at the contact
+    points, replaces the measured gap; `tied` lowers the degree at held ends (`positive_basis`)."""
     interface = interface_of(first, facets, second, others, functional, tied)
     found = interface.rows()
     return found if clearance is None else with_clearance(found, clearance)
@@ -110,23 +70,13 @@ def with_clearance(found: MortarRows, clearance: Clearance) -> MortarRows:
 
 @dataclass(frozen=True)
 class Interface:
-    """Two boundaries and the multipliers between them, whatever the present places.
+    """Two boundaries in the plane and the multipliers between them, at any displacement."""
 
-    Attributes
-    ----------
-    first, second : Outline
-        Non-mortar and mortar side.
-    functional : {"dual", "standard", "hat"}
-    basis : PositiveBasis
-    degree : int
-        Sum of the degrees of multipliers, displacement and gap.
-    """
-
-    first: Outline
-    second: Outline
-    functional: str
+    first: Outline  # non-mortar side
+    second: Outline  # mortar side
+    functional: str  # a name of FUNCTIONALS
     basis: PositiveBasis
-    degree: int
+    degree: int  # sum of the degrees of multipliers, displacement and gap
 
     @classmethod
     def of(
@@ -147,13 +97,7 @@ class Interface:
         return cls(*outlines, name, basis, p + max(p, len(theirs.C) - 1) + 1)
 
     def rows(self, curves: tuple[FacetCurves, FacetCurves] | None = None) -> MortarRows:
-        """Rows at the present places of both boundaries; the gap is the measured one.
-
-        Parameters
-        ----------
-        curves : pair of FacetCurves, optional
-            The facets where the bodies have moved to. Those of the meshes if not given.
-        """
+        """Rows with the measured gap, of the displaced facets `curves` or those of the meshes."""
         one, two = curves or (FacetCurves.of(self.first), FacetCurves.of(self.second))
         more = CURVED if one.curved or two.curved else 0
         quadrature = interface_quadrature(one, two, self.degree + more)
@@ -199,7 +143,7 @@ class Interface:
 def checked_functional(
     first: ElasticBody, facets: Index, second: ElasticBody, others: Index, functional: str | None
 ) -> str:
-    """The name of the functional, after a look at the other arguments of `mortar_rows`."""
+    """The name of the functional; raises InputError for bad arguments of `mortar_rows`."""
     name = "dual" if functional is None else functional
     if name not in FUNCTIONALS:
         raise InputError(

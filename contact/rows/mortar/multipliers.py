@@ -8,24 +8,17 @@ r"""Multiplier functions psi_k of an interface, at its integration points.
 ``"hat"``       dual to the hats of the vertices, whatever the element
 ==============  ===================================================================================
 
-All of them sum to one, so that a uniform pressure is among them and patch tests are passed; and
-:math:`w_k = \int \psi_k = \int N_k` is positive. Dual functions belong to contact, because each
-condition contains one coefficient of the non-mortar side only; standard ones to ties.
+All of them sum to one, so that patch tests are passed, and :math:`w_k = \int \psi_k = \int N_k` is
+positive. Dual functions serve contact: each condition then contains one coefficient of the
+non-mortar side only. Standard ones serve ties.
 
-If a narrow part of a facet is covered, M_e is nearly singular: on an interval of relative length h
-its condition is of the order of :math:`h^{-2p}`. It is never formed. With the polynomials b of the
-covered interval itself, :math:`N = A b`, the dual functions are
-:math:`D_e A^{-T} (\int b b^T)^{-1} b`, where A is known in closed form with all its digits (the
-polar form of Bernstein polynomials: G. Farin, Curves and Surfaces for CAGD, 5th ed., Morgan
-Kaufmann 2002, chapter 4), and the matrix that remains is that of a whole facet.
+The condition of M_e grows as :math:`h^{-2p}` where an interval of relative length h is covered, so
+M_e is never formed. With the polynomials b of the covered interval, :math:`N = A b`, the dual
+functions are :math:`D_e A^{-T} (\int b b^T)^{-1} b`, where A has the closed form of
+`_of_whole_facet` and the matrix that remains is that of a whole facet.
 
-References
-----------
-B. I. Wohlmuth, A mortar finite element method using dual spaces for the Lagrange multiplier, SIAM
-J. Numer. Anal. 38 (2000); A. Popp, B. I. Wohlmuth, M. W. Gee and W. A. Wall, Dual quadratic mortar
-finite element methods for 3D finite deformation contact, SIAM J. Sci. Comput. 34 (2012), for
-positive functions and covered parts.
-"""
+B. I. Wohlmuth, SIAM J. Numer. Anal. 38 (2000); A. Popp, B. I. Wohlmuth, M. W. Gee and W. A. Wall,
+SIAM J. Sci. Comput. 34 (2012), for positive functions and covered parts."""
 
 from __future__ import annotations
 
@@ -42,29 +35,18 @@ from contact.rows.mortar.positive_basis import SLOTS, PositiveBasis, bernstein
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# A contact point whose weight is a smaller part of the largest weight joins a neighbour: its force
-# divided by its weight would be a pressure of three digits or fewer.
+# Relative to the largest weight; with a smaller one the pressure would have three digits or fewer.
 LEAST_WEIGHT = 1e-6
 
 
 @dataclass(frozen=True)
 class Multipliers:
-    """Multiplier functions of the covered contact points, at the integration points.
+    """Multiplier functions of the covered contact points, at the integration points."""
 
-    Attributes
-    ----------
-    psi, N : csr_array, shape (n, m)
-        The multiplier functions and the positive functions they belong to.
-    weights : ndarray, shape (m,)
-        Integrals of either.
-    point : ndarray of int, shape (m,)
-        Number of each contact point in the `PositiveBasis`.
-    """
-
-    psi: sparse.csr_array
-    N: sparse.csr_array
-    weights: Array
-    point: Index
+    psi: sparse.csr_array  # multiplier functions, shape (n, m)
+    N: sparse.csr_array  # positive functions that they belong to, shape (n, m)
+    weights: Array  # integrals of either, shape (m,)
+    point: Index  # number of each contact point in the `PositiveBasis`, shape (m,)
 
     @classmethod
     def of(
@@ -75,16 +57,8 @@ class Multipliers:
         lengths: Array | None = None,
     ) -> Multipliers:
         """Evaluate the functions; contact points that are not covered have none.
-
-        Parameters
-        ----------
-        basis : PositiveBasis
-        quadrature : InterfaceQuadrature
-        dual : bool
-        lengths : ndarray, shape (n,), optional
-            Weights by which it is decided whether a point joins a neighbour, if not those of the
-            quadrature: near the axis of a ring areas are small however long a facet is.
-        """
+        `lengths`, (n,), replace the weights of the quadrature in deciding which points join a
+        neighbour: near the axis of a ring areas are small however long a facet is."""
         facet, s, w = quadrature.facet, quadrature.X[0], quadrature.w
         shape = facet.size, SLOTS
         N, psi, number = np.zeros(shape), np.zeros(shape), basis.number[facet]
@@ -135,10 +109,8 @@ def _sums(at: Index, v: Array, count: int) -> Array:
 
 def _of_whole_facet(degree: int, low: Array, high: Array) -> Array:
     """Bernstein polynomials of intervals [low, high] in those of [0, 1], (n, p + 1, p + 1).
-
-    The coefficient (i, j) is the polar form of the polynomial i of the interval at p - j zeros and
-    j ones.
-    """
+    Entry (i, j): polar form of polynomial i of the interval at p - j zeros and j ones
+    (G. Farin, Curves and Surfaces for CAGD, 5th ed., Morgan Kaufmann 2002, chapter 4)."""
     zero, one = -low / (high - low), (1.0 - low) / (high - low)
     entry = np.zeros((low.size, degree + 1, degree + 1))
     for i in range(degree + 1):
@@ -157,9 +129,7 @@ def _of_whole_facet(degree: int, low: Array, high: Array) -> Array:
 
 def joined_points(number: Index, weights: Array) -> tuple[Index, Index]:
     """New number of every contact point, -1 if not covered, and the points that are kept.
-
-    A point whose weight is too small becomes the one of largest weight on a facet of its own.
-    """
+    A point of too small a weight joins the one of largest weight on a facet of its own."""
     # Strictly growing along every step, so that no two points can become each other.
     rank = np.empty(weights.size, dtype=np.int64)
     rank[np.argsort(weights, kind="stable")] = np.arange(weights.size)

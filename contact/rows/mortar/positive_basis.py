@@ -1,30 +1,22 @@
-r"""Positive bases N_k of the trace on a boundary in the plane, and what they share at vertices.
+r"""Positive bases N_k of the trace on a boundary in the plane.
 
-On a facet of degree p the trace is spanned by the Bernstein polynomials of its coordinate,
+On a facet of degree p they are the Bernstein polynomials of its coordinate s,
 
-.. math:: b_i(s) = \binom p i s^i (1 - s)^{p - i}, \qquad i = 0, ..., p,
+.. math:: b_i(s) = \binom p i s^i (1 - s)^{p - i}, \qquad i = 0, ..., p .
 
-which are not negative and sum to one. Facets that meet at a vertex share its coefficient. Between
-two facets f and g on a straight line the trace of Adini and BFS is C1 in arc length, so that the
-coefficient at the vertex is none of its own but
+Facets that meet at a vertex share its coefficient. Between two facets f and g on a straight line
+the trace of Adini and BFS is C1 in arc length, so that this coefficient is the mean
 
 .. math:: c_v = \frac{p_f l_g c_f + p_g l_f c_g}{p_f l_g + p_g l_f}
 
-of its two neighbours; with one degree for both facets these are the means of
-`contact.rows.shares`. Then a facet f has, in the place of its polynomial at the vertex,
-:math:`b_v` times the share of :math:`c_f`, added to the polynomial of :math:`c_f`, and
-:math:`b_v` times the share of :math:`c_g`, which belongs to a contact point of the facet g.
+of its two neighbours: facet f has the share of :math:`c_f` in :math:`b_v` added to the polynomial
+of :math:`c_f`, and the share of :math:`c_g` as a function of a contact point of facet g. Facets
+that approximate a curve have degree one, see `contact.rows.shares`.
 
-Facets that approximate a curve have degree one, for the reason given in `contact.rows.shares`.
-
-A tie has as many multipliers as the displacement has freedom. Where a support holds the end of the
-non-mortar boundary, the degree is one less on the last facet: a constant next to hats, a linear
-function next to quadratic ones, a quadratic one next to cubic ones. In the coefficients of the full
-degree this reads :math:`c_0 = c_1`, :math:`c_0 = 2 c_1 - c_2`, :math:`c_0 = 3 c_1 - 3 c_2 + c_3`
-(C. Bernardi, Y. Maday and A. T. Patera, A new nonconforming approach to domain decomposition: the
-mortar element method, in Nonlinear Partial Differential Equations and Their Applications, Longman
-1994).
-"""
+A tie has one degree less on the last facet where a support holds the end of the boundary, because
+the displacement has less freedom there: :math:`c_0 = c_1`, :math:`c_0 = 2 c_1 - c_2`,
+:math:`c_0 = 3 c_1 - 3 c_2 + c_3` for p = 1, 2, 3 (C. Bernardi, Y. Maday and A. T. Patera, in
+Nonlinear Partial Differential Equations and Their Applications, Longman 1994)."""
 
 from __future__ import annotations
 
@@ -47,42 +39,18 @@ SLOTS = 4
 
 @dataclass(frozen=True)
 class PositiveBasis:
-    """The basis N_k of the trace of a boundary, facet by facet.
+    """The basis N_k of the trace of a boundary, facet by facet."""
 
-    Attributes
-    ----------
-    degree : ndarray of int, shape (nfacets,)
-    number : ndarray of int, shape (nfacets, 4)
-        Contact point k of each coefficient of a facet, -1 beyond the degree. They run along the
-        boundary.
-    mix : ndarray, shape (nfacets, 4, 4)
-        Matrix from the Bernstein polynomials of a facet to its N_k.
-    nominal : tuple of ndarray, shapes (m,) and (m,)
-        A facet of each contact point, and the coordinate of its coefficient on this facet.
-    hub : ndarray of int, shape (m,)
-        Vertex of the mesh that a contact point belongs to, or -1.
-    """
-
-    degree: Index
-    number: Index
-    mix: Array
-    nominal: tuple[Index, Array]
-    hub: Index
+    degree: Index  # of each facet, shape (nfacets,)
+    number: Index  # contact point of each coefficient, -1 for none, shape (nfacets, 4)
+    mix: Array  # from Bernstein polynomials to the N_k, shape (nfacets, 4, 4)
+    nominal: tuple[Index, Array]  # facet and coordinate of each point, shapes (m,)
+    hub: Index  # vertex of the mesh that a contact point belongs to, or -1, shape (m,)
 
     @classmethod
     def of(cls, outline: Outline, form: FacetFunctional, hat: bool, tied: bool) -> PositiveBasis:
-        """The basis of a boundary.
-
-        Parameters
-        ----------
-        outline : Outline
-        form : FacetFunctional
-            The default one of the element, whose numbers are those of the trace.
-        hat : bool
-            Hats of the vertices, whatever the element.
-        tied : bool
-            The degree is lowered at held ends.
-        """
+        """The basis of a boundary: hats of the vertices if `hat`, lower at held ends if `tied`.
+        `form` is the default functional of the element, whose values are those of the trace."""
         low = outline.curved if form.reduced else np.zeros(outline.facets.size, dtype=bool)
         full = np.where(low | hat, 1, len(form.C) - 1)
         held = _held_ends(outline) if tied else np.zeros(outline.corners.shape, dtype=bool)
@@ -116,13 +84,7 @@ class PositiveBasis:
 
 
 def bernstein(degree: int, s: Array) -> Array:
-    """Bernstein polynomials at places s, shape (degree + 1, n).
-
-    Examples
-    --------
-    >>> bernstein(2, np.array([0.5])).ravel().tolist()
-    [0.25, 0.5, 0.25]
-    """
+    """Bernstein polynomials at places s, shape (degree + 1, n)."""
     return np.array([comb(degree, i) * s**i * (1 - s) ** (degree - i) for i in range(degree + 1)])
 
 

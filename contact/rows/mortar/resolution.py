@@ -1,10 +1,7 @@
-"""How well two meshes resolve their interface: sagittas of polygons, and lengths of facets.
+"""How well two meshes resolve their interface, by two numbers of every contact point.
 
-Two numbers of every contact point say whether its pressure can be trusted. Straight facets of
-length h that follow a curve of radius R lie off it by up to h^2 / 8R. The measured gap between two
-polygons is wrong by the sagittas of both, which may be more than the interference itself; a given
-clearance takes its place. And it is the coarser of the two meshes that limits the pressure.
-"""
+Straight facets of length h lie off a curve of radius R by up to h^2 / 8R, so that the measured gap
+is wrong by the sagittas of both sides; and the coarser of the two meshes limits the pressure."""
 
 from __future__ import annotations
 
@@ -19,30 +16,14 @@ Index = NDArray[np.int64]
 
 
 def interface_rise(first: Outline, second: Outline, found: MortarRows) -> Array:
-    """Gap between the curves that straight facets approximate minus the measured one, shape (m,).
-
-    Parameters
-    ----------
-    first, second : Outline
-        Non-mortar and mortar side, at rest.
-    found : MortarRows
-    """
+    """Gap between the curves that straight facets approximate less the measured one, (m,)."""
     q = found.quadrature
     raised = _heights(first, q.facet, q.x, q.X) + _heights(second, q.other, q.y, q.Y)
     return np.asarray(-(found.P @ raised))
 
 
 def facet_ratio(first: Outline, second: Outline, found: MortarRows) -> Array:
-    """Largest ratio of the lengths of two facets that face each other at a contact point, (m,).
-
-    It is 1 where they are the same, and larger whichever of the two is longer.
-
-    Parameters
-    ----------
-    first, second : Outline
-        Non-mortar and mortar side.
-    found : MortarRows
-    """
+    """Largest ratio, at least 1, of the lengths of two facets facing at a contact point, (m,)."""
     own, other = (
         facet_lengths(first)[found.quadrature.facet],
         facet_lengths(second)[found.quadrature.other],

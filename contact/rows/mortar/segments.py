@@ -5,22 +5,12 @@ linear in s. A vertex y of the other body is met by the line whose parameter sol
 
 .. math:: (x(s) - y) \times n(s) = 0,
 
-which is quadratic in s on a straight facet and cubic on a curved one. What is asked of it is
-decided by the signs at s = 0 and s = 1 alone: a vertex beyond one of these two lines is off the
-facet on that side; one between them is met once. So no wrong root is ever chosen, a facet may be
-met by one a thousand times as long, and two facets that share a vertex and its normal agree about
-what lies on either side of it, to the last digit.
+quadratic in s on a straight facet, cubic on a curved one. The signs at s = 0 and s = 1 alone decide
+whether y lies before, on or beyond the facet, so that no wrong root is chosen and two facets that
+share a vertex and its normal agree. Of several mortar facets on one line the nearest counts.
 
-Pairs come from a tree of the mortar facets. Where several lie on one line, the nearest takes part.
-Facets whose normals do not point towards each other take none.
-
-References
-----------
-M. A. Puso and T. A. Laursen, A mortar segment-to-segment contact method for large deformation
-solid mechanics, Comput. Methods Appl. Mech. Engrg. 193 (2004); A. Popp, M. W. Gee and W. A. Wall, A
-finite deformation mortar contact formulation using a primal-dual active set strategy, Int. J.
-Numer. Meth. Engng 79 (2009).
-"""
+M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); A. Popp, M. W. Gee and
+W. A. Wall, Int. J. Numer. Meth. Engng 79 (2009)."""
 
 from __future__ import annotations
 
@@ -38,28 +28,19 @@ from contact.rows.mortar.interface_quadrature import InterfaceQuadrature
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Cosine of the largest angle between a normal and the one opposite: a line that meets a facet at a
-# smaller angle to it than 15 degrees does not find a partner there.
+# Least cosine between a normal and the one opposite: lines meet facets at 15 degrees or more.
 FACING = 0.25
-# Part of a facet that is rounding; rounding of a place, over its coordinates, is added to it.
+# Length of a segment that is rounding, over that of the facet; rounding of places is added.
 SLIVER, ROUNDING = 1e-13, 8 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Intervals of non-mortar facets that face one mortar facet each.
-
-    Attributes
-    ----------
-    facet, other : ndarray of int, shape (n,)
-        The two facets.
-    start, end : ndarray, shape (n,)
-        The interval of the coordinate of `facet`.
-    """
+    """Intervals of non-mortar facets that face one mortar facet each, arrays of shape (n,)."""
 
     facet: Index
     other: Index
-    start: Array
+    start: Array  # of the interval of the coordinate of `facet`
     end: Array
 
     def chosen(self, which: NDArray[np.bool_] | Index) -> Segments:
@@ -68,19 +49,9 @@ class Segments:
 
 
 def interface_segments(first: FacetCurves, second: FacetCurves) -> Segments:
-    """Pair the facets of two boundaries; the segments do not overlap, and run along each facet.
-
-    Parameters
-    ----------
-    first, second : FacetCurves
-        Non-mortar and mortar side.
-
-    Raises
-    ------
-    InputError
-        No facet faces another one within the size of the larger boundary, with an overlap of at
-        most half the size of the smaller one; or only such as have normals that point the same way.
-    """
+    """Pair the facets of two boundaries; segments of a facet are in order and do not overlap.
+    Raises InputError where no facet faces another one with an opposite normal, within the size of
+    the larger boundary and an overlap of half the smaller one."""
     pieces = _in_line(first, second, 1.0)
     pieces = _nearest(first, second, pieces)
     gap = _gaps(first, second, pieces.facet, pieces.other, _middle(pieces))
@@ -101,20 +72,7 @@ def interface_segments(first: FacetCurves, second: FacetCurves) -> Segments:
 def interface_quadrature(
     first: FacetCurves, second: FacetCurves, degree: int
 ) -> InterfaceQuadrature:
-    """Gauss points on all segments of a plane interface.
-
-    Parameters
-    ----------
-    first, second : FacetCurves
-        Non-mortar and mortar side.
-    degree : int
-        Degree of polynomials in s to be integrated exactly.
-
-    Raises
-    ------
-    InputError
-        As `interface_segments`.
-    """
+    """Gauss points on all segments, exact up to a degree in s; errors as `interface_segments`."""
     pieces = interface_segments(first, second)
     points, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
     size = pieces.end - pieces.start
@@ -135,28 +93,12 @@ def interface_quadrature(
 
 
 def measure(slope: Array, weights: Array) -> Array:
-    """Weights of integrals over a curve from those over its parameter, shape (n,).
-
-    The only place where the measure of the interface is formed.
-
-    Parameters
-    ----------
-    slope : ndarray, shape (2, n)
-        Derivative of the place.
-    weights : ndarray, shape (n,)
-    """
+    """Weights of integrals over a curve from those over its parameter: |dx/ds| w, shape (n,)."""
     return np.asarray(np.linalg.norm(slope, axis=0) * weights)
 
 
 def opposite(second: FacetCurves, other: Index, x: Array, n: Array) -> Array:
-    """Where lines through places x along n meet given facets: the coordinate there, shape (n,).
-
-    Parameters
-    ----------
-    second : FacetCurves
-    other : ndarray of int, shape (n,)
-    x, n : ndarray, shape (2, n)
-    """
+    """Coordinates, (n,), where lines through places x along n, (2, n), meet given facets."""
     a, b = (_cross(second.ends[:, other, k] - x, n) for k in (0, 1))
     if not np.any(second.bulge[:, other]):
         return np.clip(a / np.where(a == b, 1.0, a - b), 0.0, 1.0)
@@ -170,13 +112,7 @@ def opposite(second: FacetCurves, other: Index, x: Array, n: Array) -> Array:
 
 def _in_line(first: FacetCurves, second: FacetCurves, facing: float) -> Segments:
     """Pairs of facets that lines along the normals connect, with the intervals in common.
-
-    Parameters
-    ----------
-    first, second : FacetCurves
-    facing : {1, -1}
-        Pairs whose normals are opposite, or point the same way.
-    """
+    Their normals are opposite (`facing` 1) or point the same way (-1)."""
     facet, other = _near_the_lines(first, second)
     n = first.direction(facet, np.full(facet.size, 0.5))
     outward = second.outward(other, np.full(facet.size, 0.5))
@@ -193,11 +129,9 @@ def _in_line(first: FacetCurves, second: FacetCurves, facing: float) -> Segments
 
 
 def _near_the_lines(first: FacetCurves, second: FacetCurves) -> tuple[Index, Index]:
-    """Pairs of facets, among them all that lines along the normals connect.
-
-    Mortar facets that are neighbours in a tree lie together in a disc; what lies in a disc that is
-    wholly before or beyond both lines of a facet is left out.
-    """
+    """Candidate pairs of facets, among them all that lines along the normals connect.
+    Mortar facets are grouped in discs by a tree; a disc wholly before or beyond both lines of a
+    facet is left out."""
     # As many discs as, about, facets in each: the least work.
     together = max(1, round(np.sqrt(0.5 * second.sign.size)))
     middle = second.ends.mean(axis=2)
@@ -312,32 +246,9 @@ NEWTON, STEPS = 16, 80
 
 
 def bracketed_root(function: Callable[[Array], tuple[Array, Array]], count: int) -> Array:
-    """Roots in [0, 1] of functions whose signs at 0 and 1 differ, by safeguarded Newton steps.
-
-    Each step keeps the part of the bracket where the sign changes, so what is returned is the place
-    of a sign change to the last digit, whatever the functions. Where the signs at 0 and 1 are the
-    same, up to rounding of a root at an end, that end is found.
-
-    Parameters
-    ----------
-    function : callable s -> (value, derivative)
-        All arrays of shape (count,).
-    count : int
-
-    Returns
-    -------
-    ndarray, shape (count,)
-
-    References
-    ----------
-    W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge University Press 2007, section 9.4.
-
-    Examples
-    --------
-    >>> goal = np.array([0.25, 0.49])
-    >>> bracketed_root(lambda s: (s**2 - goal, 2 * s), 2).round(12).tolist()
-    [0.5, 0.7]
-    """
+    """Roots in [0, 1], (count,), of functions that change sign there, by safeguarded Newton steps.
+    Brackets shrink to the last digit; signs made equal by rounding give the end with the root.
+    W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge 2007, section 9.4."""
     low, high, s = np.zeros(count), np.ones(count), np.full(count, 0.5)
     at_low, at_high = function(low)[0], function(high)[0]
     found = np.zeros(count, dtype=bool)

@@ -1,23 +1,18 @@
-r"""How contact rows change with the displacement at which they were projected.
+r"""Derivatives of contact rows in the plane with respect to the displacements.
 
 An integration point keeps its place X on the non-mortar side. When the bodies move, its normal n
-turns by an angle :math:`\theta`, and the place Y that it faces runs along the mortar side, so that
-:math:`(y - x) \times n = 0` remains true. With p the normal turned by 90 degrees,
+turns by an angle :math:`\theta`, and the place Y that it faces slides along the mortar side, so
+that :math:`(y - x) \times n = 0` remains true. With p the normal turned by 90 degrees,
 :math:`\tau = \partial y / \partial Y`, the gap g and changes :math:`\delta` at fixed Y,
 
 .. math::
     \delta Y = \frac{(\delta x - \delta y) \cdot p + g\, \theta}{\tau \cdot p}, \qquad
     \delta g = n \cdot (\delta y - \delta x) + (n \cdot \tau)\, \delta Y .
 
-The angle of an averaged normal is the mean of those of its facets, and that between the ends of a
-facet is linear. The ends of segments move too; this changes integrals by products with the gap,
-which is zero in contact.
-
-References
-----------
-M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004), and A. Popp, M. W. Gee
-and W. A. Wall, Int. J. Numer. Meth. Engng 79 (2009), for the whole linearisation.
-"""
+An averaged normal turns by the mean of the angles of its facets, linear between the ends. The
+motion of the ends of segments is left out: it enters with the gap, which is zero in contact. Whole
+linearisation: M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); A. Popp,
+M. W. Gee and W. A. Wall, Int. J. Numer. Meth. Engng 79 (2009)."""
 
 from __future__ import annotations
 
@@ -40,25 +35,17 @@ Csr = sparse.csr_array
 # Derivative of a facet's end with respect to its ends and middle: row 0 at s = 0, row 1 at s = 1.
 _SLOPE = np.array([[-3.0, 4.0, -1.0], [1.0, -4.0, 3.0]])
 _NODES = np.array([0.0, 0.5, 1.0])
-# Central differences that are exact to the fourth power, for traces of third order.
+# Central differences of fourth order, exact for traces of third order.
 _STEPS, _WEIGHTS = (-0.5, -0.25, 0.25, 0.5), (1.0, -8.0, 8.0, -1.0)
 
 
 @dataclass(frozen=True)
 class SlidingDerivative:
-    """Derivatives with respect to the dofs of the first body, then of the second.
+    """Derivatives with respect to the dofs of the first body, then of the second."""
 
-    Attributes
-    ----------
-    normal, tangential : csr_array, shape (m, ndofs)
-        To be added to G and T in the conditions of the contact points.
-    force : csr_array, shape (ndofs, ndofs)
-        Of the contact forces with the opposite sign, ``G^T mu + T^T t`` at fixed mu and t.
-    """
-
-    normal: Csr
-    tangential: Csr
-    force: Csr
+    normal: Csr  # to be added to G, shape (m, ndofs)
+    tangential: Csr  # to be added to T, shape (m, ndofs)
+    force: Csr  # of G^T mu + T^T t at fixed mu and t, shape (ndofs, ndofs)
 
     @classmethod
     def of(
@@ -69,17 +56,8 @@ class SlidingDerivative:
         increments: tuple[Array, Array],
         forces: tuple[Array, Array],
     ) -> SlidingDerivative:
-        """Differentiate rows that `contact.rows.mortar.displaced.displaced_rows` found.
-
-        Parameters
-        ----------
-        interface : Interface
-        found : MortarRows
-        displacements, increments : pair of ndarray, shape (ndofs,)
-            Displacement of each body, and its part since the last step.
-        forces : ndarray, shapes (m,) and (m,)
-            mu and t.
-        """
+        """Differentiate rows of `displaced_rows` at the displacements of the two bodies.
+        `increments` are their parts since the last step, `forces` are mu and t, shapes (m,)."""
         q, (one, two) = found.quadrature, (interface.first, interface.second)
         n, p = q.n, np.array([-q.n[1], q.n[0]])
         (u, v), (du, dv) = displacements, increments

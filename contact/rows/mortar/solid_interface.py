@@ -23,32 +23,21 @@ Index = NDArray[np.int64]
 
 # Degree of the trace of each element on a facet, as a polynomial of two variables.
 _DEGREE = {"ElementTetP1": 1, "ElementTetP2": 2, "ElementHex1": 2, "ElementHex2": 4}
-_CUBIC = 4  # of the Adini brick
-# Degrees besides: where normals vary; and where traces are no polynomials of the place, because
-# facets are not affine. Then the loads of uniform pressures are exact to 1e-13 where corners of
-# quadrilaterals are off by a quarter of a side, and to 1e-9 where by four tenths.
+_CUBIC = 4  # degree of the trace of the Adini brick
+# Degrees added where normals vary, and where facets are not affine, so that traces are no
+# polynomials: uniform pressures are then exact to 1e-13 with corners off by a quarter of a side.
 CURVED, BENT = 4, 8
 
 
 @dataclass(frozen=True)
 class SolidInterface:
-    """Two boundaries in space and the multipliers between them.
+    """Two boundaries in space and the multipliers between them."""
 
-    Attributes
-    ----------
-    first, second : Outline
-        Non-mortar and mortar side.
-    functional : {"dual", "standard", "hat"}
-    basis : FaceBasis
-    degree : int
-        Of the polynomials that the Gauss rules integrate.
-    """
-
-    first: Outline
-    second: Outline
-    functional: str
+    first: Outline  # non-mortar side
+    second: Outline  # mortar side
+    functional: str  # "dual", "standard" or "hat"
     basis: FaceBasis
-    degree: int
+    degree: int  # of the polynomials that the Gauss rules integrate
 
     @classmethod
     def of(
@@ -63,13 +52,7 @@ class SolidInterface:
         return cls(one, two, functional, basis, degrees[0] + max(degrees) + 1)
 
     def rows(self, maps: tuple[FaceMaps, FaceMaps] | None = None) -> MortarRows:
-        """Rows at the present places of both boundaries; the gap is the measured one.
-
-        Parameters
-        ----------
-        maps : pair of FaceMaps, optional
-            The facets where the bodies have moved to. Those of the meshes if not given.
-        """
+        """Rows with the measured gap, of the displaced facets `maps` or those of the meshes."""
         one, two = rest = FaceMaps.of(self.first), FaceMaps.of(self.second)
         more = 0 if one.flat else CURVED
         if not (one.affine and two.affine):

@@ -1,7 +1,7 @@
-r"""How contact rows in space change with the displacement at which they were projected.
+r"""Derivatives of contact rows in space with respect to the displacements.
 
 An integration point keeps its place X on the non-mortar side. When the bodies move, its normal n
-turns by :math:`\delta n`, and the place Y that it faces runs over the mortar side, so that y - x
+turns by :math:`\delta n`, and the place Y that it faces slides over the mortar side, so that y - x
 remains along n. With tangents :math:`p_b` across n, :math:`\tau_a = \partial y / \partial Y_a`, the
 gap g and changes :math:`\delta` at fixed Y,
 
@@ -9,16 +9,10 @@ gap g and changes :math:`\delta` at fixed Y,
     \sum_a (p_b \cdot \tau_a) \, \delta Y_a = p_b \cdot (\delta x - \delta y + g \, \delta n),
     \qquad \delta g = n \cdot (\delta y - \delta x) + \sum_a (n \cdot \tau_a) \, \delta Y_a .
 
-The corners of the common polygons move too; this changes integrals by products with the gap, which
-is zero in contact, so that no polygon is differentiated. Tangents turn with their normals, and
-about them, as `contact.rows.frames.tangent_frame` has it.
-
-References
-----------
-M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004), and A. Popp, M.
-Gitterle, M. W. Gee and W. A. Wall, Int. J. Numer. Meth. Engng 83 (2010), for the whole
-linearisation.
-"""
+Polygons are not differentiated: the motion of their corners enters with the gap, which is zero in
+contact. Tangents turn with their normals, and about them, as `contact.rows.frames.tangent_frame`
+does. Whole linearisation: M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193
+(2004); A. Popp, M. Gitterle, M. W. Gee and W. A. Wall, Int. J. Numer. Meth. Engng 83 (2010)."""
 
 from __future__ import annotations
 
@@ -41,7 +35,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Csr = sparse.csr_array
 
-_TILT = 1e-5  # of normals, in differences that are exact to its square
+_TILT = 1e-5  # step of normals in central differences
 
 
 def solid_sliding_derivative(
@@ -98,30 +92,15 @@ def solid_sliding_derivative(
 
 @dataclass(frozen=True)
 class _Places:
-    """The integration points and how they move.
+    """The integration points with their derivatives in the dofs."""
 
-    Attributes
-    ----------
-    p : ndarray, shape (3, 2, n)
-        Tangents across the normals.
-    here, there : csr_array, shape (n, scalar dofs)
-        Traces of either body.
-    ahead : list of csr_array
-        Derivatives of `there` with respect to either coordinate.
-    tau : ndarray, shape (3, 2, n)
-        Derivatives of the places y.
-    gap : ndarray, shape (n,)
-    turn : list of csr_array, shape (n, ndofs)
-        Components of the change of the normals along p.
-    """
-
-    p: Array
-    here: Csr
-    there: Csr
-    ahead: list[Csr]
-    tau: Array
-    gap: Array
-    turn: list[Csr]
+    p: Array  # tangents across the normals, shape (3, 2, n)
+    here: Csr  # trace of the first body, shape (n, scalar dofs)
+    there: Csr  # trace of the second body
+    ahead: list[Csr]  # derivatives of `there` with respect to either coordinate
+    tau: Array  # derivatives of the places y, shape (3, 2, n)
+    gap: Array  # shape (n,)
+    turn: list[Csr]  # change of the normals along either tangent p, shape (n, ndofs)
 
     @classmethod
     def of(
@@ -170,9 +149,7 @@ def _between(of_nodes: Csr, count: int, facet: Index, X: Array) -> tuple[Csr, li
 
 def _spin(found: MortarRows, places: _Places) -> Csr:
     """Angles by which the tangents of contact points turn about their normals, shape (m, ndofs).
-
-    The frame is a function of the normal, which is differentiated by central differences.
-    """
+    The frame is a function of the normal, differentiated by central differences."""
     n, (one, two) = found.rows.normals, found.rows.tangents.transpose(1, 0, 2)
     total = 0.0 * (found.P @ places.turn[0])
     for t in (one, two):
@@ -188,33 +165,14 @@ def _spin(found: MortarRows, places: _Places) -> Csr:
 
 
 def _frames(found: MortarRows, p: Array) -> list[list[Csr]]:
-    """Means of values along p as displacements along the tangents j of the contact points, [j][b].
-
-    Each of shape (m, n), with the entries of P times the products of both tangents.
-    """
+    """Means of values along p as displacements along the tangents j of contact points, [j][b].
+    Each of shape (m, n): the entries of P times the products of both tangents."""
     P, rows = found.P, found.rows
     at, point = P.indices, np.repeat(np.arange(P.shape[0]), np.diff(P.indptr))
     n = found.quadrature.n[:, at]
     t = turned_tangents(rows.tangents[:, :, point], rows.normals[:, point], n)
     share = P.data * np.einsum("djn,dbn->jbn", t, p[:, :, at])
     return [[Csr((one, P.indices, P.indptr), shape=P.shape) for one in own] for own in share]
-
-
-# How the averaged normals of facets in space turn with the displacement.
-#
-# The normal of a facet at one of its corners is that of :math:`c = t_1 \times t_2` with the
-# tangents :math:`t_i = \sum_k x_k \, \partial_i N_k` of its nodes, so that
-#
-# .. math::
-#     \delta c = \sum_k \delta x_k \times (\partial_1 N_k \, t_2 - \partial_2 N_k \, t_1), \qquad
-#     \delta n = (1 - n n^T) \, \delta c / |c| .
-#
-# Averaged normals and those between the corners are sums of such, scaled to unit length. Their
-# weights are kept: neighbouring facets turn alike.
-#
-# References
-# ----------
-# M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004), appendix.
 
 
 # [i, j, k] e_k v_j is the component i of v x e.
@@ -226,18 +184,14 @@ _CROSS[[1, 2, 0], [0, 1, 2], [2, 0, 1]] = -1.0
 def turning_normals(
     outline: Outline, maps: FaceMaps, of_nodes: Csr, facet: Index, X: Array
 ) -> list[Csr]:
-    """Derivatives of the components of the normals at places of facets, three of (n, ndofs).
+    r"""Derivatives of the averaged normals at X (2, n) on displaced facets, three of (n, ndofs).
+    The normal of a facet at a corner is that of :math:`c = t_1 \times t_2`, with
 
-    Parameters
-    ----------
-    outline : Outline
-    maps : FaceMaps
-        Its facets where the body has moved to, see `contact.rows.mortar.displaced.displaced_maps`.
-    of_nodes : csr_array, shape (nfacets * k, scalar dofs)
-        Trace at their nodes.
-    facet : ndarray of int, shape (n,)
-    X : ndarray, shape (2, n)
-    """
+    .. math:: \delta c = \sum_k \delta x_k \times (\partial_1 N_k \, t_2 - \partial_2 N_k \, t_1),
+        \qquad \delta n = (1 - n n^T) \, \delta c / |c| ,
+
+    by the trace `of_nodes` (M. A. Puso and T. A. Laursen 2004, appendix); weights of the means are
+    kept."""
     at_corners, corners, count = _at_corners(outline, maps, of_nodes), maps.corners, facet.size
     hat = hats(X, corners)
     mean = np.einsum("dnk,kn->dn", maps.normals[:, facet], hat)

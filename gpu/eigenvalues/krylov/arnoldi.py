@@ -14,38 +14,14 @@ from gpu.arrays.namespace import to_host
 
 ONE_LAUNCH = 10_000  # up to this order a sweep in one launch is faster than library products
 TINY = np.finfo(float).tiny  # avoids division by zero where a norm is zero
-# Part of the seeds of random vectors here: a caller who draws a start vector with a plain seed must
-# not get the same vectors.
+# Mixed into seeds, so that random vectors differ from a caller's with the same seed.
 SALT = 0x6A09E667F3BCC908
 
 
 class Arnoldi:
-    """An Arnoldi basis v_0, v_1, ...: with the first j as columns, ``A V_j = V_j S_j + v_j b_j^*``.
-
-    The vectors are stored as orthonormal rows. Orthogonalisation is classical Gram-Schmidt, twice
-    (CGS2). The host does not wait for the device inside a sweep: the coefficients are copied to it
-    once, at the end.
-
-    Parameters
-    ----------
-    apply : callable x -> A x
-        On arrays of `xp`, shape (n,).
-    n, size : int
-        Order of A, and the most vectors in the space until it is enlarged.
-    dtype : numpy dtype
-        float64 or complex128.
-    xp : module
-        numpy or cupy.
-    seed : int
-        For random vectors.
-    matrix : array, optional
-        The entries of A, if `apply` multiplies by A and they are stored.
-
-    References
-    ----------
-    L. Giraud, J. Langou, M. Rozloznik and J. van den Eshof, Rounding error analysis of the
-    classical Gram-Schmidt orthogonalization process, Numer. Math. 101 (2005).
-    """
+    """An Arnoldi basis of orthonormal rows v_0, v_1, ...: ``A V_j = V_j S_j + v_j b_j^*``.
+    Classical Gram-Schmidt, twice (CGS2; Giraud et al. 2005). The host waits for the device only at
+    the end of a sweep, when the coefficients are copied to it."""
 
     def __init__(
         self,
@@ -123,13 +99,8 @@ class Arnoldi:
     def sweep(
         self, first: int, last: int, meanwhile: Callable[[], Any] | None = None
     ) -> ArnoldiSteps:
-        """Arnoldi steps from row `first` up to row `last`.
-
-        Parameters
-        ----------
-        first, last : int
-        meanwhile : callable, optional
-            Called while the device computes the steps, before the host waits for coefficients.
+        """Arnoldi steps from row `first` up to row `last`. `meanwhile` is called while the device
+        computes, before the host waits for the coefficients.
         """
         xp, V = self.xp, self.V
         if self._matrix is not None and self._steps is not None:
@@ -163,9 +134,8 @@ class Arnoldi:
         V[j + 1] = w / xp.maximum(beta, TINY)
 
     def rotate(self, Q: np.ndarray, residual: int, first: int = 0) -> None:
-        """Replace the rows from `first` on by their combinations with the columns of Q.
-
-        The row after them becomes the former row ``first + residual``, the residual vector.
+        """Replace the rows from `first` on by their combinations with the columns of Q. The row
+        after them becomes the former row ``first + residual``, the residual vector.
         """
         xp, (count, kept), V = self.xp, Q.shape, self.V[first:]
         if self._steps is not None:
@@ -184,35 +154,21 @@ class Arnoldi:
         return (self.xp.asarray(np.ascontiguousarray(Y.T)) @ self.V[: len(Y)]).T
 
 
-# If all entries of R are below this, their squares are rounding, so I - R is the inverse of I + R,
-# and no library call for a triangular solve, which would start threads, is needed.
+# If all entries of R are below this, I - R is the inverse of I + R up to rounding; a library call
+# for a triangular solve would start threads.
 SLIGHT = 1e-9
 BREAKDOWN = 20 * np.finfo(float).eps  # a beta below this times |A v| is rounding: invariant space
 
 
 @dataclass(frozen=True)
 class ArnoldiSteps:
-    """Coefficients of the products of A with the basis vectors v, or with vectors v + V r.
-
-    With v_j the vectors of the basis and i = 0, 1, ... the steps of this sweep, the first of which
-    began at vector j,
-
-    .. math::
-        A (v_{j+i} + V r_i) = V h_i + beta_i v_{j+i+1}.
-
-    Attributes
-    ----------
-    coefficients : ndarray, shape (m, size + 1)
-        Row i: h_i; entries from j + i + 1 on are undefined.
-    betas : ndarray, shape (m,)
-        After one that is rounding, all coefficients are meaningless: see `ended`.
-    beside : ndarray, shape (m, size + 1), optional
-        Row i: r_i in its first j + i entries. None if all are zero.
+    """Coefficients of a sweep that began at vector j, for its steps i = 0, 1, ...: ``A (v_{j+i} + V
+    r_i) = V h_i + beta_i v_{j+i+1}``.
     """
 
-    coefficients: np.ndarray
-    betas: np.ndarray
-    beside: np.ndarray | None = None
+    coefficients: np.ndarray  # (m, size + 1): rows h_i, undefined from entry j + i + 1 on
+    betas: np.ndarray  # (m,); all that follows a beta of rounding size is meaningless, see `ended`
+    beside: np.ndarray | None = None  # (m, size + 1): rows r_i, j + i entries; None: all zero
 
     @classmethod
     def of(cls, rows: np.ndarray) -> ArnoldiSteps:
@@ -237,17 +193,9 @@ class ArnoldiSteps:
         return int(small[0]) if small.size else None
 
     def project(self, S: np.ndarray, first: int, last: int, locked: int = 0) -> None:
-        """Write columns `first` to `last` of the projected matrix, from the first of these steps.
-
-        Parameters
-        ----------
-        S : ndarray, shape (m, m)
-            Changed in place. Its columns before `first`, and the entry left of the diagonal in row
-            `first`, are known.
-        first, last : int
-        locked : int
-            Number of leading basis vectors that S leaves out.
-        """
+        """Write columns `first` to `last` of the projected matrix S, shape (m, m), in place. Its
+        earlier columns, and the entry left of the diagonal in row `first`, are known; the first
+        `locked` basis vectors are left out of S."""
         count = last - first
         rows = slice(locked, locked + last)
         block = self.coefficients[:count, rows].copy().T

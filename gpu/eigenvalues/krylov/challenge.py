@@ -1,4 +1,18 @@
-"""A challenge: a search for eigenvalues that an iteration has missed, outside of its space.
+r"""A challenge: a search, outside the space found so far, for eigenvalues that were missed.
+
+Let U be the locked rows and B the compression of A to their orthogonal complement. Arnoldi steps
+from a random unit vector r orthogonal to U give norms :math:`\beta_j` with :math:`|p(B) r| =
+\prod_j \beta_j`, p the monic polynomial whose roots are the Ritz values, including those dropped by
+restarts. An eigenvalue :math:`\mu` of B with left unit eigenvector y has :math:`|y^* p(B) r| =
+|p(\mu)|\,|y^* r|`, whence
+
+.. math::
+    |y^* r| \le \prod_j \beta_j \,/\, |p(\mu)| .
+
+Once the right-hand side is below :math:`t / \sqrt n` wherever an eigenvalue would be wanted, a
+missed one requires :math:`|y^* r| \le t / \sqrt n`, which for a random r has the probability
+:math:`\sqrt{2 / \pi}\,t`, however far from normal A is. As :math:`|p|` grows outwards from its
+roots, it suffices to look at the edge of the wanted part of the plane.
 
 The best Ritz value of the search is called the newcomer.
 """
@@ -14,13 +28,13 @@ from gpu.eigenvalues.krylov.arnoldi import Arnoldi
 from gpu.eigenvalues.schur.order import Edge
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
-# If the residual of the newcomer is below this times the gap between its rank and that of the least
-# wanted eigenvalue, it counts as ranking below the wanted.
+# The newcomer counts as ranking below the wanted if its residual is below this times the gap
+# between its rank and that of the least wanted.
 INSIDE = 0.03
 THICK = 0.5  # fraction of the vectors of the search that is kept at a restart
 FIRST = 3  # products before the first test: few are enough if the wanted are well separated
-# The numbers t of `unbeaten`: an eigenvalue is missed with a probability of at most .8 times t. The
-# second is enough if the newcomer ranks below the wanted as well.
+# Numbers t: an eigenvalue is missed with a probability of at most .8 t. The second is enough if the
+# newcomer ranks below the wanted as well.
 SURE, LIKELY = 0.01, 0.1
 
 
@@ -37,58 +51,12 @@ def unbeaten(
     patience: float,
     meanwhile: Callable[[], Any] | None = None,
 ) -> tuple[bool, int]:
-    r"""Whether no eigenvalue outside the locked space ranks above the wanted.
+    """Whether no eigenvalue outside the `locked` rows ranks above `worst`; number of restarts.
 
-    Let U be the locked rows and B the compression of A to their orthogonal complement. Arnoldi
-    steps from a random unit vector r orthogonal to U give norms :math:`\beta_j` with
-
-    .. math::
-        |p(B) r| = \prod_j \beta_j
-
-    for the monic polynomial p whose roots are the Ritz values, including those dropped by restarts.
-
-    An eigenvalue :math:`\mu` of B with left unit eigenvector y has
-    :math:`|y^* p(B) r| = |p(\mu)|\,|y^* r|`, whence
-
-    .. math::
-        |y^* r| \le \prod_j \beta_j \,/\, |p(\mu)| .
-
-    Once the right-hand side is below :math:`t / \sqrt n` wherever an eigenvalue would be wanted, a
-    missed one requires :math:`|y^* r| \le t / \sqrt n`. For a random r this has the probability
-    :math:`\sqrt{2 / \pi}\,t`, however far from normal A is. As :math:`|p|` grows outwards from its
-    roots, it suffices to look at the edge of the wanted part of the plane.
-
-    A small space may converge to an eigenvalue that ranks below the wanted and find nothing else.
-    Then this one is locked too, and the search begins again from another vector.
-
-    Parameters
-    ----------
-    basis : Arnoldi
-        Its first `locked` rows span a space whose residual is small compared with the distance
-        between the wanted eigenvalues and the rest. The rows beyond are overwritten.
-    locked : int
-    worst : float
-        Rank of the least wanted eigenvalue found.
-    rank, edge : callable
-        See `gpu.eigenvalues.schur.order`; without `edge` the residual of the newcomer decides.
-    tol, floor : float
-        The newcomer has converged if its residual is below tol times its modulus, or below floor.
-    restarts : int
-        Most restarts.
-    patience : float
-        Number of products after which the search ends if the newcomer ranks below the wanted,
-        whatever the probability: for matrices far from normal, and if the last wanted eigenvalue
-        has copies, :math:`|p|` hardly grows. Infinite if only the probability may end it.
-    meanwhile : callable, optional
-        See `Arnoldi.sweep`; used in the first sweep.
-
-    Returns
-    -------
-    won : bool
-        Whether nothing better was found. If not, row `locked` (for one of a pair also the next row)
-        spans the space of the newcomer.
-    restarts : int
-        Number of restarts that were made.
+    If a better one is found, row `locked` (and for a pair the next) spans its space; rows beyond
+    are overwritten. A newcomer that has converged (residual below `tol` times its modulus, or
+    `floor`) and ranks below the wanted is locked, and the search begins again. After `patience`
+    products the search ends if the newcomer ranks below the wanted.
     """
     first, room, n = locked, basis.size - locked, basis.V.shape[1]
     basis.start(locked)
@@ -153,7 +121,7 @@ def unbeaten(
 
 
 def _evidence(worst: float, roots: np.ndarray, edge: Edge | None) -> float:
-    """Logarithm of the least \\|p\\| on the edge of the wanted part of the plane."""
+    r"""Logarithm of the least \|p\| on the edge of the wanted part of the plane."""
     if edge is None:
         return np.inf
     apart = np.abs(edge(worst, roots)[:, None] - roots)

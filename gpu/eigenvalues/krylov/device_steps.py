@@ -31,27 +31,9 @@ _granted: dict[tuple[int, str], int] = {}  # bytes of shared memory, by device a
 
 
 class FusedSteps:
-    """Arnoldi steps in place on the rows of V, for real arrays of CuPy.
-
-    Parameters
-    ----------
-    V : cupy.ndarray of float64, shape (size + 1, n)
-        The basis.
-    coefficients : cupy.ndarray of float64, shape (size, 2, size + 2)
-        Row (j, 0) gets the coefficients of step j, with beta as its last entry. In a sweep they are
-        those of ``A (v + V r)``, with r in row (j, 1).
-
-    Attributes
-    ----------
-    near, stay, ahead : int
-        Numbers of columns of A that a sweep keeps in shared memory, that stay in the second-level
-        cache, and that it prefetches into this cache before each step.
-
-    Raises
-    ------
-    InputError
-        The coefficients of a step do not fit into shared memory.
-    """
+    """Arnoldi steps in place on the rows of V, shape (size + 1, n), for real arrays of CuPy. Row
+    (j, 0) of `coefficients`, shape (size, 2, size + 2), gets those of step j, beta last; in a sweep
+    they are those of ``A (v + V r)`` with r in row (j, 1). They must fit into shared memory."""
 
     def __init__(self, V: Any, coefficients: Any) -> None:
         import cupy
@@ -89,9 +71,8 @@ class FusedSteps:
         self._step(cupy.ascontiguousarray(w, dtype=float), 0, j)
 
     def random_start(self, place: int, seed: int) -> None:
-        """Row `place`: a random unit vector orthogonal to those before it.
-
-        The coefficients of row `place` - 1 are overwritten.
+        """Make row `place` a random unit vector orthogonal to the rows before it. The coefficients
+        of row `place` - 1 are overwritten.
         """
         self._step(np.uint64(0), seed, place - 1)
 
@@ -121,13 +102,8 @@ class FusedSteps:
         return bool(dense and self._sweeps)
 
     def sweep(self, A: Any, first: int, last: int) -> None:
-        """All steps from row `first` up to row `last` with a dense matrix, in one launch.
-
-        Parameters
-        ----------
-        A : cupy.ndarray of float64, shape (n, n)
-            One that `multiplies` accepts.
-        first, last : int
+        """All steps from row `first` to row `last` with a dense A, shape (n, n), in one launch.
+        `multiplies` says whether A qualifies.
         """
         if first >= last:
             return
@@ -178,9 +154,8 @@ def _limits(device: int) -> tuple[int, int, int]:
 
 @functools.cache
 def _kernel(name: str) -> Any:
-    """The compiled kernel; CuPy compiles it anew for each device.
-
-    A cooperative launch is refused unless all blocks can run at once, as they must to synchronise.
+    """The compiled kernel; CuPy compiles it anew for each device. A cooperative launch is refused
+    unless all blocks can run at once, as they must to synchronise.
     """
     import cupy
 

@@ -15,41 +15,25 @@ from gpu.eigenvalues.krylov.challenge import INSIDE, unbeaten
 from gpu.eigenvalues.krylov.restart import Limits, Look, Standing, Wanted, room_for, vectors_kept
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
-# Relative to |A|: smaller residuals are rounding, which accumulates to about this in a basis of a
-# hundred vectors.
+# Relative to |A|: rounding accumulates to about this in a basis of a hundred vectors.
 ROUNDING_RESIDUAL = 100 * np.finfo(float).eps
-# A challenge leaves aside leading Schur vectors whose residual is below this times the gap between
-# the rank of the least wanted eigenvalue and the ranks of the following ones: small enough that the
-# search does not find them again.
+# Largest residual of Schur vectors that a challenge leaves aside, relative to the gap between the
+# least wanted rank and the following ones: so small that the search does not find them again.
 SET_ASIDE = 1e-2
 RESTARTS_BEFORE_GROWTH = 6  # restarts before the space grows, if it may
 
 
 @dataclass(frozen=True)
 class PartialSchur:
-    """The outcome: ``A U = U T`` up to the residual, U the leading basis vectors.
+    """The outcome: ``A U = U T`` up to the residual, U the leading basis vectors."""
 
-    Attributes
-    ----------
-    T : ndarray, shape (c, c)
-        Schur form of the converged part, best eigenvalues first.
-    values : ndarray, shape (c,)
-        Its eigenvalues.
-    basis : Arnoldi
-    scale : float
-        Largest column norm of the projected matrices: a lower bound of |A|.
-    restarts, matvecs : int
-    complete : bool
-        Whether the wanted eigenvalues have converged and a challenge has found no better ones.
-    """
-
-    T: np.ndarray
-    values: np.ndarray
+    T: np.ndarray  # (c, c): Schur form of the converged part, best eigenvalues first
+    values: np.ndarray  # (c,): its eigenvalues
     basis: Arnoldi
-    scale: float
+    scale: float  # largest column norm of the projected matrices: a lower bound of |A|
     restarts: int
     matvecs: int
-    complete: bool
+    complete: bool  # all wanted eigenvalues converged, and a challenge found no better
 
 
 def krylov_schur(
@@ -64,43 +48,13 @@ def krylov_schur(
     matrix: Any = None,
     meanwhile: Callable[[np.ndarray, Arnoldi], Any] | None = None,
 ) -> PartialSchur:
-    r"""The k best eigenvalues of A, by rank, with their Schur basis.
+    r"""The k best eigenvalues of A, by rank, with their Schur basis (Stewart 2001).
 
-    The decomposition
-
-    .. math::
-        A V_m = V_m S_m + v_{m+1} b^*
-
-    is brought to Schur form with the wanted eigenvalues first. At a restart about half of the other
-    vectors are dropped (down to a third as more converge), and Arnoldi steps fill the space up
-    again. The leading c Schur vectors have converged when
-    :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
-
-    A Krylov space of one vector contains only one eigenvector of a repeated eigenvalue, and may
-    miss other eigenvectors. So the outcome is challenged: a search from random vectors (see
-    `challenge.unbeaten`) in the space orthogonal to the converged Schur vectors and to those
-    following ones that are nearly invariant. If it finds a better eigenvalue, the iteration
-    continues from its vector and the converged ones, and the new outcome is challenged again. The
-    space then has room for `ncv` new vectors: near the edge of a disc full of eigenvalues a smaller
-    space converges to values that are not the largest.
-
-    Parameters
-    ----------
-    apply : callable x -> A x
-    n : int
-    wanted : Wanted
-    limits : Limits
-    dtype, xp, matrix
-        See `Arnoldi`.
-    start : array, optional
-    meanwhile : callable (T, basis), optional
-        Called with the converged part while a device computes the first products of the challenge,
-        so that the host works instead of waiting: usually this part is the outcome.
-
-    References
-    ----------
-    G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
-    (2001).
+    :math:`A V_m = V_m S_m + v_{m+1} b^*` is brought to Schur form, the wanted eigenvalues first.
+    The first c Schur vectors have converged if :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\
+    100\,\epsilon\,|A|)`. As a Krylov space holds one vector of a repeated eigenvalue only, a
+    challenge then searches the rest of the space. `meanwhile` (T, basis) runs on the host during
+    its first products.
     """
     iteration = _Iteration(
         wanted, limits, n, lambda size: Arnoldi(apply, n, size, dtype, xp, matrix=matrix)
@@ -195,7 +149,9 @@ class _Iteration:
         return True
 
     def _challenged(self, look: Look, worst: float, meanwhile: Callable[..., Any] | None) -> bool:
-        """Challenge the outcome: whether no eigenvalue was found that ranks above `worst`."""
+        """Search from random vectors for an eigenvalue better than `worst`; True if there is
+        none.
+        """
         wanted, basis, aside = self.wanted, self.basis, look.converged
         if self.limits.challenge:
             most = min(self._most_leading(look.size), self.most_room - self.ncv // 2)
@@ -282,9 +238,8 @@ def _leading(T: np.ndarray, values: np.ndarray, moved: np.ndarray, tol: float, f
 def _aside(
     T: np.ndarray, ranks: np.ndarray, worst: float, moved: np.ndarray, converged: int, most: int
 ) -> int:
-    """Number of leading Schur vectors that a challenge leaves aside.
-
-    They are the converged ones and following ones that are nearly invariant, at most `most`.
+    """Number of leading Schur vectors that a challenge leaves aside: the converged ones and
+    following ones that are nearly invariant, at most `most`.
     """
     last = min(most, len(ranks) - 1) - 1
     if last <= converged:
@@ -314,14 +269,12 @@ def _better(
     tol: float,
     floor: float,
 ) -> bool:
-    r"""Whether ranks have risen by more than their uncertainty, residual times condition number.
+    r"""Whether ranks have risen by more than their uncertainty, residual times condition.
 
-    A pair (value, x) of residual r is an exact pair of a matrix A + E, |E| = r. So the value has
-    the uncertainty :math:`r \kappa`, with :math:`\kappa = |x| |y| / |y^* x|` and the left
-    eigenvector y; for repeated eigenvalues y is the one nearest to x. Values that are better by
-    less do not show that an eigenvalue was missed. For defective eigenvalues :math:`\kappa` is
-    infinite, and the error is estimated by the cube root of the residual, as for Jordan blocks of
-    order three.
+    A pair of residual r is exact for a matrix A + E, |E| = r, and the condition is :math:`\kappa =
+    |x| |y| / |y^* x|` with the left eigenvector y nearest to x. For defective eigenvalues
+    :math:`\kappa` is infinite: their error is estimated by the cube root of r, as for Jordan blocks
+    of order three.
     """
     slack = 1e-9 * np.abs(ranks)
     if not np.any(ranks > champions + slack + floor):
@@ -351,9 +304,8 @@ def _unbeaten(
     locked: int,
     worst: float,
 ) -> bool:
-    """Whether the best eigenvalue not yet converged ranks below the wanted.
-
-    The gap must be far larger than its residual: `INSIDE` of the challenge is the ratio.
+    """Whether the best eigenvalue not yet converged ranks below the wanted, by a gap that is far
+    larger than its residual (`INSIDE` of the challenge is the ratio).
     """
     if converged > locked or converged == len(values):
         return True
@@ -366,40 +318,12 @@ Array = np.ndarray
 
 
 def shifted_qr(H: Array, beta: float, values: Array, keep: int) -> tuple[Array, Array, Array]:
-    r"""Reduce ``A V = V H + \beta v e_m^T`` to `keep` columns with the unwanted values as shifts.
+    r"""Reduce ``A V = V H + \beta v e_m^T`` to `keep` columns by shifted QR steps (Sorensen 1992).
 
-    Each shift :math:`\mu` costs a QR factorisation :math:`H - \mu I = Q R` and
-    :math:`H \leftarrow Q^* H Q`; a conjugate pair of a real H is taken as one quadratic step,
-    :math:`H^2 - 2 \mathrm{Re}(\mu) H + |\mu|^2 I = Q R`, so that H stays real.
-
-    Parameters
-    ----------
-    H : ndarray, shape (m, m)
-        Upper Hessenberg.
-    beta : float
-    values : ndarray, shape (m,)
-        Eigenvalues of H; those from `keep` on are the shifts. They must not split a pair.
-    keep : int
-
-    Returns
-    -------
-    Q : ndarray, shape (m, keep)
-    projected : ndarray, shape (keep, keep)
-        Upper Hessenberg.
-    spike : ndarray, shape (keep,)
-        Coefficients of the old residual vector; see Notes.
-
-    Notes
-    -----
-    The new residual is ``V Q[:, keep] H[keep, keep-1] + \beta Q[m-1, keep-1] v``, a combination
-    of two vectors. With exact shifts the first coefficient is zero up to rounding, and only the
-    second term is kept. The neglected first term is the error of this restart and the reason why
-    Krylov-Schur is the default.
-
-    References
-    ----------
-    D. C. Sorensen, Implicit application of polynomial filters in a k-step Arnoldi method, SIAM J.
-    Matrix Anal. Appl. 13 (1992).
+    The shifts are the unwanted values; a pair of a real H takes :math:`H^2 - 2 \mathrm{Re}(\mu) H +
+    |\mu|^2 I = Q R`. Returns Q, the projected matrix and the coefficients of v in the residual; its
+    other term, ``V Q[:, keep] H[keep, keep-1]``, is rounding for exact shifts and neglected, which
+    is why Krylov-Schur is the default.
     """
     m = len(H)
     H, Q, unit = H.copy(), np.eye(m, dtype=H.dtype), np.eye(m)

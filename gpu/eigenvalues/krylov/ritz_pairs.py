@@ -33,28 +33,9 @@ def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
 def pairs_with_residuals(
     V: Any, Y: np.ndarray, values: np.ndarray, A: Any, M: Any
 ) -> tuple[Any, Any, Any]:
-    r"""Values, vectors ``V^T Y`` and the squares of \|A x - lambda M x\| and of \|A x\|.
-
-    A real eigenvector is made of one real column and a conjugate pair of two, so A is multiplied by
-    real vectors only, at most k + 1 of them.
-
-    Parameters
-    ----------
-    V : cupy.ndarray of float64, shape (c, n)
-        The basis, by rows.
-    Y : ndarray, shape (c, k)
-        Columns of unit length, conjugate ones for conjugate values.
-    values : ndarray of complex128, shape (k,)
-    A, M : cupy.ndarray or sparse matrix
-        M may be None.
-
-    Returns
-    -------
-    values : cupy.ndarray of complex128, shape (k,)
-    vectors : cupy.ndarray of complex128, shape (n, k)
-    squares : cupy.ndarray, shape (2, k)
-        The device may still compute them on return: reading them waits for it.
-    """
+    """Values, vectors ``V^T Y``, shape (n, k), and |A x - lambda M x|^2, |A x|^2, shape (2, k). V
+    has basis rows, Y conjugate columns for conjugate values: A multiplies at most k + 1 real
+    vectors. The device may still compute the squares on return."""
     import cupy
 
     k, (c, n) = len(values), V.shape
@@ -76,10 +57,8 @@ def pairs_with_residuals(
 
 
 def _real_columns(Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The real columns from which those of Y are made, as rows, and their places.
-
-    The places, shape (3, k), are for each column of Y the index of its real part, that of its
-    imaginary part (-1: none), and the sign of the latter.
+    """The real columns that make up those of Y, as rows, and for each column of Y, shape (3, k):
+    index of the real part, index of the imaginary part (-1: none), sign of the latter.
     """
     k = Y.shape[1]
     places = np.array([np.arange(k), np.full(k, -1), np.ones(k)], dtype=float)

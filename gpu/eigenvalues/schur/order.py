@@ -20,15 +20,9 @@ ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
 
 
 def rank_of(which: str, real: bool) -> Rank:
-    """The rank function of `which`; equal for the two of a conjugate pair of a real matrix.
-
-    As in ARPACK, LI and SI mean the modulus of the imaginary part if A is real, and the imaginary
-    part itself if A is complex.
-
-    Raises
-    ------
-    InputError
-    """
+    """The rank function of `which`; equal for the two of a conjugate pair of a real matrix. As in
+    ARPACK, LI and SI mean the modulus of the imaginary part if A is real, and the imaginary part
+    itself if A is complex."""
     if which not in ORDERS:
         raise InputError(f"which={which!r}: expected one of {', '.join(ORDERS)}")
     sign = 1.0 if which[0] == "L" else -1.0
@@ -42,20 +36,9 @@ def rank_of(which: str, real: bool) -> Rank:
 
 
 def edge_of(which: str, real: bool) -> Edge:
-    """Points of the curve of all numbers with the rank of the least wanted eigenvalue.
-
-    Parameters
-    ----------
-    which, real
-        As for `rank_of`.
-
-    Returns
-    -------
-    callable (worst, values) -> ndarray
-        Takes the rank on the curve and eigenvalues of lower rank; returns the points of the curve
-        nearest to these, and `EVENLY` equidistant ones. Of unbounded curves only the part up to
-        the largest modulus of the values is taken.
-    """
+    """A function (worst, values) -> points of the curve of all numbers of rank `worst`: those
+    nearest to the values, which rank lower, and `EVENLY` equidistant ones. Unbounded curves end at
+    the largest modulus of the values."""
     sign = 1.0 if which[0] == "L" else -1.0
 
     def edge(worst: float, values: np.ndarray) -> np.ndarray:
@@ -75,21 +58,9 @@ def edge_of(which: str, real: bool) -> Edge:
 def best_first(
     values: np.ndarray, rank: Rank, k: int, paired: bool, shown: np.ndarray | None = None
 ) -> np.ndarray:
-    """Indices of the k best values, best first.
-
-    Members of a conjugate pair are adjacent, the one of positive imaginary part first.
-
-    Parameters
-    ----------
-    values : ndarray
-        The values that are ranked.
-    rank : callable
-    k : int
-    paired : bool
-        Whether complex values come as adjacent conjugate pairs, as LAPACK returns them.
-    shown : ndarray, optional
-        The eigenvalues themselves, if `values` are those of a transformed problem.
-    """
+    """Indices of the k best values, best first; of a conjugate pair the positive imaginary part
+    first. `paired`: complex values come as adjacent pairs, as from LAPACK; `shown`: the
+    eigenvalues, if `values` are those of a transformed problem."""
     shown = values if shown is None else shown
     if not paired:
         return np.argsort(-rank(values), kind="stable")[:k]

@@ -12,9 +12,8 @@ Rank = Callable[[Array], Array]
 
 
 def eigenvalues_of(T: Array) -> Array:
-    """Diagonal eigenvalues of a Schur form, complex, in the order of its rows.
-
-    A conjugate pair of a real form sits in a block of two rows, positive imaginary part first.
+    """Diagonal eigenvalues of a Schur form, complex, in the order of its rows. A conjugate pair of
+    a real form is a block of two rows, positive imaginary part first.
     """
     values = T.diagonal().astype(complex)
     if T.dtype.kind == "c":
@@ -30,27 +29,9 @@ def eigenvalues_of(T: Array) -> Array:
 
 
 def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Array]:
-    """The Schur form ``S = Q T Q^*`` with the best eigenvalues first.
-
-    Parameters
-    ----------
-    S : ndarray, shape (m, m)
-    rank : callable (values,) -> ndarray
-        Eigenvalues of larger rank come first; equal for the two of a conjugate pair.
-    leading : int
-        How many leading rows are put in order; blocks of two rows stay whole.
-
-    Returns
-    -------
-    T, Q : ndarray, shape (m, m)
-    values : ndarray, shape (m,)
-        Complex eigenvalues in the order of T's rows.
-
-    References
-    ----------
-    Z. Bai and J. W. Demmel, On swapping diagonal blocks in real Schur form, Linear Algebra Appl.
-    186 (1993): LAPACK's trexc.
-    """
+    """T, Q and eigenvalues of ``S = Q T Q^*``, the eigenvalues of largest rank first in `leading`
+    rows. Blocks of two rows stay whole, the ranks of a conjugate pair are equal; by LAPACK's trexc
+    (Bai and Demmel 1993)."""
     gees, trexc = (zgees, ztrexc) if S.dtype.kind == "c" else (dgees, dtrexc)
     T, *_, Q, _, info = gees(lambda *_: 0, S, sort_t=0)
     if info:

@@ -53,14 +53,14 @@ from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve, symmetric_pr
 from gpu.errors import Infeasible, NotConverged
 from gpu.qp.data.step import Step
 
-# A full exchange that has not gained for so many steps may cycle, which the path cannot.
+# Steps without fewer violations after which a full exchange may cycle; the path cannot.
 STALLED_EXCHANGES = 5
 # Proximal centres of the equality rows: two or three are the rule, more where rows almost depend.
 MAX_CENTRES = 100
-# Of the terms of a sum: a violation below it is none.
+# Relative to the sum of moduli of the terms: a smaller violation is rounding.
 SUM_ROUNDING = 64 * np.finfo(float).eps
-# Of the largest compliance a'P^-1 a of a row: small against the compliance of a few free
-# variables, large against the rounding of the Schur complement.
+# Relative to the largest compliance a'P^-1 a of a row: far below that of a few free variables, far
+# above the rounding of the Schur complement.
 RHO, RHO_MIN = 1e-8, 1e-13
 
 
@@ -80,7 +80,7 @@ class BoxQP:
         return symmetric_product(self.P, x) + self.q + self.A.T @ y
 
     def terms(self, i: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Size of what is added up in the entries i of the gradient."""
+        """Sum of the moduli of the terms in the entries i of the gradient."""
         return (
             np.abs(self.P[i]) @ np.abs(x) + np.abs(self.q[i]) + np.abs(self.A[:, i].T) @ np.abs(y)
         )
@@ -100,11 +100,11 @@ class BoxQP:
         )
 
     def row_rounding(self) -> np.ndarray:
-        """What rounding in x ~ q does to the rows."""
+        """Rounding error of ``Ax`` for an x of the size of q."""
         return SUM_ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
 
     def row_errors(self, x: np.ndarray) -> tuple[float, float]:
-        """Largest residual of a row over the terms added up in it: whole, beyond rounding of q."""
+        """Largest residual of a row relative to its terms: whole, and beyond the rounding of q."""
         terms = np.abs(self.A) @ np.abs(x) + np.abs(self.b)
         residual = np.abs(self.A @ x - self.b)
         beyond = np.maximum(residual - self.row_rounding(), 0.0)
@@ -112,9 +112,8 @@ class BoxQP:
         return float(np.max(residual / size)), float(np.max(beyond / size))
 
     def separator(self, state: np.ndarray, y: np.ndarray, tol: float) -> np.ndarray | None:
-        """A y with ``max (A'y)'x < y'b`` over the box, by more than `tol` times the terms.
-
-        It is sought next to the given y, where ``A'y`` vanishes on the free variables.
+        """A y with ``max (A'y)'x < y'b`` over the box, by more than `tol` times the terms. It is
+        sought next to the given y, where ``A'y`` vanishes on the free variables.
         """
         U, size, _ = np.linalg.svd(self.A[:, state == 0], full_matrices=False)
         U = U[:, size > SUM_ROUNDING * size.max(initial=0.0)]
@@ -185,7 +184,7 @@ class ActiveSet:
         return np.flatnonzero(violation > 0)
 
     def exchange(self, i: np.ndarray, order: np.ndarray) -> None:
-        """Free the held ones of i, hold the free ones at the bound whose `order` is lower."""
+        """Free the held variables of i; hold the free ones at the bound with the lower `order`."""
         side = np.where(order[0] < order[1], -1, 1)
         self.state[i] = np.where(self.state[i] == 0, side, 0)
 

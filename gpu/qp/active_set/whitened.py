@@ -34,16 +34,17 @@ from gpu.arrays.namespace import to_host
 from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.data.step import Step
 
-# Steps without fewer violations, and in all, after which the interior point takes over: it needs
-# about fifteen factorisations of n x n, an exchange one of the active rows.
+# Steps without fewer violations, and all steps, before the interior point takes over, which costs
+# about fifteen factorisations of n x n; an exchange costs one of the active rows.
 HOPELESS_EXCHANGES, MOST_EXCHANGES = 3, 60
-# Of the terms of a sum: a violation below it is none.
+# Relative to the sum of moduli of the terms: a smaller violation is rounding.
 SUM_ROUNDING = 64 * np.finfo(float).eps
-# Of the forces, in units where P has a diagonal of one: an x below it may be their rounding.
+# Relative to the forces, in units where P has a diagonal of one: a smaller x may be their rounding.
 ORIGIN = 1e-10
-# Of the largest diagonal entry of W: rows that depend on each other share their multiplier.
+# Relative to the largest diagonal entry of W: added to W, so that dependent rows share a
+# multiplier.
 SOFTNESS = 1e-12
-# Part of the unknowns that active rows may take away: with as many rows as unknowns W is singular.
+# Largest number of active rows, relative to the unknowns: W is singular with as many.
 ROOM = 0.9
 
 
@@ -52,12 +53,9 @@ class GaveUp(Exception):
 
 
 class WhitenedActiveSet:
-    """Rows ``C x`` of a program, then the variables themselves, in one numbering.
-
-    `L` is the factor of P and `product` multiplies by it; the P of the program is not touched.
-    Matrices stay where they are; sides, states and what decides about them are on the host, where
-    a step through a short vector takes less than its launch on a device.
-    """
+    """Rows ``C x`` of a program, then its variables, in one numbering; `L` is the factor of P, by
+    which `product` multiplies. Matrices stay where they are; sides and states are on the host,
+    where a step through a short vector takes less than its launch on a device."""
 
     def __init__(self, p: StandardQP, L: Array, product: Callable[[Array], Array]) -> None:
         self.p, self.product, self.xp = p, product, p.xp

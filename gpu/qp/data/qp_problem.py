@@ -19,9 +19,9 @@ from gpu.qp.data.standard_qp import StandardQP, is_sparse
 HESSIAN_ASYMMETRY = 1e-10
 # Largest shift of the scaled P, for a thousand unknowns, that is taken for rounding of its entries.
 CONVEXITY = 1e-10
-# The same for entries that were written with some five digits: measured covariances, say.
+# The same for entries written with some five digits, as of measured covariances.
 NEARLY = 3e-5
-# From here on a number stands for infinity, as in files of the field.
+# Numbers from here on stand for infinity, as in the file formats of the field.
 INFINITE = 1e20
 
 
@@ -239,7 +239,7 @@ def check_problem(
 
 
 def _as_sparse(factor: QPFactor) -> QPFactor:
-    """A factor of dense P beside sparse rows: checked already, it only changes its storage."""
+    """The factor of a dense P for a problem with sparse rows: the same, stored sparsely."""
     other: Any = object.__new__(QPFactor)
     dense: Any = factor
     other.P, other.scaled = sparse.csr_array(dense.P), sparse.csr_array(dense.scaled)

@@ -80,9 +80,8 @@ class StandardQP:
         return replace(self, P=sparse.csr_array(self.P), C=sparse.csr_array(self.C))
 
     def on_host(self) -> StandardQP:
-        """The same program with its vectors on the host; matrices of a device stay there.
-
-        What is many short vectors and few products takes less time so.
+        """The same program with its vectors on the host; matrices of a device stay there. This is
+        faster for many short vectors and few products.
         """
         if self.xp is np:
             return self
@@ -128,11 +127,9 @@ class StandardQP:
 
     @cached_property
     def lengths(self) -> Array:
-        r"""What curvature and linear term make each x: their rounding moves x by a part of it.
-
-        With :math:`D = \mathrm{diag}(P)^{-1/2}`, :math:`D_j|Dq|_\infty`, or :math:`D_j` times the
-        largest side in these units where that is less and not rounding itself; 0 without curvature.
-        """
+        r"""The size of each x that follows from curvature and linear term, :math:`D_j|Dq|_\infty`
+        with :math:`D = \mathrm{diag}(P)^{-1/2}`, or :math:`D_j` times the largest side in these
+        units if that is smaller and not rounding; 0 without curvature."""
         xp, diagonal = self.xp, self.P.diagonal()
         D = xp.where(diagonal > 0.0, 1.0 / xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
         if not self.q.size:
@@ -148,7 +145,7 @@ class StandardQP:
 
     @cached_property
     def least_sizes(self) -> tuple[float, float, float]:
-        """Sizes of rows, of the objective and of x, below which none is taken to be."""
+        """Least sizes of rows, of the objective and of x that residuals are measured against."""
         near = LEAST_SIZE * self.lengths
         rows = abs(self.C) @ near
         return (
@@ -163,7 +160,7 @@ class StandardQP:
 
 
 def one_sided(value: Array, low: Array, high: Array) -> Array:
-    """`value` without what points to an infinite side."""
+    """`value`, with zeros where it points to an infinite side."""
     xp = namespace(value)
     value = xp.where((value > 0) & xp.isinf(high), 0.0, value)
     return xp.where((value < 0) & xp.isinf(low), 0.0, value)
@@ -174,54 +171,34 @@ def largest(*values: float) -> float:
     return float(np.max(values)) if values else 0.0
 
 
-# Sums whose terms cancel are measured against their terms times this, not against themselves.
+# Sums whose terms cancel are measured against at least this part of their terms.
 CANCELLATION = 1e-3
-# Of the terms of x'Px, what their sum may be off by.
+# Relative rounding error allowed in x'Px.
 PRODUCT_ROUNDING = 16 * np.finfo(float).eps
-# Residuals below this need no closer look.
+# Residuals below this are not examined more closely.
 SHARP_RESIDUAL = 1e-13
-# Of the lengths of a program, the least size that x is given: an x beside which the rounding of
-# forces is all there is cannot be measured against itself.
+# Least size given to x, relative to `StandardQP.lengths`: a smaller x is rounding of the forces.
 LEAST_SIZE = 1e-6
-# Sides below this part of the lengths may be what is left of a difference.
+# Relative to `StandardQP.lengths`: smaller sides may be rounding left by a difference.
 SIDE_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
 class Residuals:
-    r"""Relative residuals of an approximate solution of a `StandardQP`.
+    r"""Relative residuals of an approximate solution of a `StandardQP`; bounds hold exactly.
 
-    No x counts for less than a millionth of `StandardQP.lengths`: at the origin it is rounding,
-    which is never small beside itself.
-
-    Attributes
-    ----------
-    primal : float
-        Largest violation of a row over the largest of :math:`|Cx|, |r|` in the rows where either
-        side counts; bounds hold exactly.
-    dual : float
-        Largest entry of :math:`Px + q + C^Ty + z_\mathrm{box}` over the largest of its four terms.
-    gap : float
-        :math:`|x^TPx + q^Tx + y^Tr + z_\mathrm{box}^Tb|`, with the sides r of rows and b of bounds
-        that the multipliers point to, over the larger of the first two terms: large multipliers
-        that cancel excuse no error in the objective. What exceeds the rounding
-        :math:`16\epsilon|x|^T|P||x|` of the first term counts, |x| of the variables
-        that are confined on both sides.
-    complementarity : float
-        Largest product of a multiplier and the distance to its side, the one over the largest
-        term of `dual`, the other over the largest entry of x, or of x and Cx for rows.
-    pairing : float
-        Largest value of min(multiplier, distance to its side), in the same units: large where
-        the active set is a wrong one. It does not count as a residual: where multiplier and
-        distance both vanish at the solution, it is as large as the square root of their product,
-        which `gap` bounds already.
+    `gap` is :math:`|x^TPx + q^Tx + y^Tr + z_\mathrm{box}^Tb|`, with the sides r, b that multipliers
+    point to, over the larger of the first two terms, less the rounding
+    :math:`16\epsilon|x|^T|P||x|` of confined variables. `pairing` does not count as a residual: if
+    multiplier and distance both vanish at the solution, it is the square root of their product,
+    which `gap` bounds.
     """
 
-    primal: float
-    dual: float
+    primal: float  # largest violation of a row over the largest of |Cx|, |r|
+    dual: float  # largest entry of Px + q + C'y + z_box over its largest term
     gap: float
-    complementarity: float = 0.0
-    pairing: float = 0.0
+    complementarity: float = 0.0  # largest product of relative multiplier and distance
+    pairing: float = 0.0  # largest min(multiplier, distance): large if the active set is wrong
 
     @property
     def worst(self) -> float:
@@ -239,9 +216,8 @@ class Residuals:
 def residuals(
     p: StandardQP, x: Array, y: Array, z_box: Array, products: tuple[Array, Array] | None = None
 ) -> Residuals:
-    """Residuals of `x` within its bounds and of multipliers with the right signs.
-
-    `products` are P x and C'y, where they are known already.
+    """Residuals of `x` within its bounds and of multipliers with the right signs. `products` are P
+    x and C'y, if they are known already.
     """
     xp = p.xp
 
@@ -301,11 +277,9 @@ def _pairs(
     force: float,
     lengths: tuple[float, float],
 ) -> tuple[float, float]:
-    """Of multipliers and distances to their sides, each over its size: see `Residuals`.
-
-    The largest product (`complementarity`), and the largest value of min(multiplier, distance)
-    (`pairing`); `lengths` are those of rows and of bounds.
-    """
+    """`complementarity` and `pairing` of `Residuals`: the largest product of a multiplier and the
+    distance to its side, and the largest minimum of the two, each relative to its size. `lengths`
+    are those of rows and of bounds."""
     xp = p.xp
     product = lesser = 0.0
     for multiplier, value, low, high, length in (
@@ -323,7 +297,7 @@ def _pairs(
 
 
 def _over(value: float, size: float, terms: Callable[[], float]) -> float:
-    """`value` over `size`, or over `terms`, the least that it counts for, where it matters."""
+    """`value` over the larger of `size` and `terms`, which are computed only if it matters."""
     if not np.isfinite(size):
         return np.nan
     if not value or value <= SHARP_RESIDUAL * size:

@@ -21,7 +21,7 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
 # Each takes about the square root of all sizes: twelve turn sixteen decades into 16 / 2^12.
 SCALING_ROUNDS = 12
-# Of the largest: curvatures from here on tell with the linear term how long x is.
+# Relative to the largest: only larger curvatures c count where |q| / c gives the length of x.
 SMALL_CURVATURE = 1e-6
 # Lengths up to which iterates go without another unit.
 MODERATE = 1e3
@@ -68,7 +68,7 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
 
 
 def _length(p: StandardQP, D: Array, E: Array, curvature: _Sizes) -> Any:
-    """The unit of length: what is far below one would drown in the first iterates."""
+    """The unit of length; what is far below it would be lost in rounding of the first iterates."""
     xp = p.xp
     side = largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D)
     columns, force = curvature.columns(D, D), 0.0

@@ -26,11 +26,12 @@ from gpu.qp.interior_point.polish import HUGE, Sides
 
 # 64 bits of mantissa on x86, 113 on other Linux machines, and 53 where there is nothing longer.
 Long = np.longdouble
-# In scaled units, the first that converges: smaller ones serve rows that are all but dependent.
+# In scaled units; the first that converges counts, smaller ones serve rows that are almost
+# dependent.
 EXTENDED_REGULARISATIONS = (1e-9, 1e-12, 1e-14)
 # Steps that may pass without the correction becoming half as large.
 STALLED_REFINEMENTS = 4
-# Of the largest entry: corrections below this are lost in rounding.
+# Relative to the largest entry: smaller corrections are lost in rounding.
 NOTHING = np.finfo(float).eps / 16
 
 
@@ -60,9 +61,8 @@ def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
 
 
 def _active(p: StandardQP, scaling: Scaling, t: PrimalDual, loose: bool) -> Sides:
-    """Rows with a multiplier and variables at their bounds, in the scaled program p.
-
-    If `loose`, also those whose multiplier is larger than the distance to the side.
+    """Rows with a multiplier and variables at their bounds, in the scaled program p; if `loose`,
+    also those whose multiplier is larger than the distance to the side.
     """
     x, y = scaling.scaled_point(t.x, t.y)
     z_box = t.z_box * scaling.variables * scaling.objective
@@ -114,7 +114,7 @@ def _largest(a: Array) -> float:
 
 
 def _rounded(p: StandardQP, x: Array, y: Array) -> PrimalDual:
-    """Double precision, with the forces that the bounds can bear."""
+    """The solution in double precision, with forces only at bounds and only of the right sign."""
     x = np.clip(x.astype(float), p.lb, p.ub)
     y = one_sided(y.astype(float), p.row_low, p.row_high)
     force = -(_long(p.P) @ x.astype(Long) + p.q + _long(p.C.T) @ y.astype(Long)).astype(float)

@@ -23,23 +23,23 @@ from gpu.qp.interior_point.equilibrate import largest_side
 
 # A sum below this part of its terms is zero: rounding of a few thousand terms reaches it.
 ZERO_SUM = 1e-12
-# Part of its terms by which the inequality of a proof holds: what was taken for zero cannot decide.
+# Relative to its terms: margin of the inequality of a proof, above what was taken for zero.
 PROOF_MARGIN = 1e-9
-# Of the largest entry of q: what a difference may leave of others.
+# Relative to the largest entry of q: rounding of other entries that are differences.
 TERM_ROUNDING = 64 * np.finfo(float).eps
-# A proof with a component of C'y taken for zero at an infinite bound excludes no points that are
-# far away: they must be this many times farther than the largest side of the program.
+# A proof in which a component of C'y at an infinite bound is taken for zero excludes only points
+# nearer than this many times the largest side of the program.
 FARTHER = 1e4
-# Largest violation of a row by a ray: part of its terms, for as much is left by the projection; and
-# of its largest entry, where its terms vanish, half a unit of rounding.
+# Largest violation of a row by a ray: relative to the terms, as a projection leaves as much, and to
+# the largest entry of the row, for terms that vanish.
 RAY_ROUNDING, ENTRY_ROUNDING = 1e-10, 1e-16
-# Entries this small beside the largest are set to zero, the first value that gives a proof counts:
-# a solution to 1e-10 leaves about its square root where a sharp proof has a zero.
+# Relative size of entries set to zero; the first value that gives a proof counts. A solution to
+# 1e-10 has entries of about 1e-5 where a sharp proof has a zero.
 NEGLIGIBLE = (1e-12, 1e-9, 1e-7, 1e-5)
-# Components of C'y, for a largest y of one, that are taken for zero, and rows of a ray that are
-# taken for equalities, over their terms: both before the projection that makes them so.
+# Before the projection: components of C'y taken for zero if the largest y is one, and relative size
+# of rows of a ray taken for equalities.
 VANISHING, NEARLY_HELD = 1e-8, 1e-4
-# Entries of the dense block of a projection: 32 MB.
+# Most entries of the dense block of a projection: 32 MB.
 LARGEST_PROJECTION = 4_000_000
 # Singular values of that block below this, over the largest, are rounding.
 DEPENDENT = 1e-13
@@ -129,14 +129,8 @@ def _verified(p: StandardQP, y: Array) -> Array | None:
 
 
 def ray(p: StandardQP, solve: Solve, towards: Array | None = None) -> Array | None:
-    """A verified ray along which the objective falls for ever, if there is one.
-
-    Parameters
-    ----------
-    p : StandardQP
-    solve : callable
-    towards : array, shape (n,), optional
-        Where iterates ran away to: its direction is tried as well.
+    """A verified ray along which the objective falls without bound, or None. The direction of
+    `towards`, shape (n,), to which iterates ran away, is tried as well.
     """
     xp, n = p.xp, p.q.size
     size = float(xp.abs(p.q).max()) if n else 0.0

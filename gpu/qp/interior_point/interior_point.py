@@ -38,19 +38,19 @@ logger = logging.getLogger(__name__)
 MOST_INTERIOR_STEPS = 200
 # Steps in which neither the residual nor the merit falls by a tenth; progress may pause for long.
 STALLED_INTERIOR_STEPS = 40
-# The same once products are as small as they are to become and residuals below `NEAR_RESIDUAL`:
-# then Newton's steps are a matter of rounding.
+# The same once products are as small as they may be and residuals below `NEAR_RESIDUAL`: what
+# Newton's steps change then is rounding.
 STALLED_STEPS_AT_FLOOR = 10
-# Relative; from here on extended precision can find the solution from the active set.
+# Relative: below this, extended precision can find the solution from the active set.
 NEAR_RESIDUAL = 1e-4
 # Below its target a point is still improved while steps help, down to what rounding leaves.
 STALLED_STEPS_BELOW_TARGET = 2
-# Proximal terms at the start, in scaled units where the matrices are about one: small beside
-# their entries, large beside the rounding of a factorisation. They fall with the average product.
+# First proximal terms, in scaled units (matrices about one): small beside the entries, large beside
+# the rounding of a factorisation. They fall with the average product.
 FIRST_PROXIMAL = 1e-6
-# At most so many corrections of Gondzio's, each of which costs one solve with the same factors.
+# Most corrections of Gondzio's, each of which costs one solve with the same factors.
 CORRECTIONS = 2
-# Of the average product: a step is shortened until no product is left below this.
+# Relative to the average product: a step is shortened until no product is below this.
 CENTRAL = 1e-4
 # Proximal terms stay within these: below, pivots are rounding; above, steps hardly move.
 LEAST_PROXIMAL, MOST_PROXIMAL = 1e-14, 1e-3
@@ -103,7 +103,7 @@ class InteriorPoint:
 
     @property
     def mu(self) -> float:
-        """Average product."""
+        """Average product of a distance and its multiplier."""
         s = self.s
         return float((s.z_low * s.t_low).sum() + (s.z_high * s.t_high).sum()) / max(self.count, 1)
 
@@ -269,7 +269,7 @@ class InteriorPoint:
         return (ap, ad) if self.linear else (min(ap, ad),) * 2
 
     def _off_centre(self, d: Step, ap: float, ad: float, target: float) -> tuple[Array, Array]:
-        """What products lack after a longer step to lie within a tenth and ten times the target."""
+        """Corrections that bring products, after a longer step, to .1 to 10 times the target."""
         s, xp = self.s, self.xp
         bp, bd = min(1.0, 1.5 * ap + 0.1), min(1.0, 1.5 * ad + 0.1)
 
@@ -293,18 +293,9 @@ def interior_point(
     spread: float = 1.0,
     hurried: bool = False,
 ) -> tuple[Array, Array, tuple[Array, Array], int]:
-    """Iterate until `measure` is below `target` and nothing improves any more.
-
-    If `hurried`, it ends sooner where only rounding is left: extended precision is to follow.
-
-    Returns
-    -------
-    x, y : array
-        Where `measure` was least.
-    sides : tuple of array
-        Signed states of bounds and rows there.
-    steps : int
-    """
+    """Iterate until `measure` is below `target` and nothing improves, or if `hurried` until only
+    rounding is left (extended precision is to follow). Returns x and y where `measure` was least,
+    the signed states of bounds and rows there, and the number of steps."""
     iterate = InteriorPoint(program, system, separate, spread)
     best, least, stalled, steps = np.inf, np.inf, 0, 0
     x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
@@ -337,13 +328,12 @@ def interior_point(
     return x, y, sides, steps
 
 
-# A multiplier at the start is at most so many times the size that all have: a tiny distance to a
-# side must not make it huge.
+# Largest multiplier at the start, relative to their common size: limits those of tiny distances.
 LARGEST_MULTIPLIER = 1e3
 # Least proximal term, in scaled units: pivots of that size still have six digits.
 LEAST_REGULARISATION = 1e-10
-# In the system of the first point variables without a bound get the diagonal entry LOOSE, the
-# others 1, and equality rows -FIRM: small, so that it does not move what is determined.
+# Diagonal entries of variables without a bound (others: 1) in the system of the first point, and
+# minus those of equality rows: too small to move what is determined.
 LOOSE, FIRM = 1e-6, 1e-8
 
 
@@ -432,7 +422,7 @@ def inside(
 
 
 def _factor(p: StandardQP, system: System, rows: Array, diagonal: Array, least: float) -> None:
-    """Factor with equality rows as soft as it takes where they depend on each other."""
+    """Factor with a regularisation of equality rows that grows until dependent rows succeed."""
     while True:
         E = p.xp.full(p.row_low.size, least)
         E[rows] = 1.0

@@ -26,14 +26,14 @@ from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve
 from gpu.arrays.sparse_factor import quasidefinite
 from gpu.qp.data.standard_qp import Array, StandardQP, largest
 
-# At most; refinement ends where a step does not halve the residual.
+# Most steps; refinement ends when a step does not halve the residual.
 SYSTEM_REFINEMENTS = 3
 # Relative residual above which refinement has failed.
 POOR_RESIDUAL = 1e-9
-# Of GMRES, one for each perturbed pivot, which are few; all are kept.
+# Most directions of GMRES, all kept: one for each perturbed pivot, which are few.
 GMRES_DIRECTIONS = 20
-# Unknowns and rows up to which a sparse system, whose pivots are taken in a fixed order and
-# perturbed, is factored with symmetric pivoting where that failed: it takes no longer.
+# Most unknowns and rows of a sparse system that is factored again with symmetric pivoting if its
+# fixed order with perturbed pivots fails.
 MOST_STORED_DENSELY = 600
 
 
@@ -84,9 +84,8 @@ class SparseSystem:
         return np.concatenate([self.P @ u + self.D * u + self.Ct @ v, self.C @ u - self.E * v])
 
     def _minimal_residual(self, right: Array, w: Array) -> Array:
-        """GMRES from w on, preconditioned by factors whose pivots were perturbed [1]_.
-
-        Refinement diverges where a few pivots were; to this they are a few directions.
+        """GMRES from w on, preconditioned by factors with perturbed pivots [1]_. Refinement
+        diverges if a few pivots were perturbed; for GMRES they are a few directions.
         """
         basis = [self.factors.solve(right - self._product(w))]
         length = float(np.linalg.norm(basis[0]))
@@ -177,9 +176,8 @@ class DenseSystem:
 
 
 class IndefiniteSystem:
-    """The full system on the host, factored as it stands with symmetric pivoting.
-
-    Slower than the condensed one, and safe where entries of D and E differ by many orders.
+    """The full system on the host, factored as it stands with symmetric pivoting. Slower than the
+    condensed one, and safe if entries of D and E differ by many orders.
     """
 
     def __init__(self, program: StandardQP) -> None:
@@ -235,7 +233,7 @@ def kkt_system(program: StandardQP, solver: str = "auto") -> System:
 
 
 def safe_system(program: StandardQP) -> IndefiniteSystem | None:
-    """What may take the place of `kkt_system` where that failed; None where it is too large."""
+    """The slower, safer system if that of `kkt_system` failed; None if it is too large."""
     few = program.q.size + program.row_low.size <= MOST_STORED_DENSELY
     if program.xp is np and (few or not program.is_sparse):
         return IndefiniteSystem(program)

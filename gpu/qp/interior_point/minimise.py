@@ -21,17 +21,16 @@ from gpu.qp.interior_point.polish import Sides, polish
 from gpu.qp.interior_point.presolve import contradiction, presolve
 
 logger = logging.getLogger(__name__)
-# Separate steps for x and for the multipliers or not, and the size of the first multipliers;
-# zero lets them follow from the data.
+# Whether x and multipliers take separate steps, and the size of the first multipliers (zero: from
+# the data).
 ATTEMPTS = ((True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0))
-# Residuals of the origin from which on it counts, beside those of a point that tends to it.
+# Largest residual of x = 0 for which it may replace a point that tends to it.
 NEAR_ORIGIN = 1e-6
-# What the polish aims at: the accuracy of the arithmetic.
+# Target of the polish: the accuracy of the arithmetic.
 POLISH_TARGET = 1e-14
 # Below this residual no other choice of multipliers is tried: it would gain no digit that counts.
 CLEAN_RESIDUAL = 1e-12
-# No proof is sought where all residuals are already below this: an attempt with other multipliers
-# is likelier to find the solution.
+# No proof is sought if all residuals are below this: other multipliers are more likely to help.
 PLAUSIBLE_RESIDUAL = 1e-7
 # Residual of the point that shows that there are feasible ones.
 FEASIBLE = 1e-9
@@ -71,12 +70,9 @@ class NoBound(Exception):
 
 
 def certified(p: StandardQP, x: Array, y: Array) -> Point:
-    """The point next to (x, y) whose bounds and signs hold, and its residuals.
-
-    Without a linear term the minimum may be at zero, where all multipliers vanish; and where zero
-    is feasible it may be the solution. Residuals relative to multipliers, or to an x, that converge
-    to zero are never small: zero itself is tried too.
-    """
+    """The point next to (x, y) whose bounds and signs hold, and its residuals. Zero multipliers (if
+    q = 0) and x = 0 (if feasible) are tried too: residuals relative to a sequence that converges to
+    zero are never small."""
     point = _certified(p, x, y)
     if point.residuals.sharp <= CLEAN_RESIDUAL:
         return point
@@ -107,19 +103,9 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
 def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = True) -> Point:
-    """Solve, or raise `NoPoint`, `NoBound` or `NotConverged`.
-
-    Parameters
-    ----------
-    p : StandardQP
-    tol : float
-        Largest accepted residual; the polish goes on to the accuracy of the arithmetic.
-    solver : {"auto", "pardiso", "superlu"}
-        Of sparse systems.
-    proofs : bool
-        Whether to look for certificates where no solution is found; if not, the best point comes
-        back, whatever its residuals.
-    """
+    """The solution, with residuals of at most `tol` and polished to the accuracy of the arithmetic,
+    else raise `NoPoint`, `NoBound` or `NotConverged`. `solver` of sparse systems: "auto", "pardiso"
+    or "superlu". Without `proofs` the best point is returned, whatever its residuals."""
     if not bool(p.q.any()):
         nothing = certified(p, p.xp.zeros_like(p.q), p.xp.zeros_like(p.row_low))
         if nothing.residuals.worst == 0.0:
@@ -160,28 +146,18 @@ def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = Tru
 
 @dataclass(frozen=True)
 class _Search:
-    """Attempts on a scaled program, judged in the original one.
-
-    Attributes
-    ----------
-    p, scaled : StandardQP
-    whole : callable (x, y) -> Point
-        From the scaled program to the original one.
-    tol, solver, proofs
-        See `minimise`.
-    """
+    """Attempts on a scaled program, judged in the original one."""
 
     p: StandardQP
     scaled: StandardQP
-    whole: Callable[[Array, Array], Point]
+    whole: Callable[[Array, Array], Point]  # from the scaled to the original
     tol: float
     solver: str
     proofs: bool
 
     def run(self, unproved: bool) -> tuple[Point, int]:
-        """The best point of all attempts, and their steps; see `minimise` for what it raises.
-
-        `unproved` tells that small residuals alone do not show that the objective is bounded.
+        """The best point of all attempts, and their steps; raises what `minimise` raises.
+        `unproved`: small residuals alone do not show that the objective is bounded.
         """
         p, tol, proofs = self.p, self.tol, self.proofs
         system = kkt_system(self.scaled, self.solver)
@@ -220,9 +196,8 @@ class _Search:
         return best, steps
 
     def _attempt(self, attempt: int, system: System, hurried: bool) -> tuple[list[Point], int]:
-        """What the interior point ends at and what the polish makes of it; and the steps.
-
-        Nothing where not even a first point is found: another attempt has another system.
+        """The points where the interior point and the polish end, and the steps. No points if even
+        the first cannot be computed: another attempt has another system.
         """
         separate, spread = ATTEMPTS[attempt]
         aim = (0.1 if attempt == 0 else 1e-3) * self.tol
@@ -303,10 +278,8 @@ def _prove(p: StandardQP, best: Point, solver: str) -> None:
 
 
 def _lost_in_rounding(p: StandardQP, x: Array) -> bool:
-    """Whether the objective at x is rounding beside the terms of ``x'Px``.
-
-    Iterates that run away along a ray, or against it, reach any size, and beside that every
-    residual is small.
+    """Whether the objective at x is rounding beside the terms of ``x'Px``. Iterates that run away
+    along a ray reach any size, beside which every residual is small.
     """
     length = p.xp.abs(x)
     terms = float(length @ (abs(p.P) @ length))
@@ -352,7 +325,7 @@ def _no_bound(
 
 
 def _violated(p: StandardQP, x: Array) -> Array:
-    """The proof where every variable is fixed: the row that is violated most."""
+    """A proof if every variable is fixed: the row that is violated most."""
     xp = p.xp
     Cx = p.C @ x
     outside = xp.maximum(p.row_low - Cx, Cx - p.row_high)
@@ -362,31 +335,24 @@ def _violated(p: StandardQP, x: Array) -> Array:
     return y
 
 
-# A program whose linear term is small beside its curvature, in a form that has both of size one.
-#
-# Where P is singular the linear term decides in the directions without curvature, however small it
-# is; proximal terms and rounding of products with P drown it there. With :math:`P = M^TM`, of rank
-# r, and :math:`s = \max|q|`,
-#
-# .. math:: \min_{x, w} \tfrac12 |w|^2 + \tfrac1s q^Tx \quad\text{subject to}\quad
-#           Mx - \sqrt s\,w = 0
-#
-# and the rows and bounds of the program: the smaller s is, the closer it comes to the linear
-# program
-# on the face of least curvature. Multipliers of the other rows are those of the program over s.
-
-
-# In an equilibrated program P has entries near one: beside products with it a linear term below
-# this has lost four of its sixteen digits.
+# In an equilibrated program P has entries near one: beside products with P, a smaller linear term
+# has lost four of its sixteen digits.
 SMALL_LINEAR_TERM = 1e-4
-# All eigenvectors of P are computed and M is dense: programs with more unknowns stay as they are.
+# Most unknowns: all eigenvectors of P are computed, and M is dense.
 MOST_UNKNOWNS = 500
-# Of the largest eigenvalue of P and for each unknown: less is rounding of its entries.
+# Relative to the largest eigenvalue of P, for each unknown: less is rounding of its entries.
 EIGENVALUE_ROUNDING = 4 * np.finfo(float).eps
 
 
 class CurvatureRows:
-    """The program in (x, w), and the way back."""
+    r"""A program whose linear term is small beside its curvature, with both of size one, in (x, w).
+
+    .. math:: \min_{x, w} \tfrac12 |w|^2 + \tfrac1s q^Tx \quad\text{subject to}\quad
+              Mx - \sqrt s\,w = 0
+
+    and the given rows and bounds; :math:`P = M^TM`, :math:`s = \max|q|`. Where P is singular, a
+    small q still decides in directions without curvature, but proximal terms and rounding drown it.
+    """
 
     def __init__(self, p: StandardQP, size: float) -> None:
         n, self.m, self.size = p.q.size, p.row_low.size, size

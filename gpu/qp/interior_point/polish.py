@@ -22,11 +22,10 @@ import numpy as np
 from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.interior_point.kkt_system import System
 
-# A diagonal entry beside which entries of about one vanish in rounding, and that no product with
-# them overflows.
+# A diagonal entry beside which entries of about one are rounding; no product with them overflows.
 HUGE = 1e20
-# The sides that an interior point guesses are right but for a few, and refinement gains digits by
-# the regularisation at each step: where six are not enough, more seldom are.
+# Most steps: an interior point guesses nearly all sides, and each refinement gains the digits of
+# the regularisation.
 EXCHANGES, POLISH_REFINEMENTS = 6, 6
 # rho and delta, in scaled units, tried in turn: between rounding and what refinement takes back.
 POLISH_REGULARISATIONS = (1e-9, 1e-7, 1e-11)
@@ -83,7 +82,7 @@ def _at(
     measure: Callable[[Array, Array], float],
     target: float,
 ) -> tuple[Array, Array, float] | None:
-    """Where an active set leads."""
+    """The point to which an active set leads."""
     xp = p.xp
     held = state.bounds != 0
     used = (state.rows != 0) | p.equality

@@ -29,8 +29,7 @@ from scipy import sparse
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 from gpu.qp.interior_point.equilibrate import largest_side
 
-# Most passes over all rows: a pass may find reductions that the one before has made possible. They
-# usually end after a few.
+# Most passes over all rows, as one may make reductions possible for the next; they end after a few.
 SEARCH_ROUNDS = 10
 # Relative to the terms of a row: if the bounds leave it less room than this, it is a forcing row.
 ACTIVITY_ROUNDING = 1e-14
@@ -40,31 +39,15 @@ LARGEST_SEARCHED = 4_000_000
 
 @dataclass(frozen=True)
 class Presolved:
-    """A smaller program, and what is needed to recover the solution of the whole one.
+    """A smaller program, and what is needed to recover the solution of the whole one."""
 
-    Attributes
-    ----------
-    program : StandardQP
-        The smaller one.
-    free, rows : array of int
-        Its variables and rows, as indices into those of `whole`.
-    fixed_x : array
-        Values of the fixed variables, 0 at the others.
-    whole : StandardQP
-        As given.
-    tight : StandardQP
-        The whole with the bounds and sides that were found.
-    reductions : tuple
-        In the order in which they were made.
-    """
-
-    program: StandardQP
-    free: Array
-    rows: Array
-    fixed_x: Array
-    whole: StandardQP
-    tight: StandardQP
-    reductions: tuple[Reduction, ...] = ()
+    program: StandardQP  # the smaller one
+    free: Array  # its variables, as indices into those of `whole`
+    rows: Array  # its rows, as indices into those of `whole`
+    fixed_x: Array  # values of the fixed variables, 0 at the others
+    whole: StandardQP  # as given
+    tight: StandardQP  # the whole with the bounds and sides that were found
+    reductions: tuple[Reduction, ...] = ()  # in the order in which they were made
 
     def point(self, x: Array, y: Array) -> tuple[Array, Array]:
         """x and y of the whole program."""
@@ -111,9 +94,8 @@ class Single:
     low: Array
 
     def restore(self, y: Array, force: Array, x: Array) -> None:
-        """Give the force on a variable at a bound to the row that determines this bound.
-
-        The force is minus the gradient of the Lagrangian.
+        """Give the force on a variable at a bound to the row that determines this bound. The force
+        is minus the gradient of the Lagrangian.
         """
         push, value = force[self.columns], x[self.columns]
         distance = np.where(push > 0, self.high - value, value - self.low)
@@ -128,17 +110,13 @@ class Single:
 
 @dataclass(frozen=True)
 class Forcing:
-    """A row that holds only with all its variables at bounds.
-
-    `sign` is 1 if the least value of the row equals its upper side, -1 if the largest value equals
-    its lower side.
-    """
+    """A row that holds only with all its variables at bounds."""
 
     C: sparse.csr_array
     row: int
     columns: Array
     entries: Array
-    sign: int
+    sign: int  # 1: its least value is its upper side; -1: its largest is its lower side
 
     def restore(self, y: Array, force: Array, x: Array) -> None:
         """Set the smallest multiplier that gives the forces on its variables the right signs."""
@@ -181,11 +159,9 @@ def presolve(p: StandardQP, search: bool = True) -> Presolved:
 
 
 def contradiction(p: StandardQP, tol: float) -> Array | None:
-    """A Farkas vector of a single row that is violated whatever the free variables are, or None.
-
-    All variables in the row are fixed, and it violates a side by more than `tol` times the size of
-    its terms. A residual of all rows together would miss it if other rows have larger numbers.
-    """
+    """A Farkas vector of a single row that is violated by more than `tol` times its terms, though
+    all its variables are fixed, or None. A residual of all rows together would miss it beside
+    larger numbers."""
     xp = p.xp
     fixed = p.lb == p.ub
     if not bool(fixed.any()) or not p.row_low.size:

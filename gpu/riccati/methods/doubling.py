@@ -33,22 +33,9 @@ class Doubled(NamedTuple):
 
 
 def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Found:
-    r"""Solve a dense problem by doubling, then refine by Newton steps on the residual.
-
-    Parameters
-    ----------
-    newton : int
-        At most so many Newton steps. For small problems their residuals are computed in extended
-        precision.
-    fallback : bool
-        Whether, if doubling gives no certified solution, it is tried for a stabilised problem, and
-        then QZ (on the host, up to 600 states) and Newton-Kleinman.
-
-    Raises
-    ------
-    NotConverged
-        No method found a solution.
-    """
+    """Solve a dense problem by doubling, then refine by at most `newton` Newton steps on the
+    residual. With `fallback`, failing a certified solution, try doubling of a stabilised problem,
+    then QZ (on the host, up to 600 states) and Newton-Kleinman."""
     standard = problem.standard()
     candidates = [_by_doubling]
     if fallback:
@@ -86,10 +73,8 @@ def _by_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict
 
 
 def _by_moved_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
-    """Doubling for ``X - X_0``, where the feedback of X_0 stabilises.
-
-    Unstable modes with a very small weight in Q make the G_k grow without bound; the feedback makes
-    these modes stable first.
+    """Doubling for ``X - X_0``, where the feedback of X_0 stabilises. Unstable modes with a very
+    small weight in Q would make the G_k grow without bound.
     """
     unit = problem.unit
     A, G, Q = scaled_hamiltonian(standard, unit)
@@ -122,21 +107,12 @@ def _by_newton(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[s
 
 
 def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
-    r"""Iterate the doubling of :math:`A^T X + X A - X G X + Q = 0`.
+    r"""Iterate the doubling of :math:`A^T X + X A - X G X + Q = 0` (Chu, Fan and Lin 2005).
 
-    From the Cayley transform of the Hamiltonian with shift :math:`\gamma`,
-
-    .. math::
-        A_{k+1} = A_k W^{-1} A_k,\quad G_{k+1} = G_k + A_k W^{-1} G_k A_k^T,\quad
-        H_{k+1} = H_k + A_k^T H_k W^{-1} A_k,\quad W = I + G_k H_k,
-
-    :math:`H_k \to X` quadratically, and :math:`A_k \to 0` like the transformed closed loop raised
-    to the power :math:`2^k`. `gamma` is by default chosen from the Hamiltonian.
-
-    References
-    ----------
-    E. K.-W. Chu, H.-Y. Fan and W.-W. Lin, A structure-preserving doubling algorithm for
-    continuous-time algebraic Riccati equations, Linear Algebra Appl. 396 (2005), Algorithm 2.1.
+    Algorithm 2.1: it begins with the Cayley transform of the Hamiltonian with shift :math:`\gamma`.
+    With :math:`W = I + G_k H_k`: :math:`A_{k+1} = A_k W^{-1} A_k`, :math:`G_{k+1} = G_k + A_k
+    W^{-1} G_k A_k^T`, :math:`H_{k+1} = H_k + A_k^T H_k W^{-1} A_k`; :math:`H_k \to X`
+    quadratically, :math:`A_k \to 0` like the transformed loop to the power :math:`2^k`.
     """
     xp, n = namespace(A), len(A)
     A, G, Q = (filled(M) for M in (A, G, Q))

@@ -40,50 +40,13 @@ def solve(
     inner: Any = None,
     tol: float = 1e-8,
 ) -> Found:
-    r"""Return the gain and, for ``pi="symmetric"``, a factor of the value :math:`\Pi_L`.
+    """The gain and, for ``pi="symmetric"``, a factor of the value, of a reduced model.
 
-    Of the eigenvalues of the Hamiltonian the ``modes`` nearest to zero are computed, the largest
-    of its inverse; with :math:`V, Y` a real basis of the invariant subspace of those in the left
-    half plane,
-
-    .. math::
-        K_L = R^{-1} B^T Y (V^T M V)^{-1} V^T M, \qquad
-        \Pi_L = Y (Y^T E V)^{-1} Y^T,\quad K_L = R^{-1} B^T \Pi_L E
-
-    for ``pi="printed"``, Algorithm 5 of the dissertation with M of the inner product of the
-    states, and for ``pi="symmetric"`` (Amodei and Buchot 2010), which costs the same and is more
-    accurate. Both are exact on the range of V and zero, or nearly so, beyond it: a reduced order
-    model, not a solution of the Riccati equation. The closed loop has the computed stable
-    eigenvalues; with the printed gain the others are stable only if A is dissipative in the inner
-    product.
-
-    Parameters
-    ----------
-    modes : int
-        L, from 2 to 2 n; about half of them are stable. With ``start="inputs"`` only eigenvalues
-        that an input reaches are counted. Rounding brings others into the Krylov space, more for a
-        dense A than for a diagonal one: up to 100 of them are computed in addition.
-    pi : {"symmetric", "printed"}
-    start : {"random", "inputs"}, optional
-        The seed of the Krylov space. "random", as in the dissertation and the default of
-        "printed", finds all eigenvectors; "inputs", the default of "symmetric", only those that an
-        input reaches. The others have no part in the gain. On symmetric domains they are many, so
-        with "inputs" the same ``modes`` cover a larger part of the spectrum.
-    inner : array or sparse matrix, shape (n, n) or (n,), optional
-        M, symmetric positive definite; identity by default. "printed" only.
-    tol : float
-        Relative residual of the eigenvalues.
-
-    Returns
-    -------
-    Found
-        Without a value for "printed", whose :math:`Y V^+` is no symmetric matrix.
-
-    Raises
-    ------
-    InputError
-    NotConverged
-    RiccatiError
+    V, Y is a real basis of the invariant subspace of the stable ones among the `modes` eigenvalues
+    of the Hamiltonian nearest to zero. "printed": :math:`K = R^{-1} B^T Y (V^T M V)^{-1} V^T M`
+    (dissertation, Algorithm 5, M is `inner`); "symmetric": :math:`K = R^{-1} B^T Y (Y^T E V)^{-1}
+    Y^T E` (Amodei and Buchot 2010), more accurate. The Krylov space starts at "random" to find all
+    modes, or at "inputs".
     """
     state, B, weight = problem.state, problem.input, problem.weight
     choice("pi", pi, PI)
@@ -116,10 +79,8 @@ def solve(
 
 
 def low_rank_value(state: StateMatrix, V: Any, Y: Any) -> Any:
-    """F with ``F F^T = Y (Y^T E V)^-1 Y^T``.
-
-    Eigenvectors of Y^T E V whose eigenvalues are rounding, below 1e-13 of the largest, are left
-    out.
+    """F with ``F F^T = Y (Y^T E V)^-1 Y^T``, without eigenvectors of Y^T E V whose eigenvalues are
+    rounding, below 1e-13 of the largest.
     """
     gram = to_host(Y.T @ state.mass(V))
     values, vectors = np.linalg.eigh((gram + gram.T) / 2)

@@ -14,9 +14,9 @@ from gpu.errors import InputError, RiccatiError
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, as_sparse, factor, vanishing
 from gpu.riccati.problem.weights import Weight, scaled_input
 
-# Relative residuals of applications of the inverse, in ascending order. Above the first, each is
-# refined by two more solves; above the second, the whole Hamiltonian is factored; above the third,
-# a mode at zero that no feedback moves is reported as the cause; above the last, no digit is right.
+# Relative residuals of the inverse: above the first, refine by two more solves; above the second,
+# factor the whole Hamiltonian; above the third, report a mode at zero that no feedback moves; above
+# the last, no digit is right.
 ROUNDED_RESIDUAL, FEW_DIGITS, SEVERAL_DIGITS, NO_DIGITS = 4e-13, 1e-9, 1e-6, 0.1
 
 
@@ -95,16 +95,9 @@ def hamiltonian_inverse(
 
 
 class InverseHamiltonian:
-    """The operator of `hamiltonian_inverse`, from checked arguments.
-
-    Attributes
-    ----------
-    factors : Factors or None
-        Of A, or of ``A - B B^T X0 E`` if A is singular; None if its null vectors could not be
-        determined, and the Hamiltonian is factored as a whole.
-    solves : int
-        Number of solves with A and with its transpose so far.
-    """
+    """The operator of `hamiltonian_inverse`, from checked arguments; `solves` counts solves with A
+    and its transpose. It uses `factors` of A, or of ``A - B B^T X0 E`` if A is singular; they are
+    None if the null vectors of A are unknown, and the Hamiltonian is factored as a whole."""
 
     def __init__(self, state: StateMatrix, B: Any, weight: Weight, scale: float = 1.0) -> None:
         if not is_finite_number(scale) or np.iscomplexobj(scale) or not scale > 0.0:

@@ -19,41 +19,12 @@ from gpu.riccati.proof.refinement import finished, refine
 
 
 def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: float = 1e-12) -> Found:
-    r"""Improve a stabilising gain until it is optimal.
+    """Improve a stabilising gain `start`, shape (m, n), until the value changes by less than `tol`.
 
-    With the loop :math:`A_k = A - B K_k`,
-
-    .. math:: A_k^T X_k + X_k A_k + Q + K_k^T K_k = 0, \qquad K_{k+1} = B^T X_k,
-
-    every gain stabilises, and the values :math:`X_k` decrease and converge, in the end
-    quadratically. The first step may overshoot by orders of magnitude; in the following ones the
-    step length t along Newton's direction minimises the residual (Benner and Byers 1998).
-
-    Parameters
-    ----------
-    start : array, shape (m, n), optional
-        A gain that stabilises; by default zero if A is stable, otherwise Bass' gain for the modes
-        that are not stable (see `stabilising_value`).
-    steps : int
-        Most Newton steps.
-    tol : float
-        Relative change of the value at which the iteration ends.
-
-    Raises
-    ------
-    InputError
-        ``start`` has a wrong shape or does not stabilise.
-    NotConverged
-    NotSupported
-        A is not dense and has more than 1500 rows, or is an operator.
-
-    References
-    ----------
-    D. L. Kleinman, On an iterative technique for Riccati equation computations, IEEE Trans.
-    Automat. Control 13 (1968). P. Benner and R. Byers, An exact line search method for solving
-    generalized continuous-time algebraic Riccati equations, ibid. 43 (1998). E. S. Armstrong, An
-    extension of Bass' algorithm for stabilizing linear continuous constant systems, ibid. 20
-    (1975).
+    With :math:`A_k = A - B K_k` solve :math:`A_k^T X_k + X_k A_k + Q + K_k^T K_k = 0`,
+    :math:`K_{k+1} = B^T X_k` (Kleinman 1968): every gain stabilises, convergence is quadratic in
+    the end. The first step may overshoot; in later ones the step length minimises the residual
+    (Benner and Byers 1998). Default start: zero if A is stable, else Bass' gain (Armstrong 1975).
     """
     if problem.state.kind == "operator" or (not problem.dense and problem.n > ALL_POLES):
         raise NotSupported(
@@ -78,12 +49,8 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: floa
 
 
 def stabilising_gain(problem: DenseProblem) -> Any:
-    """A gain that stabilises a dense problem in standard form: zero, or Bass' gain.
-
-    Raises
-    ------
-    NotConverged
-        None was found, usually because there is none.
+    """A gain that stabilises a dense problem in standard form: zero, or Bass' gain. Raises
+    `NotConverged` if none was found, usually because there is none.
     """
     A, B, _ = problem
     if DenseLoop(A, 4 * EPS * float(namespace(A).linalg.norm(A))).is_stable():
@@ -92,17 +59,11 @@ def stabilising_gain(problem: DenseProblem) -> Any:
 
 
 def stabilising_value(problem: DenseProblem) -> Any:
-    r"""A symmetric :math:`X_0` for which ``A - B B^T X_0`` is stable.
+    r"""A symmetric :math:`X_0` for which ``A - B B^T X_0`` is stable, else raise `NotConverged`.
 
-    With the left invariant subspace :math:`U^T A = F U^T` of all modes that are not stable and
-    :math:`G = U^T B`, it is :math:`U Y^{-1} U^T` where
-    :math:`(F + \beta I) Y + Y (F + \beta I)^T = 2 G G^T`: Bass' construction, restricted to the
-    modes that are not stable. For a problem too large for a Schur form U is the identity.
-
-    Raises
-    ------
-    NotConverged
-        None was found, usually because there is none.
+    :math:`U Y^{-1} U^T` with :math:`(F + \beta I) Y + Y (F + \beta I)^T = 2 G G^T`, :math:`G = U^T
+    B` and :math:`U^T A = F U^T` of all modes that are not stable: Bass' construction, restricted to
+    them. For a problem too large for a Schur form U is the identity.
     """
     A, B, _ = problem
     xp = namespace(A)
@@ -136,10 +97,8 @@ def stabilising_value(problem: DenseProblem) -> Any:
 
 
 def _not_stable_part(A: Any) -> tuple[Any, Any]:
-    """U and F with ``U^T A = F U^T``, where F has all eigenvalues not left of the imaginary axis.
-
-    Eigenvalues closer to the axis than 1e-8 of the norm of A count as unstable; there is at least
-    one in F.
+    """U and F with ``U^T A = F U^T``, F with all eigenvalues not left of the imaginary axis. Those
+    closer to the axis than 1e-8 of the norm of A count as unstable; F has at least one.
     """
     xp, n = namespace(A), len(A)
     if n > ALL_POLES:

@@ -7,25 +7,13 @@ from typing import Any, NamedTuple
 
 
 class Found(NamedTuple):
-    """The result of a method of `gpu.lqr`, to be certified.
+    """The result of a method of `gpu.lqr`, to be certified."""
 
-    Attributes
-    ----------
-    gain : array, shape (m, n)
-    value : array, shape (n, n), LowRankValue or None
-    info : dict
-        Data on the computation, by method: ``iterations``, ``solves``, ``residual``, ``path``, ...
-    verdict : Verdict or None
-        For a dense solution: its recomputed residual and closed loop.
-    proved : bool
-        Whether the closed loop has been proved stable without computing its poles.
-    """
-
-    gain: Any
-    value: Any
-    info: dict[str, Any]
-    verdict: Any = None
-    proved: bool = False
+    gain: Any  # shape (m, n)
+    value: Any  # shape (n, n), or a LowRankValue, or None
+    info: dict[str, Any]  # by method: "iterations", "solves", "residual", "path", ...
+    verdict: Any = None  # of a dense solution: recomputed residual and closed loop
+    proved: bool = False  # stable, without computing poles
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ from gpu.riccati.problem.state_matrix import (
 )
 from gpu.riccati.problem.weights import Weight, low_rank_factor
 
-# What counts as rounding, both relative: the part of N outside the range of Q, and by how much the
-# joint weight of states and inputs may be negative.
+# Relative: rounding of the part of N outside the range of Q, and of a negative joint weight.
 OUTSIDE_RANGE = 1e-9
 NEGATIVE_COST = 1e-11
 
@@ -83,20 +82,9 @@ class CrossedWeight(Weight):
 
 
 def without_cross_term(problem: LQRProblem) -> LQRProblem:
-    r"""The problem in the inputs :math:`v = L^T u + F^T x` of unit cost, where it has no N.
-
-    With :math:`R = L L^T` and :math:`F = N L^{-T}` it has :math:`A - B L^{-T} F^T` in the place of
-    A and :math:`Q - F F^T` in that of Q, the same solution, and a gain that `LQRProblem.gain`
-    turns into that of the problem.
-
-    Raises
-    ------
-    InputError
-        The joint weight of states and inputs is not semidefinite, as far as that can be checked
-        from stored entries.
-    NotSupported
-        A is an operator and ``A - B R^-1 N^T`` is singular.
-    """
+    """The problem in the inputs :math:`v = L^T u + F^T x` of unit cost, where it has no N. With
+    :math:`R = L L^T`, :math:`F = N L^{-T}`, it has :math:`A - B L^{-T} F^T` for A, :math:`Q - F
+    F^T` for Q, the same solution, and a gain that `LQRProblem.gain` converts."""
     state, B = problem.state, problem.input
     F = problem.N @ problem.xp.asarray(np.linalg.inv(problem.root).T)
     weight, C = _weight(problem, F)
@@ -163,10 +151,8 @@ def _weight(problem: LQRProblem, F: Any) -> tuple[Weight, Any]:
 
 
 def _check(problem: LQRProblem, F: Any) -> None:
-    """Raise unless the joint weight is semidefinite.
-
-    Checked are the whole weight of a dense problem, and otherwise ``F^T Q^-1 F <= I`` if Q can be
-    factored.
+    """Raise `InputError` unless the joint weight of states and inputs is semidefinite: the whole
+    weight of a dense problem, otherwise ``F^T Q^-1 F <= I`` if Q can be factored.
     """
     if problem.dense:
         good = semidefinite(problem)

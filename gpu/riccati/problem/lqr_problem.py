@@ -22,7 +22,7 @@ from gpu.riccati.problem.weights import Weight
 WEIGHT_ASYMMETRY = 1e-12
 # Q counts as semidefinite if so large a shift, relative to its diagonal, makes it definite.
 DEFINITENESS = 1e-12
-# From here on squares of entries, and their sums, leave the range of double precision.
+# Squares of larger entries, and their sums, leave the range of double precision.
 LARGEST = 1e150
 
 
@@ -47,37 +47,17 @@ class FactoredWeight(Weight):
 
 @dataclass(frozen=True)
 class LQRProblem:
-    r"""The integral of :math:`x^T Q x + 2 x^T N u + u^T R u` where :math:`E x' = A x + B u`.
+    """The integral of :math:`x^T Q x + 2 x^T N u + u^T R u` where :math:`E x' = A x + B u`."""
 
-    Attributes
-    ----------
-    state : StateMatrix
-        A and E.
-    B : array, shape (n, m)
-        As given.
-    input : array, shape (n, m)
-        ``B L^-T`` with ``R = L L^T``: the matrix of inputs of unit cost, the sum of their squares.
-    root : (m, m) numpy.ndarray
-        L.
-    weight : Weight
-        Q.
-    C : array, shape (p, n), or None
-        The factor of ``Q = C^T C`` if Q was given by it.
-    N : array, shape (n, m), or None
-    R : (m, m) numpy.ndarray
-    units : gpu.riccati.problem.units.Units or None
-        Those that the numbers are in, if not in those of the arguments.
-    """
-
-    state: StateMatrix
-    B: Any
-    input: Any
-    root: np.ndarray
-    weight: Weight
-    C: Any
-    N: Any
-    R: np.ndarray
-    units: Any = None
+    state: StateMatrix  # A and E
+    B: Any  # (n, m), as given
+    input: Any  # (n, m): B L^-T, for inputs of unit cost (the sum of their squares)
+    root: np.ndarray  # (m, m): L, the Cholesky factor of R = L L^T
+    weight: Weight  # Q
+    C: Any  # (p, n): factor of Q = C^T C if Q was given by it, else None
+    N: Any  # (n, m) or None
+    R: np.ndarray  # (m, m)
+    units: Any = None  # `Units` of the numbers, if not those of the arguments
 
     @property
     def n(self) -> int:
@@ -146,12 +126,9 @@ class LQRProblem:
         return A, E, (Q + Q.T) / 2, self.N
 
     def standard(self) -> DenseProblem:
-        r"""The equivalent problem without E, R and N; its solution is :math:`E^T S E`.
-
-        Its matrices A, B and Q are
-
-        .. math:: E^{-1}(A - B R^{-1} N^T),\quad E^{-1} B R^{-1/2},\quad Q - N R^{-1} N^T.
-        """
+        """The equivalent problem without E, R and N, whose solution is :math:`E^T S E`; its A, B
+        and Q are :math:`E^{-1}(A - B R^{-1} N^T)`, :math:`E^{-1} B R^{-1/2}` and :math:`Q - N
+        R^{-1} N^T`."""
         A, E, Q, N = self.full()
         B = self.input
         if N is not None:
@@ -187,13 +164,7 @@ def check_lqr(
     factored: bool = False,
     inverse: Any = None,
 ) -> LQRProblem:
-    """Check the arguments of `gpu.lqr` and make them one problem.
-
-    Raises
-    ------
-    InputError
-        Names the argument, what was found and what is expected.
-    """
+    """Check the arguments of `gpu.lqr` and make them one problem."""
     state = StateMatrix(numbers("A", A), numbers("E", E), inverse)
     n, xp = state.n, state.xp
     B = columns("B", B, n, xp)
@@ -353,12 +324,8 @@ def _check_symmetric(name: str, M: Any) -> None:
 
 
 def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
-    """Whether no state and input has a negative cost, as far as stored entries tell.
-
-    Raises
-    ------
-    InputError
-        Some have, and ``always`` is set.
+    """Whether no state and input has a negative cost, as far as stored entries tell. If `always`,
+    raise `InputError` where some have.
     """
     Q, xp = problem.weight.Q, problem.xp
     good = True

@@ -16,17 +16,12 @@ class DenseProblem(NamedTuple):
 
 
 def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
-    r"""Scale factors s, powers of two, shape (n,), that balance the Hamiltonian.
+    r"""Powers of two s, shape (n,), that balance the Hamiltonian (James, Langou and Lowery 2014).
 
-    They make sums of moduli of its rows and columns nearly equal. With
-    :math:`x = \mathrm{diag}(s) x'` the blocks become :math:`a_{ij} s_j / s_i`,
-    :math:`g_{ij} / (s_i s_j)` and :math:`q_{ij} s_i s_j`: a similarity by a symplectic matrix. The
-    diagonal entries are included in both sums, so that much smaller entries, which are mostly
-    rounding, do not determine the scaling.
-
-    References
-    ----------
-    R. James, J. Langou and B. R. Lowery, On matrix balancing and eigenvector computation (2014).
+    :math:`x = \mathrm{diag}(s) x'` is a symplectic similarity: the blocks become :math:`a_{ij} s_j
+    / s_i`, :math:`g_{ij} / (s_i s_j)`, :math:`q_{ij} s_i s_j`, with nearly equal sums of moduli of
+    rows and columns. The sums include the diagonal, so that much smaller entries, mostly rounding,
+    do not count.
     """
     A, B, Q = standard
     xp = namespace(A)

@@ -28,30 +28,9 @@ class Factors:
 
 
 class StateMatrix:
-    r"""A pencil :math:`A - s E`, where A is a diagonal (1-D), dense, sparse, or an operator.
-
-    Parameters
-    ----------
-    A : array, shape (n,) or (n, n), sparse matrix, or LinearOperator
-        Real. A LinearOperator needs ``inverse``.
-    E : array, sparse matrix, optional
-        Identity by default. If A is a diagonal, E may be one too, shape (n,).
-    inverse : LinearOperator, shape (n, n), optional
-        ``matvec`` applies :math:`A^{-1}`, ``rmatvec`` its transpose.
-    explicit : bool
-        On a device, keep the inverse of a dense matrix instead of its factors: a solve is then one
-        product instead of two sequences of small kernels for triangular systems.
-
-    Attributes
-    ----------
-    n : int
-    kind : {"diagonal", "dense", "sparse", "operator"}
-    A, E : arrays as stored; E may be None
-
-    Raises
-    ------
-    InputError
-    """
+    """A pencil :math:`A - s E`, A a diagonal (1-D, as then E may be), dense, sparse, or an operator
+    with its `inverse`. `explicit` keeps the inverse of a dense A on a device: a solve is one
+    product then, not two sequences of small kernels."""
 
     def __init__(self, A: Any, E: Any = None, inverse: Any = None, explicit: bool = False) -> None:
         self.inverse, self.explicit = inverse, explicit
@@ -170,8 +149,7 @@ class StateMatrix:
 
 
 def factor(A: Any, explicit: bool = False) -> Factors | None:
-    """Solves with a diagonal, dense or sparse matrix; None if a pivot is of the size of rounding.
-
+    """Solves with a diagonal, dense or sparse matrix; None if a pivot is as small as rounding.
     `explicit` as for `StateMatrix`.
     """
     xp = namespace(A)
@@ -207,9 +185,8 @@ def factor(A: Any, explicit: bool = False) -> Factors | None:
 
 
 def _by_parts(A: Any, *solves: Callable[[Any], Any]) -> Factors:
-    """Solves that also take complex right-hand sides if A is real, part by part.
-
-    LAPACK's wrappers would drop their imaginary parts.
+    """Solves that take complex right-hand sides part by part if A is real, since LAPACK's wrappers
+    would drop their imaginary parts.
     """
     if A.dtype.kind == "c":
         return Factors(*solves)
@@ -275,9 +252,8 @@ def factor_bordered(A: Any, U: Any, V: Any) -> Factors | None:
 
 
 def woodbury(factors: Factors, U: Any, V: Any) -> Factors | None:
-    """Solves with ``M - U V^T`` from those with M (Sherman-Morrison-Woodbury).
-
-    None if the small matrix ``I - V^T M^-1 U`` is nearly singular, its condition above 1e12.
+    """Solves with ``M - U V^T`` from those with M (Sherman-Morrison-Woodbury); None if the
+    condition of the small matrix ``I - V^T M^-1 U`` is above 1e12.
     """
     xp = namespace(U)
     MU, MV = factors.solve(U), factors.solve_transposed(V)
@@ -298,12 +274,7 @@ def vanishing(d: Any) -> Any:
 
 
 def stored(name: str, A: Any) -> Any:
-    """The checked matrix in float64, a sparse one as CSR.
-
-    Raises
-    ------
-    InputError
-    """
+    """The checked matrix in float64, a sparse one as CSR."""
     unmasked(name, A)
     if hasattr(A, "tocsr"):
         on_host = sparse.issparse(A)

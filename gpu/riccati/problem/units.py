@@ -21,8 +21,7 @@ from gpu.riccati.problem.lqr_problem import FactoredWeight, LQRProblem
 from gpu.riccati.problem.state_matrix import StateMatrix
 from gpu.riccati.problem.weights import Weight
 
-# Exponents of two up to which numbers are moderate: their squares are far from the ends of the
-# range of double precision.
+# Largest exponent of two of a moderate number: its square is far from overflow and underflow.
 MODERATE = 150
 
 
@@ -37,17 +36,17 @@ class Units:
 
     @property
     def gain(self) -> int:
-        """That of K."""
+        """Exponent of the unit of K."""
         return self.a - self.b
 
     @property
     def value(self) -> int:
-        """That of S."""
+        """Exponent of the unit of S."""
         return self.q - self.a - self.e
 
     @property
     def rate(self) -> int:
-        """That of poles."""
+        """Exponent of the unit of poles."""
         return self.a - self.e
 
 
@@ -89,7 +88,7 @@ def in_moderate_units(problem: LQRProblem) -> LQRProblem:
 def _units(
     problem: LQRProblem, A: int | None, E: int | None, B: int | None, Q: int | None, R: int | None
 ) -> Units:
-    """Those in which A, or the root of ``B R^-1 B^T Q`` where that is more, has the size of one."""
+    """Units in which the larger of A and of the root of ``B R^-1 B^T Q`` has size one."""
     e, b, r = E or 0, B or 0, 2 * ((R or 0) // 2)
     unit_cost = _of_unit_cost(power_of_two(problem.B, -b), power_of_two(problem.root, -r // 2))
     reach = _exponent(unit_cost)

@@ -16,17 +16,8 @@ LOW_RANK = 64  # up to so many rows of a factor of Q the value is computed as a 
 
 
 class Weight:
-    """Q, applied to vectors and columns.
-
-    Parameters
-    ----------
-    state : StateMatrix
-    Q : float, array, shape (n,) or (n, n), sparse matrix, or LinearOperator
-        Symmetric; a number is a multiple of the identity, a 1-D array a diagonal.
-
-    Raises
-    ------
-    InputError
+    """Q, symmetric, applied to vectors and columns: a number (times the identity), a diagonal
+    (1-D), a dense or sparse matrix, or a LinearOperator.
     """
 
     C: Any = None  # the factor, if Q = C^T C is given by it
@@ -65,9 +56,8 @@ class Weight:
 
 
 def low_rank_factor(weight: Weight) -> Any:
-    """C with at most `LOW_RANK` rows and ``Q = C^T C``, or None.
-
-    It is the given factor, or computed if only few rows of Q are not zero.
+    """C with at most `LOW_RANK` rows and ``Q = C^T C``, or None: the given factor, or one computed
+    if only few rows of Q are not zero.
     """
     n, xp, Q = weight.state.n, weight.state.xp, weight.Q
     few = min(LOW_RANK, n // 2)
@@ -95,12 +85,7 @@ def low_rank_factor(weight: Weight) -> Any:
 
 
 def scaled_input(state: StateMatrix, B: Any, R: Any = None) -> Any:
-    """``B L^-T`` with the Cholesky factor L of R, shape (n, m).
-
-    Raises
-    ------
-    InputError
-    """
+    """``B L^-T`` with the Cholesky factor L of R, shape (n, m)."""
     B = stored("B", B)
     if hasattr(B, "tocsr"):
         B = B.toarray()

@@ -2,5 +2,5 @@
 
 In: a problem with a gain or a value.
 Out: residuals, poles or bounds for them, refined solutions.
-Start: `closed_loop`, then `residual` and `refinement`.
+Start: `closed_loop`, then `refinement`.
 """

@@ -19,7 +19,8 @@ from gpu.riccati.proof.lyapunov import SCHUR, LyapunovSolver, cayley_shift, lyap
 ALL_POLES = 1500  # up to this order all poles are computed
 FEW_POLES = 12  # nearest to zero, where not all are computed
 LARGE = 100_000  # from this order on products with the basis cost more than applications
-# For those few: poles in a cluster converge late, and then to four digits, or are left out.
+# Most restarts for the few poles; tolerances, the second for poles in a cluster, which converge
+# late.
 POLE_RESTARTS, POLE_TOLERANCES = 30, (1e-8, 1e-4)
 # Left of the axis by so much of the matrix, no meeting of eigenvalues there can be in question.
 CLEARLY_LEFT = 1e-3
@@ -30,34 +31,18 @@ SQUARES = 0.05  # the second order of a Newton step over the first where it conv
 
 @dataclass(frozen=True)
 class DenseLoop:
-    """``E^-1 (A - B K)`` in balanced units.
+    """``E^-1 (A - B K)`` in balanced units."""
 
-    Attributes
-    ----------
-    matrix : array, shape (n, n)
-    rounding : float
-        What round-off of A and of the feedback may move an entry of it by.
-    value : array, shape (n, n), or None
-        The Riccati solution in the same units, where it is known.
-    doubt : tuple (B, W, T) or None
-        The inputs; a bound of the residual of the value in its Riccati equation; the size of the
-        terms of that equation, entry by entry.
-    parts : tuple (A, B, K) or None
-        Of which the matrix is ``A - B K``.
-    """
-
-    matrix: Any
-    rounding: float
-    value: Any = None
-    doubt: Any = None
-    parts: Any = None
+    matrix: Any  # shape (n, n)
+    rounding: float  # error of an entry from round-off of A and of the feedback
+    value: Any = None  # (n, n): the Riccati solution in the same units, if known
+    doubt: Any = None  # (B, W, T): inputs, bound of the Riccati residual, size of its terms
+    parts: Any = None  # (A, B, K), the matrix being A - B K
 
     @cached_property
     def poles(self) -> np.ndarray:
-        """Eigenvalues, rightmost first: all of a small or symmetric matrix, else some near zero.
-
-        Of the few nearest to zero those that converge: poles in a cluster may have fewer digits, or
-        be missing.
+        """Eigenvalues, rightmost first: all of a small or symmetric matrix, else those of the few
+        nearest to zero that converge (poles in a cluster may have fewer digits, or be missing).
         """
         return self._poles_and_tolerance[0]
 
@@ -105,12 +90,12 @@ class DenseLoop:
 
     @property
     def abscissa(self) -> float:
-        """The largest real part of a pole; of a large matrix without a known one the bound."""
+        """The largest real part of a known pole; if none is known, the bound."""
         return float(self.poles[0].real) if len(self.poles) else self.bound
 
     @cached_property
     def bound(self) -> float:
-        """No pole lies right of it: proved where not all are known; infinity where nothing is."""
+        """A number right of which no pole lies, proved if not all are known; else infinity."""
         if self.whole:
             return self.abscissa
         likely = float(self.poles[0].real) if len(self.poles) else -np.inf
@@ -149,7 +134,7 @@ class DenseLoop:
 
     @cached_property
     def newton(self) -> tuple[float, float]:
-        """The size of Newton's next step relative to the value, and of the one after to that."""
+        """Relative size of Newton's next step, and the ratio of the step after it to this one."""
         if self.doubt is None or len(self.matrix) > SCHUR:
             return np.nan, 0.0
         return self._step(self.doubt[1])
@@ -163,15 +148,13 @@ class DenseLoop:
         return size / (float(norm(self.value)) or 1.0), float(norm(second)) / (size or 1.0)
 
     def _on_the_axis(self) -> bool:
-        """Whether a Riccati solution as good as this one may have a pole on the axis.
-
-        Where eigenvalues of the Hamiltonian meet there, Newton's steps become halves of one
-        another instead of squares, and the second order of a step is a quarter of it.
-        """
+        """Whether a Riccati solution as good as this one may have a pole on the axis. If
+        eigenvalues of the Hamiltonian meet there, a Newton step is half of the one before instead
+        of its square, and the second order of a step is a quarter of it."""
         return self._near() and not self.newton[1] <= SQUARES
 
     def is_sensitive(self) -> bool:
-        """Whether rounding of the data may put a pole on the axis, whatever the value solves."""
+        """Whether rounding of the data may put a pole on the axis, even for an exact value."""
         return self._near() and not self._step(EPS * self.doubt[2])[1] <= SQUARES
 
     def _near(self) -> bool:
@@ -191,11 +174,9 @@ def closed_loop_of(
     residual: Any = None,
     extended: bool = False,
 ) -> DenseLoop:
-    """The closed loop of a dense problem with S, or with the gain K, in the units given.
-
-    ``residual``, shape (n, n), is what S leaves of its equation; ``extended`` says that its own
-    rounding does not matter.
-    """
+    """The closed loop of a dense problem with S, or with the gain K, in the given units.
+    `residual`, shape (n, n), is that of S in the equation; `extended`: its own rounding does not
+    matter."""
     xp = problem.xp
     A, B, _ = standard
     value = doubt = None
@@ -231,13 +212,7 @@ def dense_loop(problem: LQRProblem, K: Any) -> DenseLoop:
 
 
 def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW_POLES) -> np.ndarray:
-    """The poles of ``E^-1 (A - B K)`` nearest to zero, rightmost first, by solves with A alone.
-
-    Raises
-    ------
-    GpuError
-        The iteration does not converge.
-    """
+    """The poles of ``E^-1 (A - B K)`` nearest to zero, rightmost first, by solves with A alone."""
     xp, n = state.xp, state.n
     shift, factors = 0.0, state.factor()
     for digits in (None, -8, -6, -4):
@@ -259,12 +234,10 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW_POLES) ->
 
 
 def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex | None:
-    r"""A pole of the loop right of the axis that a few Arnoldi steps find; else None.
-
-    Of :math:`C = (A_c + s E)(A_c - s E)^{-1}`, s > 0, the eigenvalues
-    :math:`(\lambda + s) / (\lambda - s)` outside of the unit circle are those of poles right of
-    the axis, and large where s is near them. ``nearest`` is the modulus of a slow pole. What is
-    found is beyond the axis by more than its condition lets rounding move it.
+    r"""A pole of the loop right of the axis, by more than rounding can move it, if Arnoldi steps
+    find one. Eigenvalues :math:`(\lambda + s) / (\lambda - s)` of :math:`(A_c + s E)(A_c - s
+    E)^{-1}`, s > 0, outside the unit circle belong to such poles; `nearest` is the modulus of a
+    slow pole.
     """
     xp, n = state.xp, state.n
     x = xp.asarray(np.random.default_rng(1).standard_normal(n))
@@ -288,7 +261,7 @@ def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex
 
 
 def _outermost(inverse: Any, s: float, x: Any) -> complex | None:
-    """The eigenvalue of largest modulus of ``I + 2 s inverse``, where it converges at once."""
+    """The eigenvalue of largest modulus of ``I + 2 s inverse``, if it converges at once."""
     from gpu.eigenvalues.eigs import eigs
 
     try:
@@ -305,7 +278,7 @@ def _outermost(inverse: Any, s: float, x: Any) -> complex | None:
 
 
 def _doubt(state: StateMatrix, B: Any, K: Any, pole: complex) -> float:
-    """What rounding may move a pole by, from its left and right vectors."""
+    """How far rounding may move a pole: its condition, from left and right vectors."""
     xp, n = state.xp, state.n
     factors = state.factor(pole * (1.0 + 1e-9))
     inverse = None if factors is None else _loop_inverse(state, factors, B, K)
@@ -359,11 +332,9 @@ def _poles_by(inverse: Any, shift: float, n: int, xp: Any, count: int) -> np.nda
 
 
 def _nearest(matrix: Any, tol: float = POLE_TOLERANCES[0], **options: Any) -> np.ndarray:
-    """The eigenvalues asked for, as far as they converge in a few restarts.
-
-    Copies of a repeated one may never converge, and what is missing may be the nearest of all:
-    so what a looser tolerance finds besides is added.
-    """
+    """The eigenvalues asked for, as far as they converge in a few restarts. Copies of a repeated
+    one may never converge, and the missing one may be the nearest of all: so those found with a
+    looser tolerance are added."""
     from gpu.eigenvalues.eigs import eigs
 
     found = np.zeros(0, dtype=complex)
@@ -392,26 +363,13 @@ FRACTIONS = (1 - 1e-3, 0.9, 0.5, 0.1, 1e-2, 1e-4, 0.0)
 
 
 def proven_bound(A: Any, P: Any, magnitude: Any, likely: float) -> float:
-    r"""A number right of which no eigenvalue of A lies; infinity where P proves nothing.
+    r"""A number right of which no eigenvalue of A lies; infinity if P, symmetric, proves nothing.
 
-    Where P and :math:`-(A^T P + P A) - 2\mu P` are positive definite, every real part is below
-    :math:`-\mu` (Lyapunov). Both are found so by Cholesky factorisations of matrices from which
-    bounds of all rounding errors have been subtracted, so that neither how P was found nor how
-    far A is from normal matters.
-
-    Parameters
-    ----------
-    A, P : arrays, shape (n, n)
-        P symmetric.
-    magnitude : pair of callables v -> M v, v -> M^T v
-        With ``|A| <= M`` entrywise; A itself is known to ``n EPS M``.
-    likely : float
-        An estimate of the abscissa; the bound is a fraction of it.
-
-    References
-    ----------
-    J. W. Demmel, On floating point errors in Cholesky, LAPACK working note 14 (1989). S. M. Rump,
-    Verification of positive definiteness, BIT 46 (2006).
+    If P and :math:`-(A^T P + P A) - 2\mu P` are positive definite, every real part is below
+    :math:`-\mu` (Lyapunov). Both are shown by Cholesky factorisations after bounds of all rounding
+    errors are subtracted (Demmel 1989, Rump 2006). `magnitude` multiplies by M and M^T, ``|A| <=
+    M``; A is known to ``n EPS M``. :math:`\mu` is a fraction of `likely`, an estimate of the
+    abscissa.
     """
     xp, n = namespace(A), len(A)
     half = P @ A

@@ -20,17 +20,10 @@ SQUARINGS = 60  # 2^60 steps of Smith's series: a loop that needs more is stable
 
 
 class LyapunovSolver(NamedTuple):
-    """What `lyapunov_solver` returns; called with W.
+    """Solves the Lyapunov equation for each W that it is called with."""
 
-    Attributes
-    ----------
-    apply : callable W -> X
-    poles : numpy.ndarray or None
-        Eigenvalues of A, where its Schur form was computed.
-    """
-
-    apply: Callable[[Any], Any]
-    poles: np.ndarray | None
+    apply: Callable[[Any], Any]  # W -> X
+    poles: np.ndarray | None  # eigenvalues of A, if its Schur form was computed
 
     def __call__(self, W: Any) -> Any:
         """``X`` with ``A^T X + X A + W = 0``."""
@@ -38,27 +31,11 @@ class LyapunovSolver(NamedTuple):
 
 
 def lyapunov_solver(A: Any) -> LyapunovSolver:
-    r"""Solve :math:`A^T X + X A + W = 0` for several symmetric W.
+    r"""Solve :math:`A^T X + X A + W = 0`, A stable, for several symmetric W.
 
-    Bartels-Stewart on the host for a small A; otherwise Smith's series
-    :math:`X = \sum_k (C^T)^k W_0 C^k`, its partial sums doubled, where
-    :math:`C = I + 2\gamma (A - \gamma I)^{-1}` and
-    :math:`W_0 = 2\gamma (A - \gamma I)^{-T} W (A - \gamma I)^{-1}`: matrix products alone.
-
-    Parameters
-    ----------
-    A : array, shape (n, n)
-        With eigenvalues of negative real part.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        The series does not converge: A is not stable.
-
-    References
-    ----------
-    R. H. Bartels and G. W. Stewart, Commun. ACM 15 (1972). R. A. Smith, SIAM J. Appl. Math. 16
-    (1968).
+    Bartels and Stewart (1972) on the host for a small A; otherwise Smith's series (1968), doubled:
+    :math:`X = \sum_k (C^T)^k W_0 C^k`, :math:`C = I + 2\gamma (A - \gamma I)^{-1}`, :math:`W_0 =
+    2\gamma (A - \gamma I)^{-T} W (A - \gamma I)^{-1}`. LinAlgError if it does not converge.
     """
     if isinstance(A, np.ndarray) and len(A) <= SCHUR:
         return _by_schur_form(A)
@@ -66,12 +43,9 @@ def lyapunov_solver(A: Any) -> LyapunovSolver:
 
 
 def _by_schur_form(A: np.ndarray) -> LyapunovSolver:
-    """Of ``D^-1 A D``, D of powers of two, in which rows and columns are balanced.
-
-    Rounding moves the eigenvalues of a matrix by its norm times their condition, which units of
-    the states change by many orders: where inputs reach a mode by 1e-8, those of the loop as it
-    stands are rounding alone.
-    """
+    """Solve with ``D^-1 A D``, D of powers of two that balance rows and columns. Rounding moves the
+    eigenvalues by the norm times their condition, which the units of the states change by many
+    orders."""
     balanced, (units, _) = linalg.matrix_balance(A, permute=False, separate=True)
     T, U = linalg.schur(balanced, output="real")
     trsyl = linalg.lapack.dtrsyl

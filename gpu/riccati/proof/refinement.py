@@ -14,25 +14,17 @@ from gpu.riccati.proof.closed_loop import DenseLoop, closed_loop_of
 
 # Largest relative residual, in balanced units, that is certified.
 RESIDUAL = 1e-9
-# Or else the largest distance to the solution, relative, in the same units.
+# Largest relative distance to the solution, in balanced units, that is certified if the residual is
+# not.
 ERROR = 1e-12
 
 
 class Verdict(NamedTuple):
-    """How good a Riccati solution is.
+    """How good a Riccati solution is."""
 
-    Attributes
-    ----------
-    residual : float
-        Relative, in balanced units.
-    loop : DenseLoop
-    rounded : float
-        What rounding to double precision has changed the solution by, relative.
-    """
-
-    residual: float
+    residual: float  # relative, in balanced units
     loop: DenseLoop
-    rounded: float = 0.0
+    rounded: float = 0.0  # relative change of the solution by rounding it to double precision
 
     @property
     def certified(self) -> bool:
@@ -42,28 +34,18 @@ class Verdict(NamedTuple):
 
     @property
     def error(self) -> float:
-        """The distance to the solution, where the residual is too large; NaN elsewhere.
-
-        Where ``S A`` is much smaller than its terms, no matrix of double precision has a small
-        residual, the solution rounded included.
+        """The distance to the solution if the residual is too large, else NaN. Where ``S A`` is
+        much smaller than its terms, no matrix of double precision has a small residual.
         """
         return np.nan if self.residual <= RESIDUAL else self.rounded + self.loop.newton[0]
 
 
 def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
-    r"""Add solutions D of :math:`E^T D A_c + A_c^T D E = -\mathrm{res}(S)` while they shrink.
+    r"""Newton steps :math:`E^T D A_c + A_c^T D E = -\mathrm{res}(S)` while they shrink; S, count.
 
-    With residuals of twice the digits they shrink to the rounding of S itself, also where the
-    equation is ill-conditioned; see N. J. Higham, Accuracy and Stability of Numerical Algorithms,
-    SIAM 2002, chapter 12, for this kind of refinement. Where slow poles stand beside a fast
-    loop, its gain needs more digits of S than double precision has: S is kept in extended
-    precision where residuals are.
-
-    Returns
-    -------
-    S : array
-    steps : int
-        How many were taken.
+    Residuals of twice the digits lead to the rounding of S (Higham 2002, chapter 12). If slow poles
+    stand beside a fast loop, the gain needs more digits of S than a double has, so S is kept in
+    extended precision wherever the residuals are.
     """
     standard = problem.standard()
     unit = problem.unit
@@ -135,36 +117,18 @@ EXTENDED = 128  # up to this order residuals are computed in extended precision 
 
 
 class Residual(NamedTuple):
-    """The residual and the size of the terms it is the sum of.
+    """The residual of an equation."""
 
-    Attributes
-    ----------
-    matrix : array, shape (n, n)
-    relative : float
-        Frobenius norm over that of the terms, in the balanced units that were asked for; infinite
-        where one of them overflows.
-    """
-
-    matrix: Any
-    relative: float
+    matrix: Any  # shape (n, n)
+    relative: float  # Frobenius norms, over that of the terms; inf on overflow
 
 
 def riccati_residual(
     problem: LQRProblem, S: Any, unit: Any = None, extended: bool = False
 ) -> Residual:
-    r"""Compute :math:`E^T S A + A^T S E + Q - (E^T S B + N) R^{-1} (E^T S B + N)^T`.
-
-    Parameters
-    ----------
-    problem : LQRProblem
-        Dense.
-    S : array, shape (n, n)
-    unit : array, shape (n,), optional
-        States are measured in these units: entries are multiplied by ``unit_i unit_j`` before
-        norms are taken.
-    extended : bool
-        In extended precision, on the host, where the platform has it.
-    """
+    """Compute :math:`E^T S A + A^T S E + Q - (E^T S B + N) R^{-1} (E^T S B + N)^T`, dense. Norms
+    are taken of entries times ``unit_i unit_j``; `extended`: in extended precision on the host,
+    where the platform has it."""
     xp = problem.xp
     if extended:
         if xp is not np:

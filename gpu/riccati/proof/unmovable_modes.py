@@ -15,8 +15,8 @@ EXAMINED = 1500  # up to this order modes are examined
 WORST = 24  # how many modes, beginning with the least stable
 # Smallest singular value in Hautus' test, relative to the matrix, that counts as zero.
 SINGULAR = 1e-12
-# An eigenvalue this near to the imaginary axis, relative to the matrix, may lie on it, if so many
-# roundings of the matrix may move it by as much.
+# An eigenvalue may lie on the imaginary axis if it is this near, relative to the matrix, and if so
+# many roundings of the matrix may move it there.
 AXIS, MODE_ROUNDINGS = 1e-6, 10.0
 
 
@@ -45,16 +45,10 @@ def explain(problem: LQRProblem) -> RiccatiError | None:
 
 
 def named(problem: LQRProblem) -> RiccatiError | None:
-    r"""The error that names an uncontrollable or unobservable mode; None if there is none.
+    r"""The error that names an uncontrollable or unobservable mode, or None (Hautus 1969).
 
-    Hautus' tests at the eigenvalues of (A, E): a mode with :math:`\mathrm{Re}\,\lambda \ge 0` for
-    which :math:`(A - \lambda E, B)` loses rank is not stabilisable; one on the imaginary axis for
-    which :math:`(A - \lambda E; Q)` does is not detectable, and stays a pole of every candidate.
-
-    References
-    ----------
-    M. L. J. Hautus, Controllability and observability conditions of linear autonomous systems,
-    Indag. Math. 31 (1969).
+    A mode with :math:`\mathrm{Re}\,\lambda \ge 0` is not stabilisable if :math:`(A - \lambda E, B)`
+    loses rank, one on the imaginary axis not detectable if :math:`(A - \lambda E; Q)` does.
     """
     standard = _standard(problem)
     if standard is None:
@@ -108,17 +102,15 @@ def _not_detectable(problem: LQRProblem, A: np.ndarray, Q: np.ndarray) -> Riccat
 
 
 def _balanced(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A in units of its own: those that even out Q and B B^T would hide one of them."""
+    """A in units that balance A alone; those that balance Q and B B^T could hide a mode."""
     own = np.diag(linalg.matrix_balance(A, permute=False)[1])
     return A * own / own[:, None], own
 
 
 def _unstable(A: np.ndarray) -> list[tuple[complex, float, float]]:
-    """The eigenvalues not clearly left of the axis, rightmost first, the size of A, and doubts.
-
-    What rounding of A may move an eigenvalue by: its condition is the reciprocal cosine between
-    its left and right vectors (Wilkinson 1965).
-    """
+    """The eigenvalues not clearly left of the axis, rightmost first, the size of A, and how far
+    rounding of A may move each eigenvalue: its condition is 1 / cos of the angle between its left
+    and right vectors (Wilkinson 1965)."""
     size = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
     values = np.linalg.eigvals(A)
     if not np.any(values.real >= -AXIS * size):

@@ -1,6 +1,6 @@
 """Bernstein polynomials on the unit square: values, roots, subdivision, bounds.
 
-Plain Python; `compiled_kernels` hands the functions to numba. A polynomial in one variable is an
+Plain Python for numba (`cut_quadrature.compiled_cut_boxes`). A polynomial in one variable is an
 array of coefficients, one in two variables an array c[i, j] with i the degree in x.
 """
 
@@ -16,9 +16,7 @@ KERNELS = (
     "product_range", "jacobian_range", "append",
 )  # fmt: skip
 
-# In sides of a box: an interval with several sign changes is divided down to this width, where
-# two roots cannot be told apart from a double one.
-_NARROWEST = 1e-14
+_NARROWEST = 1e-14  # in sides of a box: closer roots count as a double one
 
 
 def value(c: Array, t: float) -> float:
@@ -82,10 +80,8 @@ def bracketed_root(c: Array, a: float, b: float) -> float:
 
 def roots(c: Array, tol: float, found: Array) -> int:
     """Write the places in (0, 1) where a polynomial changes sign to `found`; return their number.
-
-    A polynomial has no more zeros in (0, 1) than its coefficients have sign changes (variation
-    diminishing). One whose coefficients are all at most `tol` in size counts as zero, without any.
-    """
+    It has no more zeros there than its coefficients have sign changes (variation diminishing).
+    One whose coefficients are all at most `tol` in size counts as zero, without any."""
     m = c.size
     count = 0
     largest = 0.0

@@ -22,8 +22,7 @@ from skfem_adini.jit import compiled
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Allowed difference of the unit normals from the given gradient and from the interpolant: with a
-# wrong gradient it is larger, with a right one far smaller.
+# A gradient is wrong if its unit normal differs by more from the interpolant's.
 _WRONG_DIRECTION = 1e-4
 
 
@@ -348,10 +347,8 @@ _lock = threading.Lock()
 @lru_cache
 def compiled_cut_boxes() -> Callable[..., Any]:
     """Return `graph_boxes.cut_boxes`, compiled by numba, with all that it calls.
-
-    The compiled functions replace the plain ones in their modules, callees first, so that calls
-    find them.
-    """
+    Compiled functions replace the plain ones in their modules, callees first, so that calls find
+    them."""
     from skfem_adini.curved.quadrature import bernstein_kernels, graph_boxes, graph_rules
 
     with _lock:

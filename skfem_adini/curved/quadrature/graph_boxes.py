@@ -1,6 +1,6 @@
 """Subdivision of boxes until every zero line in them is a graph over one side.
 
-Plain Python; `compiled_kernels` hands the functions to numba, with those of `graph_rules`.
+Plain Python; `cut_quadrature.compiled_cut_boxes` hands it to numba, with `graph_rules`.
 """
 
 from __future__ import annotations
@@ -17,15 +17,11 @@ KERNELS = (
     "subdivide", "cut_boxes",
 )  # fmt: skip
 
-# Halvings of a box after which its side, 1e-12, is near the rounding of its coefficients.
-_MOST_HALVINGS_OF_BOXES = 40
-# Largest number of parts of one box: more are needed only if a zero line is degenerate.
-_MOST_PARTS = 20_000
-# Relative to the largest coefficient: polynomials that agree to this, up to a factor, have the same
-# zero line.
+_MOST_HALVINGS_OF_BOXES = 40  # the side, 1e-12, is then near the rounding of the coefficients
+_MOST_PARTS = 20_000  # parts of one box: more are needed only if a zero line is degenerate
+# Relative: polynomials that agree to this, up to a factor, have the same zero line.
 _SAME_LINE = 1e-11
-# In sides of a box: points nearer to a side count as on it, so that no sliver is cut off.
-_ON_SIDE = 1e-9
+_ON_SIDE = 1e-9  # in sides of a box: nearer points are on a side, so that no sliver is cut off
 
 
 def classify(c: Array, tol: Array, table: Table, state: State) -> int:
@@ -112,9 +108,7 @@ def best_direction(c: Array, state: State, lengths: Array) -> int:
 
 def subdivide(c: Array, x: float, y: float, parts: Array, boxes: Array) -> int:
     """Write the parts left and right of x, below and above y (without those of no width).
-
-    Return the number of parts; `boxes` gets rows of lower corner and sides, in sides of the box.
-    """
+    Return the number of parts; `boxes` gets rows of lower corner and sides, in sides of the box."""
     K, m = c.shape[0], c.shape[1]
     sides = np.empty((2, m, m))
     quarters = np.empty((2, m, m))
@@ -149,22 +143,8 @@ def cut_boxes(
     weights: Array,
 ) -> tuple[Array, Array, NDArray[np.bool_], int]:
     """Return points of volume and boundary, which boxes are whole, and a degenerate box or -1.
-
-    The points are rows as described in `graph_rules`.
-
-    Parameters
-    ----------
-    coefficients
-        Bernstein coefficients of the leaves, shape (boxes, leaves, m, m).
-    tolerances
-        Size below which a leaf counts as zero, shape (boxes, leaves).
-    tables
-        Truth tables, shape (boxes, 2^leaves).
-    sizes
-        Sides of the boxes, shape (boxes, 2).
-    nodes, weights
-        Gauss rule on [0, 1].
-    """
+    See `graph_rules`. Bernstein coefficients: (boxes, leaves, m, m), tolerances (boxes, leaves),
+    tables (boxes, 2^leaves), sizes (boxes, 2); nodes, weights: Gauss rule on [0, 1]."""
     count, K, m = coefficients.shape[0], coefficients.shape[1], coefficients.shape[2]
     volume, nv = np.empty((1024, 4)), 0
     surface, ns = np.empty((256, 7)), 0

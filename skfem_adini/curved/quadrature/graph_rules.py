@@ -1,10 +1,10 @@
 """Quadrature rules on boxes in which every zero line is a graph over one side.
 
-Plain Python; `compiled_kernels` hands the functions to numba. A leaf is one smooth level set of a
+Plain Python for numba (`cut_quadrature.compiled_cut_boxes`). A leaf is one smooth level set of a
 composition; a point is in leaf k where its polynomial is below -tol[k]. The state of a leaf is 1
-(the box is in it), 0 (it is not) or 2 (open). Rows of the results are (box, x, y, weight) and (box,
-x, y, weight, n_x, n_y, leaf). A row `geometry` begins with lower corner and sides of a part of the
-box, in sides of the box; `lengths` are the sides of that part.
+(the box is in it), 0 (it is not) or 2 (open). Rows of the results are (box, x, y, weight) and
+(box, x, y, weight, n_x, n_y, leaf). A row `geometry` begins with lower corner and sides of a
+part of the box, in sides of the box; `lengths` are the sides of that part.
 """
 
 from __future__ import annotations
@@ -23,20 +23,13 @@ KERNELS = (
     "emit_surface", "sorted_breaks", "product_rule", "face_rule", "height_breaks", "height_rule",
 )  # fmt: skip
 
-# In sides of a box: places that differ by less, some fifty roundings of 1, are the same.
-_SAME_PLACE = 1e-14
-# Least ratio of the slope along the height to the slope across. With a smaller one the zero line is
-# better taken as a graph over the other side, or after division.
-_LEAST_SLOPE = 0.3
-# Least ratio of the smallest to the largest slope along the height: Gauss points converge fast
-# where it varies little.
+_SAME_PLACE = 1e-14  # in sides of a box: nearer points are the same, by some fifty roundings of 1
+_LEAST_SLOPE = 0.3  # slope along the height over slope across: else take the other side, or divide
+# Slopes along the height: Gauss points converge fast if they are alike.
 _LEAST_TO_LARGEST_SLOPE = 0.7
-# In lengths of an interval: distance from its ends at which graphs are compared.
-_OFF_END = 1e-12
-# `_LEAST_SLOPE` for several zero lines: dividing the box does not change the angle between them.
-_LEAST_SLOPE_OF_MANY = 1e-6
-# Room for the roots of a polynomial along a line: eight times its degree, if rounding adds some.
-_MOST_ROOTS = 64
+_OFF_END = 1e-12  # in lengths of an interval: distance from its ends at which graphs are compared
+_LEAST_SLOPE_OF_MANY = 1e-6  # for several zero lines: division keeps the angle between them
+_MOST_ROOTS = 64  # roots of a polynomial along a line: eight times its degree, for rounding
 
 
 def relevant(table: Table, state: State, k: int) -> bool:
@@ -64,9 +57,7 @@ def index_of(state: State) -> int:
 
 def good_direction(c: Array, state: State, d: int, lengths: Array) -> float:
     """Return how well every open polynomial can be solved for the coordinate d, from 0 (not) to 1.
-
-    `lengths` are the sides of the box.
-    """
+    `lengths` are the sides of the box."""
     quality = 1.0
     open_count = 0
     for k in range(state.size):
@@ -96,10 +87,8 @@ def good_direction(c: Array, state: State, d: int, lengths: Array) -> float:
 
 
 def height(c: Array, d: int, tol: float, s: float) -> tuple[float, bool, bool]:
-    """Return the root along d at the other coordinate s, and whether each end is inside.
-
-    The root is 2 if there is none.
-    """
+    """Return the root along d at the other coordinate s (2: none), and whether each end is
+    inside."""
     along = poly.line(c, d, s)
     first, last = along[0], along[along.size - 1]
     starts, ends = first < -tol, last < -tol
@@ -114,10 +103,8 @@ def height(c: Array, d: int, tol: float, s: float) -> tuple[float, bool, bool]:
 
 def clamped_height(c: Array, d: int, s: float) -> float:
     """Return the root along d at s of a polynomial that has one, up to rounding.
-
-    Near the place where a graph leaves the box rounding may move its root beyond a side; then that
-    side is returned.
-    """
+    Near the place where a graph leaves the box rounding may move its root beyond a side; then
+    that side is returned."""
     along = poly.line(c, d, s)
     first, last = along[0], along[along.size - 1]
     if (first < 0) == (last < 0):
@@ -160,10 +147,8 @@ def emit_surface(
     measure: tuple[int, float],
 ) -> tuple[Array, int]:
     """Append a quadrature point of a zero line.
-
     `measure` is (d, w) for a graph with heights along d, where w is the weight over the other
-    coordinate, or (-1, w), where w is the weight in arc length.
-    """
+    coordinate, or (-1, w), where w is the weight in arc length."""
     g_x, g_y = poly.gradient(c, x, y)
     g_x, g_y = g_x / lengths[0], g_y / lengths[1]
     size = np.hypot(g_x, g_y)

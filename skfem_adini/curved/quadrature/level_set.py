@@ -18,8 +18,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-# Largest number of functions composed in one level set: its truth table has 2^16 entries.
-_MOST_FUNCTIONS = 16
+_MOST_FUNCTIONS = 16  # functions in one level set: its truth table has 2^16 entries
 
 
 class LevelSet:
@@ -185,22 +184,12 @@ class _Composition(LevelSet):
 @dataclass(frozen=True)
 class TruthTable:
     """Where a composed domain lies, in terms of its leaves.
+    A leaf of which only the complement is used enters with its sign changed, so that a zero line
+    on a grid line is the boundary of the cells inside."""
 
-    Attributes
-    ----------
-    leaves
-        The smooth level sets.
-    signs
-        1, or -1 for leaves of which only the complement is used: they enter with the sign changed,
-        so that a zero line on a grid line is the boundary of the cells inside.
-    table
-        Whether a point is inside, shape (2^leaves,); the index is the sum of 2^k over the (signed)
-        leaves k that the point is in.
-    """
-
-    leaves: list[LevelSet]
-    signs: Array
-    table: NDArray[np.uint8]
+    leaves: list[LevelSet]  # the smooth level sets
+    signs: Array  # 1, or -1 for leaves with changed sign
+    table: NDArray[np.uint8]  # inside or not, shape (2^leaves,); leaf k has the bit 2^k
 
     @classmethod
     def of(cls, level_set: LevelSet) -> TruthTable:

@@ -14,9 +14,8 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Relative to the area of a cell: if less than this is missing, some fifty roundings, it is full.
-_SAME_AREA = 1e-14
-# Relative to the coordinates: points of two polygons that are nearer are one.
+_SAME_AREA = 1e-14  # relative: a cell that lacks less, some fifty roundings, is full
+# Relative to the coordinates: nearer points of two polygons are one.
 _ROUNDING = 64 * np.finfo(float).eps
 
 
@@ -75,9 +74,7 @@ class Polygon:
 
     def _composed(self, other: Any, keep: tuple[bool, bool]) -> Polygon:
         """Return the polygon of the sides of each that lie inside, or outside, the other.
-
-        The second polygon's are reversed if one is inside and the other outside.
-        """
+        The second polygon's are reversed if one is inside and the other outside."""
         if not isinstance(other, Polygon):
             raise InputError(
                 f"polygon: a Polygon is not composed with a {type(other).__name__}, but with other "
@@ -126,10 +123,8 @@ def _divided(polygon: Polygon, other: Polygon) -> Array:
 
 def _kept(sides: Array, other: Polygon, inside: bool, common: int) -> NDArray[np.bool_]:
     """Return which sides lie inside (or outside) the other polygon.
-
     Of those on its boundary are kept those of the same direction for `common` 1, of the opposite
-    one for -1, none for 0.
-    """
+    one for -1, none for 0."""
     middle = sides.mean(axis=1)
     along = sides[:, 1] - sides[:, 0]
     start, step = other.start[:, None], (other.end - other.start)[:, None]
@@ -183,13 +178,9 @@ def cut_polygon(
 ) -> tuple[
     NDArray[np.bool_], Indices, Array, Array, Indices, Array, Array, Array, Indices
 ]:  # fmt: skip
-    """Return the fields of `CutQuadrature` after `lower` and `upper`.
-
-    A cut cell is divided into strips, at the abscissae of the polygon's corners and of the points
-    where a side of the polygon crosses one of the cell. In a strip the sides of the polygon are
-    ordered, with a trapezoid between each two, which gets q x q Gauss points. The rule is exact for
-    polynomials of total degree 2q - 2.
-    """
+    """Return the fields of `CutQuadrature` after `lower`, `upper`, exact for total degree 2q - 2.
+    Cut cells are divided into strips at corners of the polygon and at crossings with the cell's
+    sides; trapezoids between two sides of the polygon in a strip get q x q Gauss points."""
     nodes, weights = np.polynomial.legendre.leggauss(q)
     nodes, weights = (nodes + 1) / 2, weights / 2
     a, b = polygon.start, polygon.end

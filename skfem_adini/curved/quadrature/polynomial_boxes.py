@@ -19,78 +19,43 @@ Indices = NDArray[np.int64]
 # Degrees of two interpolants: the coarse one settles the sign in most boxes, the fine one is made
 # in the others.
 _COARSE, _FINE = 4, 8
-# Allowed error of an interpolant, relative to the variation of phi in a box.
-_ACCURATE = 3e-12
-# Rounding of phi relative to its size, for an expression of some thirty operations.
-_ROUNDING_OF_PHI = 32 * np.finfo(float).eps
-# Safety factor on the estimated error before a sign counts as settled.
-_SAFETY = 4.0
-# Relative to the size of phi in a cell: smaller values count as zero, so that boundaries on grid
-# lines are found.
-_ZERO_LEVEL = 1e-13
-# Halvings of a cell, to 6e-8 of its side.
-_MOST_HALVINGS_OF_CELLS = 24
-# Largest number of unresolved boxes, besides two for each cell: 32 MB for each leaf, with 81
-# coefficients in a box.
+_ACCURATE = 3e-12  # error allowed to an interpolant, relative to the variation of phi in a box
+_ROUNDING_OF_PHI = 32 * np.finfo(float).eps  # relative, of some thirty operations
+_SAFETY = 4.0  # factor on the estimated error before a sign counts as settled
+_ZERO_LEVEL = 1e-13  # relative to phi in a cell: smaller is zero, to find boundaries on grid lines
+_MOST_HALVINGS_OF_CELLS = 24  # the side is then 6e-8 of the cell's
+# Unresolved boxes, beside two for each cell: 32 MB a leaf, with 81 coefficients a box.
 _MOST_BOXES = 50_000
-# Largest number of zero lines in one box, for a truth table of 2^6 entries: boxes are divided until
-# they have no more, unless more lines meet in one point.
-_MOST_LEAVES_OF_BOX = 6
+_MOST_LEAVES_OF_BOX = 6  # zero lines in a box, with 2^6 truth values; boxes with more are divided
 
 
 @dataclass(frozen=True)
 class OpenBoxes:
-    """Boxes in which the same number of leaves matter.
+    """Boxes in which the same number of leaves (smooth level sets of a composition) may change
+    sign."""
 
-    Attributes
-    ----------
-    cell, lower, size
-        The cell of each, its lower corner and sides, shapes (n,), (2, n), (2, n).
-    leaves
-        Numbers of the leaves that matter, shape (n, leaves).
-    coefficients, tolerances
-        Their Bernstein coefficients, shape (n, leaves, 9, 9), and what counts as zero, (n, leaves).
-    tables
-        Whether a point is inside, by the leaves it is in, shape (n, 2^leaves).
-    """
-
-    cell: Indices
-    lower: Array
-    size: Array
-    leaves: Indices
-    coefficients: Array
-    tolerances: Array
-    tables: NDArray[np.uint8]
+    cell: Indices  # the cell of each box, shape (n,)
+    lower: Array  # lower corners, shape (2, n)
+    size: Array  # sides, shape (2, n)
+    leaves: Indices  # numbers of the leaves that matter, shape (n, leaves)
+    coefficients: Array  # Bernstein coefficients of these, shape (n, leaves, 9, 9)
+    tolerances: Array  # size that counts as zero, shape (n, leaves)
+    tables: NDArray[np.uint8]  # inside or not, by the leaves a point is in, (n, 2^leaves)
 
 
 @dataclass(frozen=True)
 class AccurateBoxes:
-    """The boxes into which cells were divided, without those outside.
+    """The boxes into which cells were divided, without those outside."""
 
-    Attributes
-    ----------
-    count_in_cell
-        Number of boxes of each cell, those outside included.
-    inside
-        Cells, lower corners and sides of the boxes inside.
-    groups
-        The other boxes, by the number of leaves that matter.
-    """
-
-    count_in_cell: Indices
-    inside: tuple[Indices, Array, Array]
-    groups: list[OpenBoxes]
+    count_in_cell: Indices  # number of boxes of each cell, those outside included
+    inside: tuple[Indices, Array, Array]  # cells, lower corners and sides of boxes inside
+    groups: list[OpenBoxes]  # the other boxes, by the number of leaves that matter
 
 
 def accurate_boxes(table: TruthTable, lower: Array, size: Array) -> AccurateBoxes:
     """Divide cells, given by lower corners and sides (2, cells).
-
-    Raises
-    ------
-    InputError
-        More than 50 000 boxes, besides two for each cell, are not resolved at some level: the level
-        set is not smooth along its zero line. Or more than six zero lines meet in one point.
-    """
+    Too many unresolved boxes at one level mean that the level set is not smooth along its zero
+    line."""
     cell = np.arange(lower.shape[1])
     count = np.zeros(len(cell), dtype=np.int64)
     inside: list[tuple[Indices, Array, Array]] = []
@@ -251,32 +216,9 @@ def _matrices(degree: int) -> tuple[Array, Array, Array, Array]:
 def interpolate(
     function: Callable[[Array], Array], lower: Array, size: Array, degree: int
 ) -> tuple[Array, Array]:
-    r"""Interpolate a function on boxes at the tensor Chebyshev-Lobatto points.
-
-    The result is :math:`\sum_{ij} c_{ij} B_i(X) B_j(Y)` in the unit coordinates of each box; its
-    values there lie between the least and the largest coefficient.
-
-    Parameters
-    ----------
-    function
-        Takes points of shape (2, boxes, points) and returns (boxes, points).
-    lower, size
-        Lower corner and sides of the boxes, shape (2, boxes).
-    degree
-        Degree in each variable.
-
-    Returns
-    -------
-    coefficients : ndarray
-        Shape (boxes, degree + 1, degree + 1).
-    error : ndarray
-        Largest difference to the function at 36 points that are not nodes, shape (boxes,).
-
-    References
-    ----------
-    R. I. Saye, High-order quadrature on multi-component domains implicitly defined by multivariate
-    polynomials, Journal of Computational Physics 448 (2022), 110720, section 2.
-    """
+    r"""Interpolate by :math:`\sum_{ij} c_{ij} B_i(X) B_j(Y)` at Chebyshev-Lobatto points of boxes.
+    Return c, (boxes, degree + 1, degree + 1), which bounds the values, and the largest error at
+    36 other points, (boxes,) (Saye, J. Comput. Phys. 448 (2022), 110720, section 2)."""
     nodes, to_coefficients, checks, at_checks = _matrices(degree)
     m, k = degree + 1, len(checks)
     ticks = np.concatenate([nodes, checks])

@@ -15,21 +15,13 @@ from gpu.riccati.problem.lqr_problem import LQRProblem
 
 @dataclass(frozen=True)
 class Projected:
-    r"""The problem on a basis W: :math:`W^T E W, W^T A W, W^T B, W^T Q W`, on the host.
-
-    Attributes
-    ----------
-    problem : LQRProblem
-    W : array, shape (n, r)
-    E, A, Q : (r, r) numpy.ndarray
-    B : (r, m) numpy.ndarray
-    """
+    """The problem on a basis W: :math:`W^T E W, W^T A W, W^T B, W^T Q W`, on the host."""
 
     problem: LQRProblem
-    W: Any
-    E: np.ndarray
+    W: Any  # shape (n, r)
+    E: np.ndarray  # shape (r, r), as A and Q
     A: np.ndarray
-    B: np.ndarray
+    B: np.ndarray  # shape (r, m)
     Q: np.ndarray
 
     @classmethod
@@ -58,12 +50,7 @@ class Projected:
         return cls(problem, W, E, A, B, (Q + Q.T) / 2)
 
     def solve(self) -> np.ndarray:
-        """P of the projected equation, shape (r, r): the value is ``W P W^T``.
-
-        Raises
-        ------
-        RiccatiError
-        """
+        """P of the projected equation, shape (r, r): the value is ``W P W^T``."""
         # Scale B and Q to equal size; P scales with rho.
         reach, cost = float(np.linalg.norm(self.B)), float(np.linalg.norm(self.Q))
         if cost == 0.0:
@@ -110,10 +97,8 @@ class Projected:
         return self.problem.state.mass_transposed(self.W)
 
     def residual(self, P: np.ndarray, C: Any) -> float:
-        r"""``|A^T X E + E^T X A - E^T X B B^T X E + C^T C| / |C^T C|`` of ``X = W P W^T``, exactly.
-
-        The norm is exact because the range of all terms is spanned by the columns of
-        :math:`A^T W, E^T W, C^T`.
+        """``|A^T X E + E^T X A - E^T X B B^T X E + C^T C| / |C^T C|`` of ``X = W P W^T``, exactly,
+        because the columns of :math:`A^T W, E^T W, C^T` span the range of all terms.
         """
         state, xp = self.problem.state, self.problem.xp
         AtW, EtW = state.apply_transposed(self.W), self._EtW()

@@ -1,4 +1,20 @@
-"""A proof that the closed loop of a reduced gain is stable, if A = A^T, E = E^T and Q = q E."""
+r"""A proof that the closed loop of a reduced gain is stable, if A = A^T, E = E^T and Q = q E.
+
+Let :math:`A_s = A - \delta E Z Z^T E` be negative definite, Z of few columns. Then :math:`S_0 =
+-\frac q2 A_s^{-1}` solves the equation without the quadratic term and without :math:`\delta`. Its
+difference to the Riccati solution has low rank, and the Galerkin solution P on the basis W gives
+it:
+
+.. math:: S = S_0 + W Y W^T,\qquad Y = P + \tfrac q2 (W^T A_s W)^{-1}.
+
+S is positive definite if P is. In
+
+.. math:: M = -(A - B K)^T S E - E S (A - B K)
+
+the terms of :math:`S_0` give :math:`q E` up to terms in :math:`\delta`, and all other terms have
+low rank: :math:`M = q E + U D U^T`, whose definiteness is that of a matrix of the order of D. No
+poles are computed or estimated.
+"""
 
 from __future__ import annotations
 
@@ -19,33 +35,8 @@ DEFINITE_MARGIN = 1e-2
 
 
 def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: float) -> bool:
-    r"""Whether Lyapunov's inequality holds for ``A - B K`` with an S near the Riccati solution.
-
-    Let :math:`Q = q E`, and :math:`A_s = A - \delta E Z Z^T E` negative definite, Z of few
-    columns. Then :math:`S_0 = -\frac q2 A_s^{-1}` solves the equation without the quadratic term
-    and without :math:`\delta`. Its difference to the Riccati solution has low rank, and the
-    Galerkin solution P on the basis W gives it:
-
-    .. math:: S = S_0 + W Y W^T,\qquad Y = P + \tfrac q2 (W^T A_s W)^{-1}.
-
-    S is positive definite if P is. In
-
-    .. math:: M = -(A - B K)^T S E - E S (A - B K)
-
-    the terms of :math:`S_0` give :math:`q E` up to terms in :math:`\delta`, and all other terms
-    have low rank: :math:`M = q E + U D U^T`, whose definiteness is that of a matrix of the order of
-    D. Near the solution M is near :math:`q E + K^T K`. No poles are computed or estimated.
-
-    Parameters
-    ----------
-    problem : LQRProblem
-        Without cross term.
-    projected : Projected
-        The problem on the basis W.
-    P : array, shape (r, r)
-        Its solution, from which the gain was computed.
-    q : float
-        Positive.
+    """Whether Lyapunov's inequality holds for ``A - B K`` with an S near the Riccati solution. P,
+    shape (r, r), solves the projected problem, which has no cross term, and gave the gain; q > 0.
     """
     state, xp, W = problem.state, problem.xp, projected.W
     found = _shifted(problem)
@@ -118,11 +109,9 @@ def _shifted(problem: LQRProblem) -> Any:
 
 
 def _inertia(H: Any, V: Any, delta: float) -> int:
-    """Number of pivots of ``[[H, V], [V^T, -I / delta]]`` that are not positive; -1 if it fails.
-
-    It is the number of columns of V if and only if ``H + delta V V^T`` is positive definite
-    (Haynsworth 1968).
-    """
+    """Number of pivots of ``[[H, V], [V^T, -I / delta]]`` that are not positive; -1 if it fails. It
+    is the number of columns of V if and only if ``H + delta V V^T`` is positive definite
+    (Haynsworth 1968)."""
     block = sparse_of(np)
     if V.shape[1]:
         H = block.bmat([[H, block.csr_matrix(V)], [V.T, -block.identity(V.shape[1]) / delta]])
