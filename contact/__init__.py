@@ -34,8 +34,7 @@ from contact.obstacles.signed_distance import SignedDistance
 from contact.obstacles.surface_mesh import SurfaceMesh
 from contact.problem.contact_problem import ContactProblem
 from contact.result.body_result import BodyResult
-from contact.result.contact_result import ContactResult
-from contact.result.save_pvtu import save_pvtu
+from contact.result.contact_result import ContactResult, save_pvtu
 from contact.rows.pairs import Pair, Tie
 from contact.spectral import condensed_waves as _condensed_waves  # noqa: F401 -- registers its bodies
 from contact.spectral import mirrored_factor as _mirrored_factor  # noqa: F401 -- likewise

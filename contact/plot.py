@@ -10,16 +10,18 @@ from numpy.typing import NDArray
 from contact.errors import InputError
 from contact.laws.status import Status
 from contact.output.contact_runs import arc_length
-from contact.output.drawn import Drawn, DrawnBody
+from contact.output.drawn import Drawn, DrawnBody, drawn_bodies, pair_name
 from contact.output.pictures import (
     COLOURS,
+    axes_of,
     deformed_cells,
     deformed_edges,
-    new_axes,
+    legend_below,
+    mark_points,
     pressed_faces,
+    scale_colours,
     triangulated,
 )
-from contact.output.sides import drawn_bodies, pair_name
 from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
@@ -64,7 +66,7 @@ def plot_tractions(
         if abscissa is not None:
             raise InputError("abscissa: tractions along a line need a body in 2-D")
         return plot_pressure(result, ax)
-    ax = new_axes(ax)
+    ax = axes_of(ax)
     s, run = arc_length(result)
     if abscissa is not None:
         s = numbers("abscissa", abscissa)
@@ -86,27 +88,14 @@ def plot_tractions(
             ax.plot(s[tied], result.tie_shear[tied, 0], ls="--", label="tie, shear", **line)
     ax.axhline(0.0, color="0.7", lw=0.8, zorder=1)
     normal = result.pressure + result.tie_pressure
-    for status, colour in COLOURS.items():
-        at = result.status == status
-        if at.any():
-            name = status.name.lower()
-            ax.plot(s[at], normal[at], "o", ms=4, color=colour, label=name)
+    mark_points(ax, result, s, normal, 4)
     if abscissa is None:
         _name_parts(ax, result, s)
     ax.set_xlabel(xlabel or "arc length along the contact boundary")
     ax.set_ylabel("contact traction")
     handles, names = ax.get_legend_handles_labels()
     once = dict(zip(names, handles, strict=True))  # of several runs
-    ax.legend(
-        once.values(),
-        once.keys(),
-        frameon=False,
-        fontsize=8,
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.18),
-        ncols=5,
-    )
-    return ax
+    return legend_below(ax, once.values(), once.keys())
 
 
 def plot_pressure(result: Drawn, ax: Any = None) -> Any:
@@ -149,21 +138,18 @@ def plot_pressure(result: Drawn, ax: Any = None) -> Any:
         ax = plt.figure(layout="constrained").add_subplot(projection="3d")
     if not hasattr(ax, "add_collection3d"):
         raise InputError("ax: a body in 3-D is drawn in axes with projection='3d'")
-    everywhere = np.concatenate([pressure for _, pressure in drawn])
+    bodies = []
     for corners, pressure in drawn:
         faces = art3d.Poly3DCollection(list(corners), cmap=cm.viridis, lw=0.2, ec="0.5")
         faces.set_array(pressure)
-        faces.set_clim(everywhere.min(initial=np.inf), everywhere.max(initial=-np.inf))
         ax.add_collection3d(faces)
+        bodies.append(faces)
     corners = np.concatenate([corners.reshape(-1, 3) for corners, _ in drawn])
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = 0.05 * float((high - low).max())
     for axis, a, b in zip("xyz", low - room, high + room, strict=True):
         getattr(ax, f"set_{axis}lim")(a, b)
-    ax.figure.colorbar(
-        faces, ax=ax, shrink=0.7, label="pressure of the tie" if tied else "contact pressure"
-    )
-    return ax
+    return scale_colours(ax, bodies, "pressure of the tie" if tied else "contact pressure", 0.7)
 
 
 def face_pressure(result: Drawn, body: Any = None) -> tuple[NDArray[np.int64], Array]:
@@ -255,14 +241,13 @@ def plot_field(
     bodies = drawn_bodies(result)
     if bodies[0].body.dim != 2:
         raise InputError("plot: fields are drawn for bodies in 2-D; use to_pyvista in 3-D")
-    ax = new_axes(ax)
+    ax = axes_of(ax)
     drawn = [triangulated(one, per_cell, nodal) for one in bodies]
-    values = np.concatenate([u[:, component] for _, u, _ in drawn])
+    parts = []
     for points, u, triangles in drawn:
         x, y = (points + magnification * u).T
-        colours = ax.tripcolor(x, y, triangles, u[:, component], shading="gouraud")
-        colours.set_clim(values.min(), values.max())
-    ax.figure.colorbar(colours, ax=ax, shrink=0.85, label=label)
+        parts.append(ax.tripcolor(x, y, triangles, u[:, component], shading="gouraud"))
+    scale_colours(ax, parts, label)
     draw_edges(result, ax, magnification)
     ax.set_aspect("equal")
     return ax
@@ -305,15 +290,13 @@ def plot_cells(
     bodies = drawn_bodies(result)
     if bodies[0].body.dim != 2:
         raise InputError("plot: cells are drawn for bodies in 2-D; use to_pyvista in 3-D")
-    ax = new_axes(ax)
+    ax = axes_of(ax)
     drawn = [deformed_cells(one, magnification) for one in bodies]
-    values = np.concatenate([of_cells for _, of_cells in drawn])
-    for outlines, of_cells in drawn:
-        cells = PolyCollection(outlines, array=of_cells, lw=0.3)
-        cells.set_clim(values.min(), values.max())
+    parts = [PolyCollection(outlines, array=of_cells, lw=0.3) for outlines, of_cells in drawn]
+    for cells in parts:
         cells.set_edgecolor("face")
         ax.add_collection(cells)
-    ax.figure.colorbar(cells, ax=ax, shrink=0.85, label=label)
+    scale_colours(ax, parts, label)
     ax.autoscale_view()
     ax.set_aspect("equal")
     return ax

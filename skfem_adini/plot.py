@@ -62,8 +62,7 @@ def plot_shape_function(element: Any, i: int, ax: Any = None) -> Any:
     ticks = np.linspace(0, 1, _SURFACE_POINTS)
     X, Y = np.meshgrid(ticks, ticks, indexing="ij")
     values = element.lbasis(np.array([X.ravel(), Y.ravel()]), i)[0].reshape(X.shape)
-    if ax is None:
-        ax = _pyplot().figure().add_subplot(projection="3d")
+    ax = _axes(ax, subplot_kw={"projection": "3d"})
     if not hasattr(ax, "plot_surface"):
         raise InputError('ax: expected 3-D axes; make them with projection="3d"')
     ax.computed_zorder = False  # else the surface may hide the vertex
@@ -136,8 +135,7 @@ def plot_matrix(A: Any, basis: Any, ax: Any = None) -> Any:
     size = np.abs(dense) / np.sqrt(np.outer(diagonal, diagonal))
     size[size < 1e-13] = np.nan  # rounding of entries that vanish
 
-    if ax is None:
-        _, ax = _pyplot().subplots()
+    ax = _axes(ax)
     image = ax.imshow(np.log10(size), cmap="viridis", vmin=-3, vmax=0, interpolation="nearest")
     ax.figure.colorbar(image, ax=ax, shrink=0.8, label=r"$\log_{10} |a_{ij}|$, scaled")
     edges = dofs.shape[1] * np.arange(1, len(names)) - 0.5
@@ -165,8 +163,13 @@ def _grouped_dofs(basis: Any) -> tuple[list[str], Any]:
     return names, nodal[:, order]
 
 
-def _pyplot() -> Any:
-    return optional("matplotlib.pyplot", "plots need matplotlib: pip install 'matplotlib>=3.10.7'")
+def _axes(ax: Any, **figure: Any) -> Any:
+    """The axes given, or those of a new figure."""
+    if ax is not None:
+        return ax
+    remedy = "plots need matplotlib: pip install 'matplotlib>=3.10.7'"
+    pyplot = optional("matplotlib.pyplot", remedy)
+    return pyplot.subplots(**figure)[1]
 
 
 def plot_cut_domain(
@@ -208,8 +211,7 @@ def plot_cut_domain(
     """
     if not isinstance(domain, CutDomain):
         raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")
-    if ax is None:
-        _, ax = _pyplot().subplots(figsize=(6, 6))
+    ax = _axes(ax, figsize=(6, 6))
     from matplotlib.collections import LineCollection, PolyCollection
 
     mesh, rule = domain.mesh, domain.quadrature
@@ -285,8 +287,7 @@ def plot_cut_field(
         raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")
     bases = list(domain.basis(element))
     x = finite_numbers("x", x, (bases[0].N,))
-    if ax is None:
-        _, ax = _pyplot().subplots(figsize=(6, 5))
+    ax = _axes(ax, figsize=(6, 5))
     lattice = np.indices((_LATTICE, _LATTICE)).reshape(2, -1) / (_LATTICE - 1)
     if domain.full.size:
         whole = {"quadrature": (lattice, np.ones(lattice.shape[1])), "elements": domain.full}

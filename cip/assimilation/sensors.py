@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,10 +17,10 @@ from cip.grid import AXES, Grid
 from cip.output.sample import sample
 from cip.output.sample_rows import sample_rows
 from cip.output.state_dataset import xarray_module
+from cip.output.stored import read_words, reading, write_words
 from cip.output.trajectory import Trajectory
 from cip.stages.state import State
 from skfem_adini.ground.arguments import masked_array, real_array, real_number
-from skfem_adini.ground.files import write_text
 
 Array = NDArray[np.float64]
 # Times of a run that differ by less than this fraction of its length are the same.
@@ -319,7 +318,9 @@ class Sensors:
         OSError
             No space left, or no permission to write.
         """
-        write_sensors(path, self.points, self.times, self.values, self.deviations)
+        values = self.values.astype(object)
+        values[np.isnan(self.values)] = None  # null: no report arrived
+        write_words(path, _FORMAT, {n: getattr(self, n) for n in _STORED} | {"values": values})
 
     @classmethod
     def load(cls, path: str | Path) -> Sensors:
@@ -339,7 +340,10 @@ class Sensors:
         InputError
             A file that `save` did not write.
         """
-        return cls(*read_sensors(path))
+        with reading(path, "sensors"):
+            told = read_words(path, _FORMAT, _STORED)
+            values = [[np.nan if v is None else v for v in row] for row in told["values"]]
+        return cls(told["points"], told["times"], values, told["deviations"])
 
     def to_xarray(self) -> Any:
         """An xarray.Dataset with ``value`` and ``deviation`` over ``t`` and ``sensor``.
@@ -432,32 +436,7 @@ def checked_deviations(deviations: ArrayLike, shape: tuple[int, int]) -> Array:
 
 
 _FORMAT = "cip sensors 1"
-
-
-def write_sensors(
-    path: str | Path, points: Array, times: Array, values: Array, deviations: Array
-) -> None:
-    """Write a file of JSON, in which no float is rounded and null stands for a missing report."""
-    content = {
-        "format": _FORMAT,
-        "points": points.tolist(),
-        "times": times.tolist(),
-        "values": [[None if np.isnan(v) else v for v in row] for row in values.tolist()],
-        "deviations": deviations.tolist(),
-    }
-    write_text(Path(path), json.dumps(content))
-
-
-def read_sensors(path: str | Path) -> tuple[Any, Any, Any, Any]:
-    """Points, times, values and deviations of a file that `write_sensors` wrote."""
-    try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-        if content["format"] != _FORMAT:
-            raise KeyError("format")
-        values = [[np.nan if v is None else v for v in row] for row in content["values"]]
-        return content["points"], content["times"], values, content["deviations"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"path={str(path)!r}: no file of sensors ({error})") from error
+_STORED = ("points", "times", "values", "deviations")
 
 
 def sensors_dataset(points: Array, times: Array, values: Array, deviations: Array) -> Any:

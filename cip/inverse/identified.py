@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.inverse.identifiability import Identifiability
 from cip.inverse.roughness import field, field_slopes
-from skfem_adini.ground.files import write_text
+from cip.output.stored import fields_from, read_words, reading, write_words
 
 Array = NDArray[np.float64]
 
@@ -202,7 +201,7 @@ class IdentifiedVelocity:
         -------
         matplotlib Axes
         """
-        from cip.inverse.plot_identified import plot_identified
+        from cip.output.plot import plot_identified
 
         return plot_identified(self, ax)
 
@@ -218,24 +217,10 @@ class IdentifiedVelocity:
         OSError
             No space left, or no permission to write.
         """
-        seen = self.identifiability
-        content = {
-            "format": _FORMAT,
-            "parameters": self.parameters,
-            "edges": [line.tolist() for line in self.grid.edges],
-            "periodic": list(self.grid.periodic),
-            "identifiability": {
-                "singular_values": seen.singular_values.tolist(),
-                "vectors": seen.vectors.tolist(),
-                "patterns": seen.patterns.tolist(),
-                "deviations": seen.deviations.tolist(),
-                "seen": seen.seen.tolist(),
-                "unseen": list(seen.unseen),
-            },
-            **{name: np.asarray(getattr(self, name)).tolist() for name in _ARRAYS},
-            **{name: getattr(self, name) for name in _PLAIN},
-        }
-        write_text(Path(path), json.dumps(content))
+        parts: dict[str, Any] = {name: getattr(self, name) for name in _PLAIN}
+        parts |= {"parameters": self.parameters, "identifiability": vars(self.identifiability)}
+        parts |= {"edges": list(self.grid.edges), "periodic": list(self.grid.periodic)}
+        write_words(path, _FORMAT, parts)
 
     @classmethod
     def load(cls, path: str | Path, velocity: Velocity) -> IdentifiedVelocity:
@@ -256,38 +241,20 @@ class IdentifiedVelocity:
         InputError
             Another file, or a velocity with other parameters.
         """
-        try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise InputError(f"path: {path} was not written by save: {error}") from error
-        if not isinstance(content, dict) or content.get("format") != _FORMAT:
-            raise InputError(f"path: {path} was not written by save")
-        missing = {*_OTHERS, *_ARRAYS, *_PLAIN} - content.keys()
-        if missing:
-            raise InputError(f"path: {path} is damaged, it has no {min(missing)!r}")
-        if not isinstance(velocity, Velocity) or list(velocity.parameters) != list(
-            content["parameters"]
-        ):
-            raise InputError(
-                "velocity: expected one with the parameters "
-                f"{', '.join(list(content['parameters'])[:8])}"
+        with reading(path, "an identified velocity"):
+            told = read_words(path, _FORMAT, (*_PLAIN, *_OTHERS))
+            names = list(told["parameters"])
+            if not isinstance(velocity, Velocity) or list(velocity.parameters) != names:
+                raise InputError(
+                    f"velocity: expected one with the parameters {', '.join(names[:8])}"
+                )
+            seen = Identifiability(**fields_from(Identifiability, told["identifiability"]))
+            lines = dict(zip("xyz", told["edges"], strict=False))
+            return cls(
+                velocity=velocity.with_parameters(**told["parameters"]),
+                grid=Grid.from_coordinates(**lines, periodic=told["periodic"]),
+                **fields_from(cls, told | {"identifiability": seen}),
             )
-        seen: dict[str, Any] = {
-            name: tuple(value) if name == "unseen" else np.array(value)
-            for name, value in content["identifiability"].items()
-        }
-        plain: dict[str, Any] = {name: content[name] for name in _PLAIN}
-        plain |= {name: np.array(content[name], dtype=float) for name in _ARRAYS}
-        plain["at_bounds"] = tuple(plain["at_bounds"])
-        periodic: list[bool] = content["periodic"]
-        lines = dict(zip("xyz", content["edges"], strict=False))
-        grid = Grid.from_coordinates(**lines, periodic=periodic)
-        return cls(
-            velocity=velocity.with_parameters(**content["parameters"]),
-            grid=grid,
-            identifiability=Identifiability(**seen),
-            **plain,
-        )
 
 
 def _occurs(directions: Array) -> NDArray[np.bool_]:
@@ -297,8 +264,7 @@ def _occurs(directions: Array) -> NDArray[np.bool_]:
 
 _FORMAT = "identified velocity 1"
 _OTHERS = ("parameters", "edges", "periodic", "identifiability")
-_ARRAYS = ("covariance", "misfit")
 _PLAIN = (
-    "t", "reduced_chi_square", "explained", "weight", "regularization", "at_bounds",
-    "degrees_of_freedom", "runs",
+    "t", "covariance", "misfit", "reduced_chi_square", "explained", "weight", "regularization",
+    "at_bounds", "degrees_of_freedom", "runs",
 )  # fmt: skip

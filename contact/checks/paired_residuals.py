@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from contact.arrays.paired_rows import rows_times
 from contact.arrays.pairs import Pairs
 from contact.checks.paired_bodies import PairedBody
-from contact.result.contact_state import ContactState
-from contact.result.contact_system import NOISE, beside_travel
+from contact.result.contact_system import NOISE, ContactState, beside_travel
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,16 @@
-"""A load history on disk: a folder of steps that are checked to belong to one run."""
+"""A load history on disk: a folder of steps that are checked to belong to one run.
+
+It has ``history.json``, ``problem.npz`` and one ``step_00001.npz`` a finished step. Each of several
+processes adds ``step_00001_0.npz``, ... with displacement, load and prescribed displacement at its
+dofs, which are named by a cell of the whole mesh and their place in it; the first process then
+writes the step itself, with all that is on the contact boundary.
+
+Every file appears under its name only once it is complete, so that an interruption, a killed
+process or a full disk costs the current step only. ``history.json`` is created by one process, even
+if several start in the folder, and gives the run a random name. It has the checksum of the problem;
+each step has the name of the run, its number and time, and the checksum of the step before. Files
+of another run, or of another position in this one, are refused.
+"""
 
 from __future__ import annotations
 
@@ -6,55 +18,42 @@ import json
 import logging
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from secrets import token_hex
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.distributed_body import DistributedBody
-from contact.errors import InputError
-from contact.output.archive import checksum, is_damaged, read_arrays, write_arrays
+from contact.errors import ContactError, InputError
+from contact.output.archive import checksum, is_damaged, read_arrays, words, write_arrays
 from contact.result.contact_result import ContactResult
-from contact.result.stored_result import problem_arrays, rebuild, state_arrays
-from contact.result.stored_rows import OWN, rows_arrays
+from contact.result.stored_result import OWN, problem_arrays, rebuild, rows_arrays, state_arrays
 from skfem_adini.ground.files import complete_file, remove_unfinished, try_lock
 
 if TYPE_CHECKING:
     from contact.result.contact_system import ContactSystem
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
+_SPREAD = ("load", "u0", "u")  # vectors of the body; everything else is the same on all processes
 _FORMAT = 2
 _STEP = re.compile(r"step_(\d{5,})\.npz")
 logger = logging.getLogger(__name__)
 
 
 class HistoryFolder:
-    """A folder with ``history.json``, ``problem.npz`` and one ``step_00001.npz`` a finished step.
+    """The folder of a run, to which the first of the processes `comm`, if any, writes for all.
 
-    Every file appears under its name only once it is complete, so that an interruption, a killed
-    process or a full disk costs the current step only. ``history.json`` is created by one process,
-    even if several start in the folder, and gives the run a random name. It has the checksum of the
-    problem; each step has the name of the run, its number and time, and the checksum of the step
-    before. Files of another run, or of another position in this one, are refused.
-
-    Attributes
-    ----------
-    path : Path
-    times : ndarray, shape (n,)
-        Times of all steps of the run, finished or not.
-    fingerprint : str
-        Checksum of the problem, its loads and its motions.
-    damage : InputError or None
-        Why `finished` ended before the last file.
+    `fingerprint` is the checksum of problem, loads and motions; `damage` is why `finished` ended.
     """
 
-    def __init__(self, path: Path, about: dict[str, Any]) -> None:
-        self.path, self.times = path, np.array(about["times"], dtype=float)
+    def __init__(self, path: Path, about: dict[str, Any], comm: Any = None) -> None:
+        self.path, self.times, self.comm = path, np.array(about["times"], dtype=float), comm
         self.fingerprint, self._run = str(about["fingerprint"]), str(about["run"])
         self._problem = self._before = str(about["problem"])
         self.damage: InputError | None = None
@@ -65,75 +64,89 @@ class HistoryFolder:
         cls, path: Path, times: Array, system: ContactSystem, fingerprint: str
     ) -> HistoryFolder:
         """Create the folder; `InputError` if it is not empty, or another process creates it."""
-        about = {
-            "format": _FORMAT,
-            "run": token_hex(16),
-            "times": times.tolist(),
-            "fingerprint": fingerprint,
-            "problem": checksum(problem_arrays(system)),
-        }
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            if any(path.iterdir()):
-                raise FileExistsError(path)
-            with complete_file(path / "history.json", exclusive=True) as file:
-                file.write(json.dumps(about | {"checksum": _digest(about)}).encode())
-        except (FileExistsError, NotADirectoryError) as error:
-            raise InputError(
-                f"path: {path} is not empty; resume it, or choose a new folder"
-            ) from error
-        return cls(path, about)
+        comm = system.body.comm if isinstance(system.body, DistributedBody) else None
+
+        def about() -> dict[str, Any]:
+            told = {
+                "format": _FORMAT,
+                "run": token_hex(16),
+                "times": times.tolist(),
+                "fingerprint": fingerprint,
+                "problem": checksum(problem_arrays(system)),
+            }
+            try:
+                path.mkdir(parents=True, exist_ok=True)
+                if any(path.iterdir()):
+                    raise FileExistsError(path)
+                with complete_file(path / "history.json", exclusive=True) as file:
+                    file.write(json.dumps(told | {"checksum": _digest(told)}).encode())
+            except (FileExistsError, NotADirectoryError) as error:
+                raise InputError(
+                    f"path: {path} is not empty; resume it, or choose a new folder"
+                ) from error
+            return told
+
+        return cls(path, _on_first(comm, about), comm)
 
     @classmethod
-    def opened(cls, path: Path) -> HistoryFolder:
-        """Open an existing folder; `InputError` if it holds no history."""
-        try:
-            about = json.loads((path / "history.json").read_text())
-            if about["format"] == 1:
-                raise ValueError(
-                    "format 1, of version 0.1.0, whose files do not show which run they are of; "
-                    "run it again in a new folder"
-                )
-            if about["format"] != _FORMAT:
-                raise ValueError(f"format {about['format']}, not {_FORMAT}")
-            if about.pop("checksum") != _digest(about):
-                raise ValueError("history.json was changed since it was written")
-            return cls(path, about)
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            raise InputError(f"path: {path} holds no load history ({error})") from error
+    def opened(cls, path: Path, body: Any = None) -> HistoryFolder:
+        """Open an existing folder, on all processes of the body; `InputError` if it is none."""
+
+        def about() -> dict[str, Any]:
+            try:
+                told: dict[str, Any] = json.loads((path / "history.json").read_text())
+                if told["format"] == 1:
+                    raise ValueError(
+                        "format 1, of version 0.1.0, whose files do not show which run they are "
+                        "of; run it again in a new folder"
+                    )
+                if told["format"] != _FORMAT:
+                    raise ValueError(f"format {told['format']}, not {_FORMAT}")
+                if told.pop("checksum") != _digest(told):
+                    raise ValueError("history.json was changed since it was written")
+                cls(path, told)
+            except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+                raise InputError(f"path: {path} holds no load history ({error})") from error
+            return told
+
+        comm = body.comm if isinstance(body, DistributedBody) else None
+        return cls(path, _on_first(comm, about), comm)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the folder against other processes; the lock ends with this process, even if killed.
+        """Lock the folder against other processes, or raise; the lock ends with this process."""
+        descriptor = _on_first(self.comm, self._lock)
+        try:
+            yield
+        finally:
+            if self.comm is None or self.comm.rank == 0:
+                os.close(descriptor)
 
-        Raises
-        ------
-        InputError
-            Another process, or another thread, is writing this history.
-        """
+    def _lock(self) -> int:
         name = self.path / "history.json"
         try:
             descriptor = os.open(name, os.O_RDWR)
         except PermissionError:
             descriptor = os.open(name, os.O_RDONLY)
-        try:
-            if try_lock(descriptor) is False:
-                raise InputError(f"path: another process is writing the history in {self.path}")
-            yield
-        finally:
+        if try_lock(descriptor) is False:
             os.close(descriptor)
+            raise InputError(f"path: another process is writing the history in {self.path}")
+        return descriptor
 
     def write(self, k: int, result: ContactResult) -> None:
-        """Write step k, counted from zero, after all those before it.
+        """Write step k, counted from zero, after all those before it; the parts first."""
+        arrays, rows = state_arrays(result), result.system.rows
+        if self.comm is not None:
+            self._write_part(k, result.system.body, arrays)
+        elif rows.T is not self._rows_of_problem:  # finite sliding
+            arrays |= rows_arrays(result.system.body, rows) | {OWN: np.array(True)}
+        self._before = _on_first(self.comm, lambda: self._write_step(k, arrays))
 
-        Raises
-        ------
-        InputError
-            The step has a file already.
-        """
+    def _write_step(self, k: int, arrays: dict[str, Any]) -> str:
+        """Write the file that finishes step k, with its place in the run; return its checksum."""
         place = {"run": self._run, "number": k + 1, "time": float(self.times[k])}
         place |= {"before": self._before}
-        arrays = self._arrays_of(result) | {"place": np.array(json.dumps(place))}
+        arrays = arrays | {"place": words(place)}
         try:
             write_arrays(self._step(k), arrays, compress=False, exclusive=True)
         except FileExistsError as error:
@@ -141,21 +154,25 @@ class HistoryFolder:
                 f"path: {self._step(k)} appeared while this run was solving it; another process "
                 "writes there"
             ) from error
-        self._before = checksum(arrays)
+        return checksum(arrays)
+
+    def _write_part(self, k: int, body: DistributedBody, arrays: dict[str, Any]) -> None:
+        """Write the vectors of this process to a file of their own and take them out of arrays."""
+        vectors = {name: body.counted(arrays.pop(name)) for name in _SPREAD}
+        arrays["processes"] = np.array(self.comm.size)
+        failure = ""
+        try:
+            write_arrays(self._part(k, self.comm.rank), body.places() | vectors, compress=False)
+        except OSError as error:
+            failure = f"{type(error).__name__}: {error}"
+        for rank, each in enumerate(self.comm.allgather(failure)):
+            if each:
+                raise OSError(f"process {rank} could not write its part of step {k + 1}: {each}")
 
     def finished(self, system: ContactSystem | None = None) -> Iterator[ContactResult]:
         """The steps before the first one that is missing or cannot be read, which is logged.
 
-        Parameters
-        ----------
-        system : ContactSystem, optional
-            Of the current problem: the results then share its body and rows.
-
-        Raises
-        ------
-        InputError
-            A step can be read but does not belong here: it is of another run, position or time, was
-            changed, or does not solve the problem.
+        `InputError` if one does not belong here; they share body and rows of a given system.
         """
         last = max(self._steps(), default=0)
         if last == 0:
@@ -178,26 +195,22 @@ class HistoryFolder:
             result.keep_facts_of_many()
             yield result
 
-    def _arrays_of(self, result: ContactResult) -> dict[str, Any]:
-        """What the file of a step holds, but for its place in the run."""
-        arrays, rows = state_arrays(result), result.system.rows
-        if rows.T is not self._rows_of_problem:  # finite sliding
-            arrays |= rows_arrays(result.system.body, rows) | {OWN: np.array(True)}
-        return arrays
-
     def _read(self, path: Path, k: int, system: ContactSystem | None) -> tuple[Any, Any]:
-        """The arrays of step k, and their checksum."""
+        """The arrays of step k, with vectors on the dofs of this process, and their checksum."""
         arrays, found = read_arrays(path)
         self._check_place(path, k, arrays)
+        if self.comm is not None and system is not None:
+            processes = range(int(arrays["processes"]))
+            parts = (read_arrays(self._part(k, rank))[0] for rank in processes)
+            arrays |= system.body.from_places(parts, _SPREAD)
         return arrays, found
 
     def prepare(self, count: int, system: ContactSystem) -> None:
-        """Prepare the folder for the steps after the first `count`, and write the problem.
-
-        Existing files of later steps, and a problem that cannot be read, are renamed; temporary
-        files of killed processes are removed.
-        """
+        """Write the problem, and rename files of steps after the first `count`, or unreadable."""
         self._rows_of_problem = system.rows.T
+        _on_first(self.comm, lambda: self._prepare(count, system))
+
+    def _prepare(self, count: int, system: ContactSystem) -> None:
         remove_unfinished(self.path)
         for number in self._steps():
             if number > count:
@@ -245,6 +258,27 @@ class HistoryFolder:
     def _step(self, k: int) -> Path:
         return self.path / f"step_{k + 1:05d}.npz"
 
+    def _part(self, k: int, rank: int) -> Path:
+        return self.path / f"step_{k + 1:05d}_{rank}.npz"
+
+
+def _on_first(comm: Any, task: Callable[[], T]) -> T:
+    """Do it on the first process; all get what it returns, or the error that it raises."""
+    if comm is None:
+        return task()
+    found: Any = None
+    failure: Exception | None = None
+    if comm.rank == 0:
+        try:
+            found = task()
+        except (ContactError, OSError) as error:
+            failure = error
+    failure = comm.bcast(failure)
+    if failure is not None:
+        raise failure
+    told: T = comm.bcast(found)
+    return told
+
 
 def _set_aside(path: Path) -> None:
     other = path.with_name(f"aside_{token_hex(4)}_{path.name}")
@@ -257,13 +291,7 @@ def _digest(about: dict[str, Any]) -> str:
 
 
 def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
-    """SHA-256 of a problem together with its loads and motions that vary in time.
-
-    Raises
-    ------
-    InputError
-        A body that no file holds.
-    """
+    """SHA-256 of a problem together with its loads and motions that vary in time."""
     arrays = problem_arrays(system) | {"law": np.array(str(system.law))}
     if isinstance(system.body, DistributedBody):  # its vectors are others on other processes
         vectors = []
@@ -275,14 +303,7 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
 
 
 def same_conditions(now: ContactSystem, then: ContactSystem, same_rows: bool = True) -> bool:
-    """Whether two steps have the same loads, supports, gaps, friction and obstacles.
-
-    Parameters
-    ----------
-    now, then : ContactSystem
-    same_rows : bool
-        Without it gaps and friction are not compared: they are those of other points.
-    """
+    """Whether two steps have the same loads, supports, obstacles and, of the same rows, gaps."""
     pairs = [(now.load, then.load), (now.body.constraint[1], then.body.constraint[1])]
     if same_rows:
         pairs += [(now.rows.gap, then.rows.gap), (now.friction, then.friction)]

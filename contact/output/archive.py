@@ -1,27 +1,34 @@
-"""Arrays in a NumPy archive with a checksum, which shows damage and changes."""
+"""Files of results: a NumPy archive of arrays with a JSON head, a format and a checksum.
+
+`to_arrays` and `from_arrays` walk the fields of what is stored; `head` checks kind and format;
+`write_arrays` and `read_arrays` add and compare the checksum, which shows damage and changes.
+"""
 
 from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import math
 import signal
 import threading
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
-from contact.errors import InputError
+from contact.errors import InputError, NotConverged
 from skfem_adini.ground.files import complete_file
 
 # Meshes and solutions shrink by less than 50; an archive that grows further is no result.
 _EXPANSION, _LARGE = 200, 1 << 26
 _COMPRESSION = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _CHECKSUM = "checksum"
+_SPARSE = ("data", "indices", "indptr", "shape")
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -42,14 +49,85 @@ def is_damaged(error: InputError) -> bool:
     return _DAMAGED in getattr(error, "__notes__", ())
 
 
-def named_archive(path: str | Path) -> Path:
-    """The name with its suffix .npz.
+class Kinds(dict[str, Any]):
+    """Classes whose objects a file holds, by their names."""
 
-    Raises
-    ------
-    InputError
-        No name, or another suffix.
+    def __init__(self, *kinds: Any) -> None:
+        super().__init__({kind.__name__: kind for kind in kinds})
+
+    def name(self, value: Any) -> str:
+        """The name of an object's class; `InputError` of another class, even a derived one."""
+        kind = type(value)
+        if self.get(kind.__name__) is not kind:
+            raise InputError(
+                f"result: {kind.__module__}.{kind.__name__} cannot be saved; a file holds "
+                f"{', '.join(self)}"
+            )
+        return kind.__name__
+
+    def kind(self, what: str, name: Any) -> Any:
+        """The class of this name in a file."""
+        if name not in self:
+            raise InputError(f"{what} {name!r} is none of {', '.join(self)}")
+        return self[name]
+
+
+def to_arrays(parts: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Arrays of fields by name: None is left out, a sparse matrix becomes its four parts."""
+    arrays: dict[str, Any] = {}
+    for name, value in parts.items():
+        if sparse.issparse(value):
+            arrays |= {f"{prefix}{name}/{of}": np.asarray(getattr(value, of)) for of in _SPARSE}
+        elif value is not None:
+            arrays[prefix + name] = value
+    return arrays
+
+
+def from_arrays(
+    arrays: Mapping[str, Any], names: Iterable[str], prefix: str = ""
+) -> dict[str, Any]:
+    """The fields that `to_arrays` took apart, without those that were left out."""
+    found: dict[str, Any] = {}
+    for name in names:
+        own = prefix + name
+        if f"{own}/indptr" in arrays:
+            *parts, shape = (arrays[f"{own}/{of}"] for of in _SPARSE)
+            found[name] = sparse.csr_array(tuple(parts), shape=tuple(shape.tolist()))
+            found[name].check_format(full_check=True)  # products trust the indices
+        elif own in arrays:
+            found[name] = arrays[own]
+    return found
+
+
+def words(value: Mapping[str, Any]) -> Any:
+    """JSON as an array."""
+    return np.array(json.dumps(value))
+
+
+def head(
+    arrays: Mapping[str, Any], kind: str | None, formats: tuple[int, ...], beside: str, reads: str
+) -> dict[str, Any]:
+    """The JSON head of a file; `InputError` of another kind or format, which it names.
+
+    Results of bodies have no kind; `beside` tells of the checksum, `reads` of known formats.
     """
+    about: dict[str, Any] = json.loads(str(arrays["about"])) if "about" in arrays else {}
+    held = about.get("kind")
+    if held != kind:
+        raise InputError(
+            f"it holds a {held}; {held}.load reads it"
+            if held
+            else f"it holds no {kind}; ContactResult.load reads those of bodies"
+        )
+    if about["format"] not in formats:
+        raise InputError(
+            f"it has format {about['format']}, {beside} a checksum; this version reads {reads}"
+        )
+    return about
+
+
+def named_archive(path: str | Path) -> Path:
+    """The name with its suffix .npz; `InputError` of no name, or another suffix."""
     try:
         path = Path(path)
     except TypeError:
@@ -66,10 +144,7 @@ def named_archive(path: str | Path) -> Path:
 
 
 def checksum(arrays: Mapping[str, Any]) -> str:
-    """SHA-256 of names, types, shapes and values.
-
-    It detects damage and edits, not forgery: a newly written archive has a valid checksum.
-    """
+    """SHA-256 of names, types, shapes and values: it shows damage and edits, not forgery."""
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = np.asarray(arrays[name])
@@ -81,17 +156,7 @@ def checksum(arrays: Mapping[str, Any]) -> str:
 def write_arrays(
     path: Path, arrays: Mapping[str, Any], compress: bool = True, exclusive: bool = False
 ) -> Path:
-    """Write an archive under another name and rename it, so that it is complete or absent.
-
-    The archive contains its `checksum`.
-
-    Parameters
-    ----------
-    path : Path
-    arrays : mapping of str to array
-    compress, exclusive : bool
-        `exclusive`: leave an existing file and raise `FileExistsError`.
-    """
+    """Write an archive with its `checksum`, complete or not; `exclusive`: over no existing file."""
     with complete_file(path, exclusive=exclusive) as file, uninterrupted():
         whole = {name: np.asarray(value) for name, value in arrays.items()}
         whole[_CHECKSUM] = np.array(checksum(whole))
@@ -101,19 +166,11 @@ def write_arrays(
 
 
 def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
-    """Read an archive and compare its arrays with its checksum.
+    """The arrays of an archive, and their checksum unless it has none, as formats 1 and 2.
 
-    Returns
-    -------
-    arrays : dict of str to ndarray
-    checksum : str or None
-        None if the archive has none, as in formats 1 and 2.
 
-    Raises
-    ------
-    InputError
-        The file is missing, encrypted, implausibly large, truncated or not an archive of arrays
-        (`is_damaged`), or was changed after it was written.
+    An `InputError` that `is_damaged` knows if it is cut short or none, another if missing,
+    encrypted or changed.
     """
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")
@@ -148,6 +205,25 @@ def reading(path: Path) -> Iterator[None]:
         raise _damaged(path, repr(error)) from error
 
 
+@contextmanager
+def proving(consequence: str) -> Iterator[None]:
+    """Re-raise a certificate that fails as an `InputError` that begins with its consequence."""
+    try:
+        yield
+    except NotConverged as error:
+        raise InputError(f"{consequence}: {error}") from error
+
+
+def unproved(path: str | Path) -> str:
+    """What is said of a file whose certificate, computed anew, fails."""
+    return f"result file {path}: its solution does not solve the problem beside it"
+
+
+def loosened(tol: float) -> float:
+    """The tolerance when read: on another processor residuals near their limit may round up."""
+    return max(2 * tol, 1e-12)
+
+
 def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
     """Refuse archives that must not even be unpacked."""
     names = [info.filename for info in archive.filelist]
@@ -180,8 +256,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
 def uninterrupted() -> Iterator[None]:
     """Delay an interruption (KeyboardInterrupt) until the block is left.
 
-    zipfile can neither close nor discard an archive whose entry was interrupted, and its error
-    would hide the interruption. Only the main thread is ever interrupted.
+    zipfile can neither close nor discard an archive whose entry was interrupted.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):

@@ -10,8 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from contact.body.cut_body import CutBody
-from contact.output.drawn import Drawn
-from contact.output.sides import side
+from contact.output.drawn import Drawn, side
 
 if TYPE_CHECKING:
     from skfem import Mesh

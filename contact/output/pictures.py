@@ -1,4 +1,4 @@
-"""Geometry for pictures of bodies: deformed cells, edges, and pressures on faces."""
+"""Geometry for pictures of bodies: deformed cells, edges, pressures on faces; colours, legends."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.body.basis_solid import BasisSolid
 from contact.body.cut_body import CutBody
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
 from contact.laws.status import Status
-from contact.output.drawn import Drawn, DrawnBody
+from contact.output.drawn import Drawn, DrawnBody, drawn_bodies
 from contact.output.vtk import body_grid
 from skfem_adini import to_pyvista
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
 COLOURS = {
     Status.OPEN: "#b8b8b8",
     Status.STICK: "#1f6f8b",
@@ -25,6 +25,8 @@ COLOURS = {
     Status.BONDED: "#5b4a8a",
     Status.UNDETERMINED: "#d9a441",
 }
+_BODIES = ("#3d3d3d", "#b0702a", "#4f7942", "#6a5acd")
+_ROOM = 0.3  # margin around the contact points, relative to their extent
 
 
 def triangulated(one: DrawnBody, per_cell: int, nodal: bool) -> tuple[Array, Array, Index]:
@@ -94,7 +96,57 @@ def pressed_faces(result: Drawn, k: int, tied: bool = False) -> tuple[Index, Arr
     return facets[found], np.array(pressure)
 
 
-def new_axes(ax: Any) -> Any:
+def _polygons(grid: Any) -> list[Index]:
+    """Corners of each cell; those of a cut body have three or four."""
+    cells, found = np.asarray(grid.cells), []  # each as its number of corners, then these
+    while cells.size:
+        found.append(cells[1 : 1 + cells[0]])
+        cells = cells[1 + cells[0] :]
+    return found
+
+
+def draw_outlines(result: Drawn, ax: Any) -> Any:
+    """Outlines and cells of the deformed bodies (2-D) around their contact, and the contact points.
+    Displacements are not magnified, which would let touching bodies overlap."""
+    from matplotlib.collections import LineCollection
+
+    for k, one in enumerate(drawn_bodies(result)):
+        colour = _BODIES[k % len(_BODIES)]
+        cells = LineCollection(deformed_edges(one, 1.0, False), colors=colour, linewidths=0.3)
+        outline = LineCollection(deformed_edges(one, 1.0, True), colors=colour, linewidths=1.3)
+        cells.set_alpha(0.5)
+        outline.set_label(one.body.name or f"body {k}")
+        ax.add_collection(cells)
+        ax.add_collection(outline)
+    x = on_deformed(result)
+    mark_points(ax, result, x[0], x[1], 3.5)
+    low, high = x.min(axis=1), x.max(axis=1)
+    room = _ROOM * float((high - low).max())
+    ax.set_xlim(low[0] - room, high[0] + room)
+    ax.set_ylim(low[1] - room, high[1] + room)
+    ax.set_aspect("equal")
+    ax.set_xlabel("x")
+    ax.set_ylabel("y")
+    return legend_below(ax)
+
+
+def have_outlines(result: Drawn) -> bool:
+    """Whether these are several bodies in 2-D whose mesh ends where they do, which can be drawn."""
+    bodies = result.system.body.bodies
+    whole = all(isinstance(one, BasisSolid) and not isinstance(one, CutBody) for one in bodies)
+    return len(bodies) > 1 and bodies[0].dim == 2 and whole
+
+
+def on_deformed(result: Drawn) -> Array:
+    """Nominal places of the contact points on the deformed bodies, shape (2, m)."""
+    rows, x = result.system.rows, result.x_nominal.copy()
+    for k, one in enumerate(drawn_bodies(result)):
+        own = rows.owner == k if rows.owner.size else np.ones(x.shape[1], dtype=bool)
+        x[:, own] += one.body.displacement(one.u, x[:, own])
+    return x
+
+
+def axes_of(ax: Any) -> Any:
     """The axes given, or those of a new figure; `InputError` for what is none."""
     if ax is None:
         import matplotlib.pyplot as plt
@@ -105,10 +157,25 @@ def new_axes(ax: Any) -> Any:
     return ax
 
 
-def _polygons(grid: Any) -> list[Index]:
-    """Corners of each cell; those of a cut body have three or four."""
-    cells, found = np.asarray(grid.cells), []  # each as its number of corners, then these
-    while cells.size:
-        found.append(cells[1 : 1 + cells[0]])
-        cells = cells[1 + cells[0] :]
-    return found
+def mark_points(ax: Any, result: Drawn, x: Array, y: Array, size: float) -> None:
+    """Contact points in the colour of their status."""
+    for status, colour in COLOURS.items():
+        at = result.status == status
+        if at.any():
+            ax.plot(x[at], y[at], "o", ms=size, color=colour, label=status.name.lower())
+
+
+def legend_below(ax: Any, *entries: Any) -> Any:
+    """A legend below the axes, which are returned."""
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.18), "ncols": 5}
+    ax.legend(*entries, frameon=False, fontsize=8, **below)
+    return ax
+
+
+def scale_colours(ax: Any, parts: list[Any], label: str | None, shrink: float = 0.85) -> Any:
+    """One scale of colours, and one bar, of all parts of a picture; the axes."""
+    values = np.concatenate([np.asarray(part.get_array()) for part in parts])
+    for part in parts:
+        part.set_clim(values.min(initial=np.inf), values.max(initial=-np.inf))
+    ax.figure.colorbar(parts[-1], ax=ax, shrink=shrink, label=label)
+    return ax

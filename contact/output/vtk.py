@@ -11,8 +11,14 @@ import numpy as np
 from contact.body.cut_body import CutBody
 from contact.errors import InputError
 from contact.output.contact_runs import Run, contact_runs
-from contact.output.drawn import Drawn, DrawnBody
-from contact.output.sides import drawn_bodies, is_elastic, meshed, pair_name
+from contact.output.drawn import (
+    Drawn,
+    DrawnBody,
+    drawn_bodies,
+    is_elastic,
+    meshed,
+    pair_name,
+)
 from skfem_adini import to_pyvista, von_mises
 from skfem_adini.ground.arguments import numbers
 from skfem_adini.ground.errors import optional

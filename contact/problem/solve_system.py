@@ -25,8 +25,7 @@ from contact.problem.nested_start import start_forces
 from contact.problem.stiffness_form import fits, refined, solved_stiffly
 from contact.result.certify import certify, take_strains
 from contact.result.contact_result import ContactResult
-from contact.result.contact_state import ContactState
-from contact.result.contact_system import ContactSystem
+from contact.result.contact_system import ContactState, ContactSystem
 
 Array = NDArray[np.float64]
 STIFF = ("newton", "pdas", "tresca_loop")  # methods that may fall back on the stiffness form

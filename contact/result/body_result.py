@@ -21,10 +21,7 @@ Array = NDArray[np.float64]
 
 
 class BodyFields:
-    """What follows from the displacement of a body and the forces on it.
-
-    Lengths have the unit of the mesh, stresses that of E.
-    """
+    """What follows from the displacement of a body and the forces on it."""
 
     if TYPE_CHECKING:
         u: Array
@@ -281,11 +278,7 @@ if TYPE_CHECKING:
 
 
 def nodal_stress(body: ElasticBody, u: Array) -> Array:
-    """Stress at the vertices, shape (3, 3, nvertices).
-
-    Adini and BFS have the gradient among their dofs. For other elements the stresses of the cells
-    around a vertex are evaluated there and averaged by the cells' sizes.
-    """
+    """Stress at the vertices, (3, 3, nvertices): from dofs, or means of cells by their size."""
     from_dofs = isinstance(body.law, IsotropicLaw) and body.thermal is None  # no axisymmetric law
     if isinstance(body.element, GRADIENT_DOFS) and from_dofs:
         plane: Any = body.plane or "strain"

@@ -15,34 +15,13 @@ from contact.body.basis_solid import BasisSolid
 from contact.body.free_motions import strained_by_rotation
 from contact.body.supports import norms
 from contact.errors import InputError, NotConverged
-from contact.result.contact_state import ContactState
+from contact.result.contact_system import ContactState
 
 _UNEVEN = 1e6  # ratio of stiffnesses from which reactions lose the digits that a certificate needs
 
 
 def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
-    """Recompute every residual, and raise unless all are below the tolerance.
-
-    Parameters
-    ----------
-    state : ContactState
-    tol : float
-    slack : float
-        Additional tolerance of the friction law, for a method that regularises it.
-
-    Returns
-    -------
-    dict
-        The residuals, see `ContactSystem.kkt`.
-
-    Raises
-    ------
-    NotConverged
-        A residual exceeds its tolerance.
-    InputError
-        Points in contact share their unknowns, see `refuse_shared_points`; displacements exceed the
-        size of the body.
-    """
+    """Recompute all residuals; raise unless below tol, those of a regularised law tol + slack."""
     kkt = state.system.kkt(state.u, state.mu, state.t, state.motion)
     refuse_residuals(state, kkt, tol, slack)
     refuse_shared_points(state)
@@ -64,13 +43,10 @@ def strained_bodies(body: Any) -> list[int]:
 
 
 def _refuse_large_displacements(state: ContactState) -> None:
-    """Raise if displacements exceed the size of the body: the linear theory is then invalid.
-
-    What supports and obstacles prescribe, and the gap that must close before anything touches, is
-    intended: twice the largest of these is allowed besides.
-    """
+    """Raise if displacements exceed the size of the body: the linear theory is then invalid."""
     system, body = state.system, state.system.body
     size, reach = body.extent, body.reach(state.u)
+    # What is prescribed, and the gap that must close before anything touches, is intended.
     nearest = np.abs(system.rows.gap).min(initial=np.inf)
     given = max(body.reach(body.constraint[1]), nearest if np.isfinite(nearest) else 0.0)
     if system.motion is not None and state.motion is not None:
@@ -85,22 +61,7 @@ def _refuse_large_displacements(state: ContactState) -> None:
 
 
 def refuse_residuals(state: ContactState, kkt: dict[str, float], tol: float, slack: float) -> None:
-    """Raise unless all residuals of a state are below the tolerance.
-
-    Parameters
-    ----------
-    state : ContactState
-    kkt : dict
-        The residuals, see `ContactSystem.kkt`.
-    tol : float
-    slack : float
-        Additional tolerance of the friction law.
-
-    Raises
-    ------
-    NotConverged
-        A residual exceeds its tolerance; the message names it.
-    """
+    """Raise `NotConverged`, which names residuals above the tolerance; see `certify`."""
     limits = dict.fromkeys(("cone", "slip"), tol + slack)
     missed = {name: value for name, value in kkt.items() if not value <= limits.get(name, tol)}
     if missed:
@@ -150,17 +111,9 @@ _DEPENDENT = 1e-11  # pivots of the Gram matrix of rows of unit length below thi
 
 
 def refuse_shared_points(state: ContactState) -> None:
-    """Raise if points in contact have forces that equilibrium and the contact law leave open.
+    """Raise if displacements of points in contact depend on each other linearly.
 
-    Periodic and tied boundaries can make displacements at contact points linearly dependent, and so
-    do derivatives that vanish at the sides of a block that equals its mirror image. Where the
-    points touch the obstacle, only certain sums of their forces are then determined, and a pressure
-    at one of them would be arbitrary.
-
-    Raises
-    ------
-    InputError
-        Displacements at points in contact depend on each other linearly.
+    Only sums of their forces would be determined, and the pressure at one be arbitrary.
     """
     system = state.system
     body = system.body

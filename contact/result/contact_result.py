@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -11,22 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.distributed_body import DistributedBody
-from contact.errors import InputError
-from contact.output.outlines import draw_outlines, have_outlines
-from contact.output.sides import pair_name
-from contact.output.vtk import block_sets, boundary_grid
+from contact.errors import ContactError, InputError
+from contact.laws.status import Status
+from contact.output.drawn import pair_name
+from contact.output.pictures import draw_outlines, have_outlines
+from contact.output.vtk import block_sets, body_grid, boundary_grid
 from contact.plot import plot_tractions
 from contact.result.body_result import BodyFields, BodyResult
 from contact.result.certify import as_lines
-from contact.result.contact_forces import ContactForces
+from contact.result.contact_system import ContactState
 from contact.result.stored_result import read, write
+from skfem_adini.distributed import write_pieces
 
 Array = NDArray[np.float64]
+Chosen = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ContactResult(BodyFields, ContactForces):
+class ContactResult(BodyFields, ContactState):
     """Displacement, contact forces, and what follows from them.
+
+    Bonded points transmit forces of ties, not of contact: these have names of their own.
 
     Lengths have the unit of the mesh; stresses, pressures and tractions that of E; forces are
     tractions times areas, in 2-D per unit depth.
@@ -142,8 +148,199 @@ class ContactResult(BodyFields, ContactForces):
         )
 
     @property
+    def x(self) -> Array:
+        """Places of the contact points: the functional's means, shape (dim, m)."""
+        return self.system.rows.x
+
+    @property
+    def x_nominal(self) -> Array:
+        """Nominal places of the contact points, shape (dim, m)."""
+        return self.system.rows.x_nominal
+
+    @property
+    def pressure(self) -> Array:
+        """Contact pressure at `x`, force per area, positive in compression, shape (m,).
+
+        Zero at bonded points, which have `tie_pressure`.
+        """
+        return self._normal(~self.system.rows.ties)
+
+    @property
+    def shear(self) -> Array:
+        """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1).
+
+        Where supports prescribe the whole slip and it is not zero, the shear opposes it at its
+        bound. Where they prescribe that there is none, the shear cannot be told apart from their
+        reactions and counts as part of these: it is zero, see `Status.UNDETERMINED`.
+        Zero at bonded points, which have `tie_shear`.
+        """
+        return self._tangential(~self.system.rows.ties)
+
+    @property
+    def tie_pressure(self) -> Array:
+        """Normal traction of ties at `x`, negative where they pull, shape (m,); else zero."""
+        return self._normal(self.system.rows.ties)
+
+    @property
+    def tie_shear(self) -> Array:
+        """Tangential traction of ties on the body at `x`, shape (m, dim - 1); else zero."""
+        return self._tangential(self.system.rows.ties)
+
+    def _normal(self, chosen: Chosen) -> Array:
+        return np.where(chosen, self.mu / self.system.rows.weights, 0.0)
+
+    def _tangential(self, chosen: Chosen) -> Array:
+        return np.where(chosen[:, None], -self.t / self.system.rows.weights[:, None], 0.0)
+
+    @cached_property
+    def normal_displacement(self) -> Array:
+        """u_n of the contact points along the outward normal, shape (m,)."""
+        return np.asarray(self.system.rows.G @ self.u)
+
+    @cached_property
+    def slip(self) -> Array:
+        """Tangential displacement relative to the obstacle, u_t - w_t, shape (m, dim - 1)."""
+        return self.system.relative(self.u, self.motion)[1]
+
+    @cached_property
+    def slip_increment(self) -> Array:
+        """Slip since the last step of a load history, which friction opposes, (m, dim - 1)."""
+        return self.system.slip_increment(self.slip)
+
+    @property
+    def gap(self) -> Array:
+        """What is left of the gap, d - (u_n - w_n), shape (m,).
+
+        It is the geometric one: negative by the overclosure where compliant surfaces are pressed.
+        """
+        return self.system.rows.gap - self.system.relative(self.u, self.motion)[0]
+
+    @property
+    def part(self) -> NDArray[np.int64]:
+        """Number of the contact boundary of each contact point, shape (m,)."""
+        part = self.system.rows.part
+        return part if part.size else np.zeros(self.mu.size, dtype=np.int64)
+
+    @cached_property
+    def status(self) -> NDArray[np.int8]:
+        """`Status` of each contact point, shape (m,)."""
+        size = max(float(self.mu.max(initial=0.0)), float(np.abs(self.t).max(initial=0.0)))
+        g = self.system.bound(self.mu)
+        loaded = self.mu > 1e-12 * size
+        if self.system.law == "tresca":
+            loaded = loaded | (g > 0)
+        force = np.linalg.norm(self.t, axis=1)
+        # What rounding leaves of a displacement is no slip.
+        moves = np.linalg.norm(self.slip_increment, axis=1) > 1e-10 * self.system.body.reach(self.u)
+        held = loaded & (g > 0)
+        held = held & self.system.held if held.any() else held
+        moves = np.where(held, force > 0, moves)  # where it is zero, so is the slip
+        slides = loaded & moves & (force >= g * (1 - 1e-9))
+        status = np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN))
+        status = np.where(held & ~slides, Status.UNDETERMINED, status)
+        return np.where(self.system.rows.ties, Status.BONDED, status).astype(np.int8)
+
+    @property
+    def zone(self) -> Array:
+        """Span of the nominal places of loaded points, shape (dim, 2): least and largest.
+
+        NaN where nothing is in contact; bonded points do not count.
+        """
+        p = self.mu[~self.system.rows.ties]
+        loaded = (self.mu > 1e-12 * float(p.max(initial=0.0))) & ~self.system.rows.ties
+        if not loaded.any():
+            return np.full((self.x.shape[0], 2), np.nan)
+        where = self.x_nominal[:, loaded]
+        return np.column_stack((where.min(axis=1), where.max(axis=1)))
+
+    @cached_property
+    def resultant(self) -> Array:
+        """Force of the obstacle on the body, pressure and friction together, shape (dim,).
+
+        Where bodies touch each other: the sum of the `resultants`. Ties have `tie_resultants`.
+        """
+        if self.system.rows.axes.size:
+            return np.asarray(self.resultants.sum(axis=0))
+        return self.system.body.total(-self.contact_forces)
+
+    @property
+    def resultants(self) -> Array:
+        """The resultant of each contact boundary, shape (nboundaries, dim).
+
+        Where two bodies meet it is the force on the one that carries the contact points; the force
+        on the other is equal and opposite. Zero where they are tied, see `tie_resultants`.
+        """
+        return self._totals(~self.system.rows.ties)
+
+    @property
+    def tie_resultants(self) -> Array:
+        """The resultants of ties, as `resultants` are those of contact, (nboundaries, dim)."""
+        return self._totals(self.system.rows.ties)
+
+    def _totals(self, chosen: Chosen) -> Array:
+        boundaries = [chosen & (self.part == k) for k in range(self.part.max() + 1)]
+        axes = self.system.rows.axes
+        if not axes.size:
+            return np.array([self.system.body.total(-self._forces(p)) for p in boundaries])
+        on_points = -np.einsum("ma,mac->mc", np.column_stack((self.mu, self.t)), axes)
+        if self.system.body.is_ring:
+            on_points[:, 0] = 0.0  # around the ring these cancel
+        return np.array([on_points[p].sum(axis=0) for p in boundaries])
+
+    def _forces(self, chosen: Chosen) -> Array:
+        rows, t = self.system.rows, np.where(chosen[:, None], self.t, 0.0)
+        return np.asarray(rows.G.T @ np.where(chosen, self.mu, 0.0) + rows.T.T @ t.ravel())
+
+    @property
+    def contact_force(self) -> float:
+        """Sum of the normal forces of contact."""
+        return float(self.mu[~self.system.rows.ties].sum())
+
+    @property
+    def tie_force(self) -> float:
+        """Sum of the normal forces of ties, negative where they pull."""
+        return float(self.mu[self.system.rows.ties].sum())
+
+    @cached_property
+    def contact_forces(self) -> Array:
+        """``G^T mu + T^T t`` on all dofs: the contact forces with the opposite sign."""
+        return self._forces(~self.system.rows.ties)
+
+    @cached_property
+    def tie_forces(self) -> Array:
+        """As `contact_forces`, of the bonded points."""
+        return self._forces(self.system.rows.ties)
+
+    @property
+    def centre_of_pressure(self) -> Array:
+        """Where the resultant of the pressure acts, on each contact boundary, (nboundaries, dim).
+
+        NaN where nothing is in contact. The forces act at the nominal places: the moment about
+        any point is that which the body feels.
+        """
+        contact = ~self.system.rows.ties
+        parts = [contact & (self.part == k) for k in range(self.part.max() + 1)]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.array([self.x_nominal[:, p] @ self.mu[p] / self.mu[p].sum() for p in parts])
+
+    @property
     def kkt(self) -> dict[str, float]:
-        """Relative residuals, recomputed from the problem; see `ContactSystem.kkt`."""
+        """Relative residuals of every law, recomputed from the problem, u, mu, t and motion alone.
+
+        ``equilibrium``: largest residual force at a free dof, divided by the largest sum of moduli
+        of the forces there; ``balance``: the sum of all loads, reactions and contact forces,
+        divided by the sum of their moduli; ``support``: violation of the prescribed displacements;
+        ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
+        |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t; these laws are not those
+        of bonded points, which have ``tie``: |u_n - d| and |u_t|. On compliant
+        surfaces penetration and complementarity are the force that the point of the curve with
+        the same ``mu + c (u_n - d)`` has more, or less, than mu. Lengths are relative to
+        the largest displacement, or to the one that a contact force alone would cause if that
+        is larger. Forces are what exceeds the rounding of those that cancel inside the body,
+        relative to the largest contact force, or to that rounding if it is larger. If
+        obstacles are driven by forces, also ``obstacle``: their residual force divided by the
+        sum of moduli.
+        """
         kept = self.__dict__.get("_kept")
         if kept is not None:
             return dict(kept[0])
@@ -285,12 +482,7 @@ def _counted(status: Any) -> str:
 
 
 def facts(result: Any) -> dict[str, str]:
-    """The most important facts of a result, by name.
-
-    Parameters
-    ----------
-    result : ContactResult
-    """
+    """The most important facts of a result, by name."""
     system, kkt = result.system, result.kkt
     highest = int(np.argmax(result.pressure)) if np.any(result.pressure) else None
     worst = max(kkt, key=lambda name: kkt[name])
@@ -354,3 +546,58 @@ def vector(values: Any) -> str:
     """Six digits of each component; components that are rounding errors are shown as 0."""
     rounding = 1e-12 * np.abs(values).max()
     return "(" + ", ".join("0" if abs(v) <= rounding else f"{v:.6g}" for v in values) + ")"
+
+
+def save_pvtu(path: str | Path, result: ContactResult) -> Path:
+    """Write a result of a `DistributedBody` to a `.vtu` file of each process and a `.pvtu` index.
+
+    All processes must call it together; ParaView and pyvista read the index. The fields are those
+    of ``ContactResult.to_pyvista``.
+
+    Parameters
+    ----------
+    path : str or Path
+        A name ending in ``.pvtu``, in a folder that all processes see.
+    result : ContactResult
+
+    Returns
+    -------
+    Path
+        The index, which is written last: as long as it is missing the files are not complete.
+
+    Raises
+    ------
+    InputError
+        Another suffix, another body, or a process that could not write; the index is not written
+        then.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, DistributedBody, save_pvtu
+    >>> mesh = MeshQuad().refined(2).with_defaults()
+    >>> body = DistributedBody(mesh, contact="bottom", E=1.0, nu=0.3).fix("top", "xy", -0.01)
+    >>> result = ContactProblem(body, "bottom", 0.0, friction=0.3).solve()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_pvtu(f"{folder}/block.pvtu", result).name
+    'block.pvtu'
+    """
+    body = result.body
+    if not isinstance(body, DistributedBody):
+        raise InputError(
+            f"result: its body is a {type(body).__name__}, not a DistributedBody; write "
+            "result.to_pyvista() instead"
+        )
+    u, applied = body.to_local(result.u), body.to_local(result.applied)
+    forces = (body.to_local(f) for f in (result.contact_forces, result.tie_forces))
+    piece = BodyResult(body.local, u, applied, *forces)
+
+    def grid() -> Any:
+        own = body.space.own_cells
+        return body_grid(piece).extract_cells(own, pass_point_ids=False, pass_cell_ids=False)
+
+    try:
+        return write_pieces(path, body.comm, grid)
+    except ContactError as error:
+        raise InputError(str(error)) from error

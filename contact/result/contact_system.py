@@ -1,4 +1,4 @@
-"""The discrete contact problem, which a solver solves and a certificate checks."""
+"""The discrete contact problem and its state, which a solver finds and a certificate checks."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError
 from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca, against, project
+from contact.laws.iteration import Iteration
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.surface_compliance import SurfaceCompliance
 from contact.obstacles.rigid import ObstacleMotion
@@ -17,8 +18,8 @@ from contact.portable import carried
 from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
-# Part of a motion by supports whose forces are told apart from the rounding of the rest: thousand
-# machine precisions are 1e-10 of them.
+# Supports that move a body until it just touches cause forces of the size of the rounding of that
+# motion: these are relative to those that this part of it would cause.
 _TRAVEL = 1e-3
 _DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
 ON_AXIS = 1e-9  # radius over the extent of the body, and radial part of a normal: rounding
@@ -29,50 +30,25 @@ NOISE = 10 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True, repr=False)
 class ContactSystem:
-    """Equilibrium ``S u + G^T mu + T^T t = f`` and the laws at the contact points.
+    """Equilibrium ``S u + G^T mu + T^T t = f`` and the laws at the contact points."""
 
-    Attributes
-    ----------
-    body : Solid
-    rows : ContactRows
-        Its ``gap`` is the current one.
-    load : ndarray, shape (ndofs,)
-    law : {"coulomb", "tresca", None}
-    friction : ndarray, shape (m,)
-        Coulomb: the coefficient F. Tresca: the bound g as a force, i.e. traction times weight.
-    slip_from : ndarray, shape (m, dim - 1), optional
-        Tangential displacement of the last converged step of a load history: friction opposes
-        the slip since then. None: at rest in the reference state.
-    motion : ObstacleMotion, optional
-        Motions of obstacles, if any move; displacements of contact points are then relative.
-    overclosure : tuple of PressureOverclosure or None
-        Law of compliant surfaces of each contact boundary; empty for hard contact.
-    obstacle : obstacle, list of these, or None
-        From which the gap is, if known; the next step asks it how it has moved.
-    """
-
-    body: Any
-    rows: ContactRows
-    load: Array
-    law: str | None
-    friction: Array
+    body: Any  # a Solid
+    rows: ContactRows  # its `gap` is the current one
+    load: Array  # (ndofs,)
+    law: str | None  # "coulomb", "tresca"
+    friction: Array  # (m,), the coefficient F, or Tresca's bound as a force: traction times weight
+    # Tangential displacement (m, dim - 1) of the last converged step of a history: friction opposes
+    # the slip since then. None: at rest in the reference state.
     slip_from: Array | None = None
-    motion: ObstacleMotion | None = None
-    overclosure: tuple[PressureOverclosure | None, ...] = ()
-    obstacle: Any = None
+    motion: ObstacleMotion | None = None  # displacements of contact points are relative to it
+    overclosure: tuple[PressureOverclosure | None, ...] = ()  # by boundary; empty: hard contact
+    obstacle: Any = None  # from which the gap is; the next step asks it how it has moved
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"obstacle": carried(self.obstacle)}
 
     def relative(self, u: Array, w: Array | None) -> tuple[Array, Array]:
-        """Normal (m,) and tangential (m, dim - 1) displacement relative to the obstacles.
-
-        Parameters
-        ----------
-        u : ndarray, shape (ndofs,)
-        w : ndarray, shape (k,), or None
-            Motions of the obstacles.
-        """
+        """Normal (m,) and tangential (m, dim - 1) displacement relative to obstacles moved by w."""
         u_n = self.body.at_points(self.rows.G, u)
         u_t = self.body.at_points(self.rows.T, u).reshape(u_n.size, -1)
         if self.motion is None:
@@ -87,11 +63,7 @@ class ContactSystem:
 
     @property
     def held(self) -> NDArray[np.bool_]:
-        """Points whose whole slip is prescribed, by supports and given motions, shape (m,).
-
-        Forces along their tangents act on supports and on no unknown of the problem. Points of a
-        ring on its axis are not meant: there is no shear across the axis, by symmetry.
-        """
+        """Points (m,) whose whole slip is prescribed; not of a ring on its axis, by symmetry."""
         rows = self.rows
         free = self.body.live(rows.T).reshape(rows.gap.size, -1).any(axis=1)
         if self.body.is_ring:
@@ -104,8 +76,7 @@ class ContactSystem:
     def with_held_points(self, u: Array, mu: Array, t: Array, w: Array | None) -> Array:
         """t, (m, dim - 1), with the friction law where the whole slip is prescribed: g along it.
 
-        Where it is prescribed to be zero, any force within the bound satisfies the law, and none
-        can be told apart from the reactions of the supports: there t is zero.
+        It is zero where no slip is prescribed: there reactions of supports cannot be told from it.
         """
         held = self.held if np.any(self.friction > 0) else np.zeros(mu.size, dtype=bool)
         if not held.any():
@@ -132,10 +103,7 @@ class ContactSystem:
         return Coulomb(self.friction) if self.law == "coulomb" else Tresca(self.friction * scale)
 
     def compliance(self, scale: Array) -> SurfaceCompliance | None:
-        """The laws of compliant surfaces with displacements divided by the scale of each point.
-
-        Forces are multiplied by it. None where there are no such laws.
-        """
+        """The laws of compliant surfaces, if any: forces times scale, displacements over it."""
         return self._laws(self.rows.weights * scale, scale) if self.overclosure else None
 
     def _laws(self, area: Array, unit: Array) -> SurfaceCompliance:
@@ -144,33 +112,7 @@ class ContactSystem:
         return SurfaceCompliance(self.overclosure, np.where(rows.ties, -1, part), area, unit)
 
     def kkt(self, u: Array, mu: Array, t: Array, w: Array | None = None) -> dict[str, float]:
-        """Relative residuals of every law, computed from the problem and (u, mu, t, w) alone.
-
-        Parameters
-        ----------
-        u, mu, t : ndarray
-            Displacement and contact forces.
-        w : ndarray, shape (k,), optional
-            Motions of the obstacles.
-
-        Returns
-        -------
-        dict
-            ``equilibrium``: largest residual force at a free dof, divided by the largest sum of
-            moduli of the forces there; ``balance``: the sum of all loads, reactions and contact
-            forces, divided by the sum of their moduli; ``support``: violation of the prescribed
-            displacements;
-            ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
-            |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t; these laws are not those
-            of bonded points, which have ``tie``: |u_n - d| and |u_t|. On compliant
-            surfaces penetration and complementarity are the force that the point of the curve with
-            the same ``mu + c (u_n - d)`` has more, or less, than mu. Lengths are relative to
-            the largest displacement, or to the one that a contact force alone would cause if that
-            is larger. Forces are what exceeds the rounding of those that cancel inside the body,
-            relative to the largest contact force, or to that rounding if it is larger. If
-            obstacles are driven by forces, also ``obstacle``: their residual force divided by the
-            sum of moduli.
-        """
+        """Relative residuals of every law; `ContactResult.kkt` tells what each is relative to."""
         rows, (here, load) = self.rows, map(self.body.placed, (u, self.load))
         contact = self.body.placed(self.body.contact_forces(rows, mu, t))
         unbalanced, cancelling = self.body.equilibrium(here, contact, load)
@@ -216,16 +158,9 @@ class ContactSystem:
     def off_the_curve(
         self, mu: Array, closed: Array, size: float, length: float
     ) -> dict[str, float]:
-        """Residuals of compliant surfaces: how much mu is less, and more, than the law's force.
+        """How much mu is less, and more, than the force on the curve of a compliant surface.
 
-        That is the force on the curve with the same ``mu + size / length (u_n - d)``.
-
-        Parameters
-        ----------
-        mu, closed : ndarray, shape (m,)
-            Normal forces, and ``u_n - d``.
-        size, length : float
-            Scales of forces and of lengths.
+        That with the same ``mu + size / length (u_n - d)``; `closed` is ``u_n - d``.
         """
         laws = self._laws(self.rows.weights, np.full(mu.size, length / size))
         free = ~self.rows.ties
@@ -242,21 +177,13 @@ class ContactSystem:
         return self._unbalanced(here, contact, load)
 
     def _unbalanced(self, u: Any, contact: Any, load: Any) -> float:
-        """Residual of the resultant of all forces on a body, the largest of all bodies.
-
-        This is checked in addition to `equilibrium`, which in slender cells is relative to forces
-        of neighbouring nodes that cancel and are many times larger than the load. If supports have
-        moved a body until it just touches the obstacle, its forces are of the size of the rounding
-        errors of that motion: they are relative to those that a thousandth of it would cause.
-        """
+        """Residual of the resultant of all forces on a body, the largest of all bodies."""
+        # Checked too because equilibrium in slender cells is relative to large forces that cancel.
         pairs = zip(self.body.bodies, self.body.slices, strict=True)
         return max(_unbalanced_body(body, u[own], contact[own], load[own]) for body, own in pairs)
 
     def _unbalanced_obstacle(self, motion: ObstacleMotion, mu: Array, t: Array) -> float:
-        """Residual forces on free motions, relative to all contact forces times their arms.
-
-        Components without any force hold rounding errors only, so each is not judged by itself.
-        """
+        """Residual forces on free motions, relative to all contact forces times their arms."""
         free = motion.free
         arms = np.maximum(
             np.abs(motion.normal).max(axis=0, initial=0.0),
@@ -268,6 +195,21 @@ class ContactSystem:
     def energy(self, u: Array) -> float:
         """Potential energy ``u^T S u / 2 - f^T u``, without friction."""
         return 0.5 * self.body.dot(u, self.body.stiffness @ u) - self.body.dot(self.load, u)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactState:
+    """The primary data of a `ContactResult`, which a file stores and a certificate checks."""
+
+    system: ContactSystem
+    u: Array
+    mu: Array
+    t: Array
+    method: str
+    history: tuple[Iteration, ...]
+    motion: Array | None = None
+    tol: float | None = None
+    slack: float = 0.0
 
 
 def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any) -> float:
@@ -283,16 +225,7 @@ def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any) -> float:
 
 
 def beside_travel(left: float, loads: Array, body: Any, u: Any) -> float:
-    """A residual of the balance, less where supports alone cause the forces and have moved far.
-
-    Parameters
-    ----------
-    left : float
-    loads : ndarray, shape (dim,)
-        Sums of the moduli of the applied loads.
-    body : Solid
-    u : ndarray, shape (ndofs,)
-    """
+    """A residual of the balance, less where supports alone, no loads, cause the forces."""
     if left > _DIGITS and not np.any(loads):
         left /= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
     return left

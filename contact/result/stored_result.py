@@ -1,4 +1,8 @@
-"""Results on disk: one compressed NumPy archive that holds the whole discrete problem."""
+"""Results on disk: one compressed NumPy archive that holds the whole discrete problem.
+
+A file may hold anything: besides the checksum and the residuals of the equations, shapes and ranges
+are checked before arrays are used.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,8 @@ from typing import Any
 
 import numpy as np
 import skfem
+from numpy.typing import NDArray
+from scipy import sparse
 from skfem.generic_utils import OrientedBoundary
 
 from contact.body.anisotropic import Anisotropic
@@ -17,6 +23,7 @@ from contact.body.cut_body import CutBody
 from contact.body.distributed_body import DistributedBody
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layered_block import LayeredBlock
+from contact.body.rigid_modes import rigid_field
 from contact.body.several_bodies import Bodies
 from contact.body.solid import Solid
 from contact.body.thermal_strain import checked_thermal
@@ -25,45 +32,51 @@ from contact.laws.iteration import Iteration
 from contact.laws.options import default_tolerance
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.obstacles.rigid import ObstacleMotion
-from contact.output.archive import named_archive, read_arrays, reading, write_arrays
+from contact.output.archive import (
+    Kinds,
+    from_arrays,
+    head,
+    loosened,
+    named_archive,
+    proving,
+    read_arrays,
+    reading,
+    to_arrays,
+    unproved,
+    words,
+    write_arrays,
+)
 from contact.result.certify import as_lines, certify, strained_bodies, take_strains
-from contact.result.consistency import check_mesh, check_problem, check_state
-from contact.result.contact_state import ContactState
-from contact.result.contact_system import ContactSystem
-from contact.result.stored_pieces import words_of_distributed
-from contact.result.stored_rows import OWN, pack, rows_arrays, rows_from, unpack
+from contact.result.contact_system import ContactState, ContactSystem
 from contact.rows.contact_rows import ContactRows
-from contact.spectral.stored_grid import KIND
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
+Array = NDArray[np.float64]
 # Several bodies have a format of their own: versions that know one body only refuse it.
 _FORMAT, _BEFORE_CHECKSUMS, _SEVERAL = 3, 2, 4
-_MESHES: dict[str, Any] = {
-    kind.__name__: kind
-    for kind in (
-        *(skfem.MeshTri1, skfem.MeshTri2, skfem.MeshQuad1, skfem.MeshQuad2),
-        *(skfem.MeshTet1, skfem.MeshTet2, skfem.MeshHex1, skfem.MeshHex2),
-    )
-}
-_ELEMENTS: dict[str, Any] = {
-    kind.__name__: kind
-    for kind in (
-        *(ElementQuadAdini, ElementHexAdini, ElementQuadBFS),
-        *(skfem.ElementTriP1, skfem.ElementTriP2, skfem.ElementQuad1, skfem.ElementQuad2),
-        *(skfem.ElementTetP1, skfem.ElementTetP2, skfem.ElementHex1, skfem.ElementHex2),
-    )
-}
+_READS = (
+    f"formats {_FORMAT} and {_SEVERAL} with one and format {_BEFORE_CHECKSUMS}, of version 0.1.0, "
+    "without"
+)
+_MESHES = Kinds(
+    *(skfem.MeshTri1, skfem.MeshTri2, skfem.MeshQuad1, skfem.MeshQuad2),
+    *(skfem.MeshTet1, skfem.MeshTet2, skfem.MeshHex1, skfem.MeshHex2),
+)
+_ELEMENTS = Kinds(
+    *(ElementQuadAdini, ElementHexAdini, ElementQuadBFS),
+    *(skfem.ElementTriP1, skfem.ElementTriP2, skfem.ElementQuad1, skfem.ElementQuad2),
+    *(skfem.ElementTetP1, skfem.ElementTetP2, skfem.ElementHex1, skfem.ElementHex2),
+)
+_OF_STATE = {"u": "u", "mu": "mu", "t": "multiplier_t", "motion": "motion"}
+OWN = "rows/own"  # in a step of a history: it has rows of its own
+_OPTIONAL = ("bonded", "owner", "axes")  # rows of files from before there were ties, or two bodies
+# Of unit vectors and of rows that average a constant: rounding of a few dozen terms.
+_UNIT = 1e-9
 logger = logging.getLogger(__name__)
 
 
 def write(state: ContactState, path: str | Path) -> Path:
-    """Write a result; the file appears under its name only once it is complete.
-
-    Raises
-    ------
-    InputError
-        See `ContactResult.save`.
-    """
+    """Write a result; see `ContactResult.save`."""
     path = named_archive(path)
     if isinstance(state.system.body, DistributedBody):
         raise InputError(
@@ -78,20 +91,19 @@ def write(state: ContactState, path: str | Path) -> Path:
 
 def problem_arrays(system: ContactSystem) -> dict[str, Any]:
     """Arrays that all steps of a load history share: bodies, supports, contact rows."""
+    rows = {"functional": system.rows.functional}
     arrays: dict[str, Any]
     about: dict[str, Any]
-    rows = {"functional": system.rows.functional}
     if isinstance(system.body, Bodies):
         arrays, about = {}, {"format": _SEVERAL, "bodies": [], **rows}
         for k, body in enumerate(system.body.bodies):
-            own, words = _body_arrays(body, {})
-            arrays |= {f"{_prefix(k)}{name}": array for name, array in own.items()}
-            about["bodies"].append(words)
+            own, told = _body_arrays(body, {})
+            arrays |= to_arrays(own, _prefix(k))
+            about["bodies"].append(told)
     else:
         arrays, about = _body_arrays(system.body, rows)
         about = {"format": _FORMAT, **about}
-    arrays |= rows_arrays(system.body, system.rows)
-    return arrays | {"about": np.array(json.dumps(about))}
+    return arrays | rows_arrays(system.body, system.rows) | {"about": words(about)}
 
 
 def _prefix(k: int) -> str:
@@ -104,50 +116,48 @@ def _thermal_name(body: Solid, k: int) -> str:
     return (_prefix(k) if isinstance(body, Bodies) else "") + "thermal"
 
 
+def rows_arrays(body: Any, rows: ContactRows) -> dict[str, Any]:
+    """The arrays of contact rows, but for the gap, which is one of a state."""
+    parts = {n: part for n, part in vars(rows).items() if n not in _OPTIONAL or part.size}
+    if isinstance(body, DistributedBody):  # the columns that all processes have
+        n = body.trace.basis.N
+        parts |= {"G": rows.G[:, :n], "T": rows.T[:, :n]}
+    return to_arrays(parts | {"functional": None, "gap": None}, "rows/")
+
+
+def _rows_from(arrays: dict[str, Any], functional: str) -> ContactRows:
+    names = [field.name for field in fields(ContactRows)]
+    return ContactRows(**from_arrays(arrays, names, "rows/"), functional=functional)
+
+
 def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Mesh, material and supports of a body, and what describes them and its rows in words."""
     if isinstance(body, DistributedBody):
-        return words_of_distributed(body, rows)
+        return _distributed_arrays(body, rows)
+    named = {"name": body.name} if body.name else {}
     if isinstance(body, LayeredBlock):
-        named = {"name": body.name} if body.name else {}
         held = np.zeros(body.ndofs, dtype=bool)
         held[body.prescribed[0]] = True
-        return {"block/held": held}, {
-            "mesh": "LayeredBlock",
-            "block": body.stored(),
-            **rows,
-            **named,
-        }
+        about = {"mesh": "LayeredBlock", "block": body.stored(), **rows, **named}
+        return {"block/held": held}, about
     mesh, basis = body.mesh, body.basis
-    for what, known in ((body.element, _ELEMENTS), (mesh, _MESHES)):
-        name = type(what).__name__
-        if known.get(name) is not type(what):
-            raise InputError(
-                f"result: {type(what).__module__}.{name} cannot be saved; a file holds "
-                f"{', '.join(known)}"
-            )
+    element, kind = _ELEMENTS.name(body.element), _MESHES.name(mesh)
     again = skfem.Basis(mesh, basis.elem, quadrature=(basis.X, basis.W))
     for ours, default in ((basis.dx, again.dx), (basis.element_dofs, again.element_dofs)):
         if not np.array_equal(ours, default):
             raise InputError(
                 "result: its basis has a mapping or a numbering of its own, which no file holds"
             )
-    arrays: dict[str, Any] = {"p": mesh.doflocs, "t": mesh.t}
-    if body.anisotropy is None:
-        arrays |= {"E": body.E, "nu": body.nu}
-    else:
-        arrays["C"] = body.anisotropy.C
-    arrays |= {"quadrature/X": basis.X, "quadrature/W": basis.W}
+    parts: dict[str, Any] = {"p": mesh.doflocs, "t": mesh.t, **_constants(body)}
+    parts |= {"quadrature/X": basis.X, "quadrature/W": basis.W, "constraint": body.constraint[0]}
     boundaries, subdomains = mesh.boundaries or {}, mesh.subdomains or {}
     for i, facets in enumerate(boundaries.values()):
-        arrays[f"boundary/{i}"] = np.asarray(facets)
-        if isinstance(facets, OrientedBoundary):
-            arrays[f"boundary/{i}/sides"] = facets.ori
-    arrays |= {f"subdomain/{i}": np.asarray(cells) for i, cells in enumerate(subdomains.values())}
-    pack(arrays, "constraint", body.constraint[0])
+        parts[f"boundary/{i}"] = np.asarray(facets)
+        parts[f"boundary/{i}/sides"] = getattr(facets, "ori", None)
+    parts |= {f"subdomain/{i}": np.asarray(cells) for i, cells in enumerate(subdomains.values())}
     about = {
-        "mesh": type(mesh).__name__,
-        "element": type(body.element).__name__,
+        "mesh": kind,
+        "element": element,
         "plane": body.plane,
         "dilatation": body.dilatation,
         **rows,  # here, because checksums of earlier load histories depend on the order
@@ -155,33 +165,51 @@ def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[
         "subdomains": list(subdomains),
     }
     if isinstance(body, CutBody):
-        arrays |= {f"cut/{name}": array for name, array in body.stored().items()}
+        parts |= {f"cut/{name}": array for name, array in body.stored().items()}
         about["threshold"] = body.threshold
-    return arrays, about | ({"name": body.name} if body.name else {})
+    return to_arrays(parts), about | named
+
+
+def _constants(body: Any) -> dict[str, Any]:
+    """Those of Hooke's law, each a number or one for each cell."""
+    if body.anisotropy is None:
+        return {"E": body.E, "nu": body.nu}
+    return {"C": body.anisotropy.C}
+
+
+def _distributed_arrays(
+    body: DistributedBody, rows: dict[str, str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What shows that a body on many processes is the same; no file holds its mesh."""
+    law = body.local
+    constants = {n: c for n, c in _constants(law).items() if np.ndim(c) == 0 or n == "C"}
+    return constants, {
+        "mesh": f"{type(body.trace.mesh).__name__} on many processes (see LoadStepper.resume)",
+        "element": type(body.element).__name__,
+        "dofs": body.space.N,
+        "plane": body.plane,
+        "dilatation": law.dilatation,
+        "supports": [[*names, str(components)] for names, components in body._supports],
+        **rows,
+    }
 
 
 def state_arrays(state: ContactState) -> dict[str, Any]:
     """Loads, prescribed displacements, gap and solution of one step."""
     system = state.system
-    arrays: dict[str, Any] = {
+    parts = {
         "load": system.load,
         "u0": system.body.constraint[1],
         "rows/gap": system.rows.gap,
         "friction": system.friction,
-        "u": state.u,
-        "mu": state.mu,
-        "multiplier_t": state.t,
+        "slip_from": system.slip_from,
+        **{name: getattr(state, field) for field, name in _OF_STATE.items()},
+        **{_thermal_name(system.body, k): b.thermal for k, b in enumerate(system.body.bodies)},
     }
-    for k, body in enumerate(system.body.bodies):
-        if body.thermal is not None:
-            arrays[_thermal_name(system.body, k)] = body.thermal
-    if system.slip_from is not None:
-        arrays["slip_from"] = system.slip_from
-    if system.motion is not None and state.motion is not None:
-        for name, value in vars(system.motion).items():
-            if value is not None:
-                arrays[f"motion/{name}"] = value
-        arrays["motion"] = state.motion
+    if system.motion is None or state.motion is None:
+        parts["motion"] = None
+    else:
+        parts |= {f"motion/{name}": value for name, value in vars(system.motion).items()}
     step: dict[str, Any] = {
         "law": system.law,
         "method": state.method,
@@ -194,7 +222,7 @@ def state_arrays(state: ContactState) -> dict[str, Any]:
         step["overclosure"] = laws
     if strained := strained_bodies(system.body):
         step["strains"] = strained
-    return arrays | {"step": np.array(json.dumps(step))}
+    return to_arrays(parts | {"step": words(step)})
 
 
 def read(path: str | Path) -> ContactState:
@@ -207,28 +235,14 @@ def read(path: str | Path) -> ContactState:
 def rebuild(
     path: Path, arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None = None
 ) -> ContactState:
-    """The state stored in the arrays of a file, certified again.
+    """The state in the arrays of problem and state together, certified again.
 
-    Parameters
-    ----------
-    path : Path
-        For the messages.
-    arrays : dict
-        Those of `problem_arrays` and `state_arrays` together.
-    with_checksum : bool
-        Whether the file had a checksum, which was correct.
-    near : ContactSystem, optional
-        Its body and rows are used instead of new ones.
-
-    Raises
-    ------
-    InputError
+    Body and rows of `near` are used instead of new ones; `with_checksum`: it was right.
     """
     with reading(path):
         state = _rebuild(arrays, with_checksum, near)
-        check_state(state)
-    refused = f"result file {path}: its solution does not solve the problem beside it"
-    state = _certified(state, refused)
+        _check_state(state)
+    state = _certified(state, unproved(path))
     if not with_checksum:
         logger.warning(
             "%s has format %d, without a checksum: its residuals are right, but nothing shows "
@@ -239,16 +253,10 @@ def rebuild(
 
 
 def _certified(state: ContactState, consequence: str) -> ContactState:
-    """Certify a result again; on another processor residuals near their limit may round up.
-
-    Returns
-    -------
-    ContactState
-        The same, or, if it has the digits only so, one whose bodies compute forces from strains.
-    """
+    """Certify a result again, or if it has the digits only so, one with forces from strains."""
     tol = default_tolerance(state.method) if state.tol is None else state.tol
-    limits = max(2 * tol, 1e-12), 2 * state.slack
-    try:
+    limits = loosened(tol), 2 * state.slack
+    with proving(consequence):
         try:
             kkt = certify(state, *limits)
         except NotConverged:  # as when it was solved, on a copy: the caller's bodies stay
@@ -257,8 +265,6 @@ def _certified(state: ContactState, consequence: str) -> ContactState:
                 raise
             state = replace(state, system=replace(state.system, body=body))
             kkt = certify(state, *limits)
-    except NotConverged as error:
-        raise InputError(f"{consequence}: {error}") from error
     logger.info("%s", as_lines(kkt))
     return state
 
@@ -266,21 +272,13 @@ def _certified(state: ContactState, consequence: str) -> ContactState:
 def _rebuild(
     arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None
 ) -> ContactState:
-    about = json.loads(str(arrays["about"]))
-    if about.get("kind") == KIND:
-        raise InputError("it holds a GridResult; GridResult.load reads it")
-    if about["format"] not in ((_FORMAT, _SEVERAL) if with_checksum else (_BEFORE_CHECKSUMS,)):
-        beside = "with" if with_checksum else "without"
-        raise InputError(
-            f"it has format {about['format']}, {beside} a checksum; this version reads formats "
-            f"{_FORMAT} and {_SEVERAL} with one and format {_BEFORE_CHECKSUMS}, of version 0.1.0, "
-            "without"
-        )
+    formats = (_FORMAT, _SEVERAL) if with_checksum else (_BEFORE_CHECKSUMS,)
+    about = head(arrays, None, formats, "with" if with_checksum else "without", _READS)
     step = json.loads(str(arrays["step"]))
     body, rows = _rebuild_problem(arrays, about) if near is None else (near.body, near.rows)
     if near is not None and OWN in arrays:  # projected where the bodies were in this step
-        rows = rows_from(arrays, about["functional"])
-        check_problem(body, rows)
+        rows = _rows_from(arrays, about["functional"])
+        _check_problem(body, rows)
     for name in ("load", "u0"):
         if arrays[name].shape != body.f.shape:
             raise InputError(f"{name}: expected shape {body.f.shape}, got {arrays[name].shape}")
@@ -291,11 +289,8 @@ def _rebuild(
     rows = replace(rows, gap=arrays["rows/gap"])
     motion = None
     if "motion" in arrays:
-        names = {field.name: f"motion/{field.name}" for field in fields(ObstacleMotion)}
-        parts = {name: arrays[key] for name, key in names.items() if key in arrays}
-        if missing := {"normal", "tangent", "prescribed", "force"} - set(parts):
-            raise KeyError(f"motion/{min(missing)}")
-        motion = ObstacleMotion(**parts)
+        names = [field.name for field in fields(ObstacleMotion)]
+        motion = ObstacleMotion(**from_arrays(arrays, names, "motion/"))
     laws = tuple(PressureOverclosure.from_stored(law) for law in step.get("overclosure", ()))
     since = arrays.get("slip_from")
     system = ContactSystem(
@@ -305,25 +300,22 @@ def _rebuild(
     unknown = 1e-3 if step["method"] == "fixed_point" and not with_checksum else 0.0
     return ContactState(
         system,
-        arrays["u"],
-        arrays["mu"],
-        arrays["multiplier_t"],
-        step["method"],
-        tuple(Iteration(**line) for line in step["history"]),
-        arrays.get("motion"),
-        step.get("tol"),
-        step.get("slack", unknown),
+        **{field: arrays[name] for field, name in _OF_STATE.items() if name in arrays},
+        method=step["method"],
+        history=tuple(Iteration(**line) for line in step["history"]),
+        tol=step.get("tol"),
+        slack=step.get("slack", unknown),
     )
 
 
 def _rebuild_problem(arrays: dict[str, Any], about: dict[str, Any]) -> tuple[Any, ContactRows]:
     body: Any
     if about["format"] == _SEVERAL:
-        body = Bodies([_body_of(arrays, k, words) for k, words in enumerate(about["bodies"])])
+        body = Bodies([_body_of(arrays, k, told) for k, told in enumerate(about["bodies"])])
     else:
         body = _rebuild_body(arrays, about)
-    rows = rows_from(arrays, about["functional"])
-    check_problem(body, rows)
+    rows = _rows_from(arrays, about["functional"])
+    _check_problem(body, rows)
     return body, rows
 
 
@@ -336,44 +328,43 @@ def _body_of(arrays: dict[str, Any], k: int, about: dict[str, Any]) -> Any:
 
 def _rebuild_body(arrays: dict[str, Any], about: dict[str, Any]) -> Any:
     """A body under no load, with displacements prescribed as zero."""
-    if about["mesh"] == "LayeredBlock":
-        block = LayeredBlock.from_stored(about["block"], arrays["block/held"].size)
-        if not np.array_equal(block.prescribed[0], np.flatnonzero(arrays["block/held"])):
-            raise InputError("block: its supports hold other unknowns than when it was saved")
-        return block.named(about["name"]) if "name" in about else block
-    for kind, known in (("mesh", _MESHES), ("element", _ELEMENTS)):
-        if about[kind] not in known:
-            raise InputError(f"{kind} {about[kind]!r} is none of {', '.join(known)}")
-    check_mesh(arrays["p"], arrays["t"], _MESHES[about["mesh"]])
-    mesh = _MESHES[about["mesh"]](arrays["p"], arrays["t"], sort_t=False)
-    boundaries = _boundaries(arrays, about)
-    if boundaries:
+    rebuilt = _rebuild_block if about["mesh"] == "LayeredBlock" else _rebuild_meshed
+    body = rebuilt(arrays, about)
+    return body.named(about["name"]) if "name" in about else body
+
+
+def _rebuild_block(arrays: dict[str, Any], about: dict[str, Any]) -> LayeredBlock:
+    block = LayeredBlock.from_stored(about["block"], arrays["block/held"].size)
+    if not np.array_equal(block.prescribed[0], np.flatnonzero(arrays["block/held"])):
+        raise InputError("block: its supports hold other unknowns than when it was saved")
+    return block
+
+
+def _rebuild_meshed(arrays: dict[str, Any], about: dict[str, Any]) -> ElasticBody:
+    kind = _MESHES.kind("mesh", about["mesh"])
+    element = _ELEMENTS.kind("element", about["element"])
+    _check_mesh(arrays["p"], arrays["t"], kind)
+    mesh = kind(arrays["p"], arrays["t"], sort_t=False)
+    if boundaries := _boundaries(arrays, about):
         mesh = mesh.with_boundaries(boundaries)
     if about.get("subdomains"):
         cells = {name: arrays[f"subdomain/{i}"] for i, name in enumerate(about["subdomains"])}
         mesh = mesh.with_subdomains(cells)
-    if "threshold" in about:
-        return _rebuild_cut_body(mesh, arrays, about)
-    element = skfem.ElementVector(_ELEMENTS[about["element"]]())
-    rule = (arrays["quadrature/X"], arrays["quadrature/W"]) if "quadrature/X" in arrays else None
-    body = ElasticBody(
-        skfem.Basis(mesh, element, quadrature=rule),
-        arrays.get("E"),
-        arrays.get("nu"),
-        about["plane"],
-        about.get("dilatation", "pointwise"),
-        Anisotropic(arrays["C"]) if "C" in arrays else None,
-    )
-    body.constraint = unpack(arrays, "constraint"), np.zeros(body.basis.N)
-    return body.named(about["name"]) if "name" in about else body
-
-
-def _rebuild_cut_body(mesh: Any, arrays: dict[str, Any], about: dict[str, Any]) -> CutBody:
-    cut = {k.removeprefix("cut/"): value for k, value in arrays.items() if k.startswith("cut/")}
     material = arrays.get("E"), arrays.get("nu"), about["plane"]
-    body = CutBody.from_stored(mesh, cut, *material, about["threshold"])
-    body.constraint = unpack(arrays, "constraint"), np.zeros(body.basis.N)
-    return body.named(about["name"]) if "name" in about else body
+    body: Any
+    if "threshold" in about:
+        cut = {k.removeprefix("cut/"): part for k, part in arrays.items() if k.startswith("cut/")}
+        body = CutBody.from_stored(mesh, cut, *material, about["threshold"])
+    else:
+        rule = None
+        if "quadrature/X" in arrays:
+            rule = arrays["quadrature/X"], arrays["quadrature/W"]
+        basis = skfem.Basis(mesh, skfem.ElementVector(element()), quadrature=rule)
+        stiffness = Anisotropic(arrays["C"]) if "C" in arrays else None
+        body = ElasticBody(basis, *material, about.get("dilatation", "pointwise"), stiffness)
+    supports = from_arrays(arrays, ["constraint"])["constraint"]
+    body.constraint = supports, np.zeros(body.basis.N)
+    return body
 
 
 def _boundaries(arrays: dict[str, Any], about: dict[str, Any]) -> dict[str, Any]:
@@ -385,3 +376,166 @@ def _boundaries(arrays: dict[str, Any], about: dict[str, Any]) -> dict[str, Any]
         facets, sides = arrays[f"boundary/{i}"], arrays.get(f"boundary/{i}/sides")
         found[name] = facets if sides is None else OrientedBoundary(facets, sides)
     return found
+
+
+def _check_mesh(p: Array, t: NDArray[np.int64], kind: Any) -> None:
+    """Vertices are finite, and cells refer to existing ones; scikit-fem checks neither."""
+    dim, nodes = kind.elem.refdom.dim(), kind.elem.refdom.nnodes
+    _finite("p", p, (dim, None))
+    _whole("t", t, (nodes, None), p.shape[1])
+
+
+def _check_problem(body: Solid, rows: ContactRows) -> None:
+    """Shapes and ranges of a problem, and that rows measure displacements along their frames."""
+    for one in body.bodies:
+        _check_body(one)
+    dim, n, m = body.dim, body.f.size, rows.G.shape[0]
+    for name, matrix, size in (("rows.G", rows.G, m), ("rows.T", rows.T, m * (dim - 1))):
+        _finite(name, matrix.data, (None,))
+        _check_shape(name, matrix, (size, n))
+    shapes: tuple[tuple[str, tuple[int, ...]], ...] = (
+        ("weights", (m,)),
+        ("x", (dim, m)),
+        ("x_nominal", (dim, m)),
+        ("normals", (dim, m)),
+        ("tangents", (dim, dim - 1, m)),
+    )
+    for name, expected in shapes:
+        _finite(f"rows.{name}", getattr(rows, name), expected)
+    _whole("rows.part", rows.part, (m,) if rows.part.size else (0,), m)
+    _check_shape("rows.bonded", rows.bonded, (m,) if rows.bonded.size else (0,))
+    if rows.bonded.dtype != bool:
+        raise InputError("rows.bonded: expected a mask, True or False")
+    if not np.all(np.isfinite(rows.gap[rows.ties])):
+        raise InputError("rows.bonded: a bonded point needs a finite gap")
+    if not np.all(rows.weights > 0):
+        raise InputError("rows.weights: expected lengths or areas, positive")
+    frame = np.concatenate((rows.normals[:, None], rows.tangents), axis=1)
+    if np.abs(np.einsum("iam,ibm->abm", frame, frame) - np.eye(dim)[:, :, None]).max() > _UNIT:
+        raise InputError("rows: normals and tangents are no orthonormal frames")
+    if isinstance(body, Bodies):
+        _check_axes(body, rows)
+    elif rows.owner.size or rows.axes.size:
+        raise InputError("rows.owner, rows.axes: there is one body only")
+    else:
+        _check_along(_means(body, rows), frame)
+
+
+def _check_body(body: Any) -> None:
+    if isinstance(body, LayeredBlock):  # made anew from its arguments, which it has checked
+        return
+    mesh, n = body.mesh, body.basis.N
+    P, u0 = body.constraint
+    for name, facets in (mesh.boundaries or {}).items():
+        _whole(f"boundary {name!r}", facets, (None,), mesh.nfacets)
+    for name, cells in (mesh.subdomains or {}).items():
+        _whole(f"subdomain {name!r}", cells, (None,), mesh.nelements)
+    _finite("u0", u0, (n,))
+    _finite("constraint", P.data, (None,))
+    _check_shape("constraint", P, (n, None))
+    held = body.picked.T @ P - sparse.eye_array(P.shape[1])  # orthonormal columns
+    if np.abs(held.data).max(initial=0.0) > _UNIT:
+        raise InputError("constraint: its columns are not orthonormal")
+
+
+def _means(body: Any, rows: ContactRows, own: slice = slice(None)) -> Array:
+    """Rows G and T applied to the translations of a body with dofs `own`, (m, dim, dim)."""
+    m, dim = rows.G.shape[0], body.dim
+    G, T = rows.G[:, own], rows.T[:, own]
+    if isinstance(body, LayeredBlock):  # the rows are those of its lowest cells
+        n, body = body.trace.ndofs, body.trace
+        if G[:, n:].nnz or T[:, n:].nnz:
+            raise InputError("rows: G and T lie on more of a block than its lowest cells")
+        G, T = G[:, :n], T[:, :n]
+    modes = rigid_field(body, np.zeros(dim))[:, :dim]
+    along = (T @ modes).reshape(m, dim - 1, dim)
+    return np.concatenate(((G @ modes)[:, None], along), axis=1)
+
+
+def _check_along(means: Array, frame: Array) -> None:
+    """Check means of unit vectors, shape (m, dim, dim), against frames, (dim, dim, m)."""
+    # Averages over facets that turn are nearly of length one, and never point backwards.
+    share = np.einsum("mac,cam->ma", means, frame)
+    if np.any(share <= 0) or np.any(np.linalg.norm(means, axis=2) > 2):
+        raise InputError("rows: G and T do not measure displacements along the frames")
+
+
+def _check_axes(bodies: Any, rows: ContactRows) -> None:
+    """Check which body has each contact point, and the directions in which its forces act."""
+    m, dim = rows.G.shape[0], bodies.dim
+    _whole("rows.owner", rows.owner, (m,), len(bodies.bodies))
+    _finite("rows.axes", rows.axes, (m, dim, dim))
+    _check_along(rows.axes, np.concatenate((rows.normals[:, None], rows.tangents), axis=1))
+    moved = np.array(
+        [_means(one, rows, own) for one, own in zip(bodies.bodies, bodies.slices, strict=True)]
+    )
+    of_owner = moved[rows.owner, np.arange(m)]
+    others = moved.sum(axis=0) - of_owner
+    # Opposite is another body, which moves against the owner; a rigid obstacle; or the owner
+    # itself, and then a translation moves nothing.
+    turned = np.abs(of_owner - rows.axes).max(axis=(1, 2)) <= _UNIT
+    still = np.abs(of_owner).max(axis=(1, 2)) <= _UNIT
+    against = np.abs(others + rows.axes).max(axis=(1, 2)) <= _UNIT
+    alone = np.abs(others).max(axis=(1, 2)) <= _UNIT
+    if not np.all((turned & (against | alone)) | (still & alone)):
+        raise InputError("rows: G and T do not measure displacements of the body that owns them")
+
+
+def _check_state(state: ContactState) -> None:
+    """Shapes of a state, finite numbers, friction that is not negative."""
+    system = state.system
+    body, gap = system.body, system.rows.gap
+    n, (m, columns) = body.f.size, (system.rows.G.shape[0], body.dim - 1)
+    for name, value, shape in (
+        ("load", system.load, (n,)),
+        ("u0", body.constraint[1], (n,)),
+        ("u", state.u, (n,)),
+        ("mu", state.mu, (m,)),
+        ("multiplier_t", state.t, (m, columns)),
+        ("friction", system.friction, (m,)),
+        ("slip_from", system.slip_from, (m, columns)),
+    ):
+        if value is not None:
+            _finite(name, value, shape)
+    _check_shape("gap", gap, (m,))
+    if np.any(np.isnan(gap)) or np.any(np.isneginf(gap)):
+        raise InputError("gap: holds NaN or minus infinity")
+    if system.law not in ("coulomb", "tresca", None):
+        raise InputError(f"law={system.law!r}: expected 'coulomb', 'tresca' or None")
+    if len(system.overclosure) not in (0, system.rows.part.max(initial=0) + 1):
+        raise InputError("overclosure: expected one law for each contact boundary")
+    if np.any(system.friction < 0) or (system.law is None and np.any(system.friction > 0)):
+        raise InputError(f"friction: negative, or given without a law (law={system.law!r})")
+    if system.motion is not None and state.motion is not None:
+        k = state.motion.size
+        _finite("motion", state.motion, (k,))
+        _finite("motion.normal", system.motion.normal, (m, k))
+        _finite("motion.tangent", system.motion.tangent, (m * columns, k))
+        free = system.motion.free
+        _finite("motion.prescribed", system.motion.prescribed[~free], (k - int(free.sum()),))
+        _finite("motion.force", system.motion.force[free], (int(free.sum()),))
+        if system.motion.travel is not None:
+            _finite("motion.travel", system.motion.travel, (m, columns))
+        if np.any(state.motion[~free] != system.motion.prescribed[~free]):
+            raise InputError("motion: differs from the prescribed one")
+
+
+def _check_shape(name: str, array: Any, shape: tuple[int | None, ...]) -> None:
+    found = array.shape
+    if len(found) != len(shape) or any(
+        s not in (None, f) for s, f in zip(shape, found, strict=True)
+    ):
+        raise InputError(f"{name}: expected shape {shape}, got {found}")
+
+
+def _finite(name: str, array: Any, shape: tuple[int | None, ...]) -> None:
+    _check_shape(name, array, shape)
+    if array.dtype != np.float64 or not np.all(np.isfinite(array)):
+        raise InputError(f"{name}: holds values that are not finite, or no floats")
+
+
+def _whole(name: str, array: Any, shape: tuple[int | None, ...], count: int) -> None:
+    """Check that the entries are integers from 0 to `count` - 1."""
+    _check_shape(name, array, shape)
+    if array.dtype.kind not in "iu" or (array.size and not 0 <= array.min() <= array.max() < count):
+        raise InputError(f"{name}: expected numbers from 0 to {count - 1}")

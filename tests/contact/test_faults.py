@@ -13,7 +13,7 @@ from full_disk import errors_without_space
 from skfem import ElementHex1
 
 from contact import ContactProblem, ElasticBody, LoadHistory, LoadStepper
-from contact.result.stored_result import write_arrays
+from contact.output.archive import write_arrays
 from skfem_adini.ground.files import complete_file
 
 TIMES = np.linspace(0.1, 1.0, 10)

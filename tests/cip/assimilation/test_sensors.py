@@ -107,6 +107,20 @@ def test_files_and_xarray_lose_nothing(tmp_path):
     assert np.all(Sensors.from_xarray(one).deviations == 0.5)
 
 
+def test_damage_of_a_file_is_seen_and_files_without_a_checksum_are_read(tmp_path):
+    path = tmp_path / "sensors.json"
+    Sensors([0.125, 0.75], [0.5], [[3.0, np.nan]], 0.25).save(path)
+    text = path.read_text()
+    path.write_text(text.replace("0.125", "0.135"))
+    with pytest.raises(InputError, match="is damaged, it was changed"):
+        Sensors.load(path)
+    path.write_text(text[: len(text) // 2])
+    with pytest.raises(InputError, match="no file of sensors"):
+        Sensors.load(path)
+    path.write_text(text[: text.index(', "checksum"')] + "}")  # of an earlier version
+    assert Sensors.load(path).points.tolist() == [[0.125, 0.75]]
+
+
 def test_dates_of_a_dataset_become_seconds():
     pytest.importorskip("xarray")
     sensors = Sensors([0.2, 0.7], [0.0, 90.0], [[1.0, np.nan], [2.0, 3.0]], 0.1)

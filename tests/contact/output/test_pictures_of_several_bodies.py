@@ -9,8 +9,14 @@ from pressed_pairs import pair, stack
 from skfem import ElementHex1, MeshHex, MeshQuad
 
 from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, Pair
-from contact.output.outlines import on_deformed
-from contact.plot import draw_edges, face_pressure, plot_cells, plot_field, plot_pressure
+from contact.output.pictures import on_deformed
+from contact.plot import (
+    draw_edges,
+    face_pressure,
+    plot_cells,
+    plot_field,
+    plot_pressure,
+)
 
 matplotlib.use("Agg")
 
