@@ -48,9 +48,7 @@ logger = logging.getLogger(__name__)
 
 class HistoryFolder:
     """The folder of a run, to which the first of the processes `comm`, if any, writes for all.
-
-    `fingerprint` is the checksum of problem, loads and motions; `damage` is why `finished` ended.
-    """
+    `fingerprint` is the checksum of problem, loads and motions; `damage`: why `finished` ended."""
 
     def __init__(self, path: Path, about: dict[str, Any], comm: Any = None) -> None:
         self.path, self.times, self.comm = path, np.array(about["times"], dtype=float), comm
@@ -171,9 +169,7 @@ class HistoryFolder:
 
     def finished(self, system: ContactSystem | None = None) -> Iterator[ContactResult]:
         """The steps before the first one that is missing or cannot be read, which is logged.
-
-        `InputError` if one does not belong here; they share body and rows of a given system.
-        """
+        `InputError` if one does not belong here; they share body and rows of a given system."""
         last = max(self._steps(), default=0)
         if last == 0:
             return

@@ -108,9 +108,7 @@ def head(
     arrays: Mapping[str, Any], kind: str | None, formats: tuple[int, ...], beside: str, reads: str
 ) -> dict[str, Any]:
     """The JSON head of a file; `InputError` of another kind or format, which it names.
-
-    Results of bodies have no kind; `beside` tells of the checksum, `reads` of known formats.
-    """
+    Results of bodies have no kind; `beside` tells of the checksum, `reads` of known formats."""
     about: dict[str, Any] = json.loads(str(arrays["about"])) if "about" in arrays else {}
     held = about.get("kind")
     if held != kind:
@@ -168,9 +166,7 @@ def write_arrays(
 def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
     """The arrays of an archive, and their checksum unless it has none, as formats 1 and 2.
 
-
-    An `InputError` that `is_damaged` knows if it is cut short or none, another if missing,
-    encrypted or changed.
+    An `InputError` that `is_damaged` knows if it is cut short; another if missing or changed.
     """
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")
@@ -255,9 +251,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
 @contextmanager
 def uninterrupted() -> Iterator[None]:
     """Delay an interruption (KeyboardInterrupt) until the block is left.
-
-    zipfile can neither close nor discard an archive whose entry was interrupted.
-    """
+    zipfile can neither close nor discard an archive whose entry was interrupted."""
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
         yield

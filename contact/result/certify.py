@@ -112,9 +112,7 @@ _DEPENDENT = 1e-11  # pivots of the Gram matrix of rows of unit length below thi
 
 def refuse_shared_points(state: ContactState) -> None:
     """Raise if displacements of points in contact depend on each other linearly.
-
-    Only sums of their forces would be determined, and the pressure at one be arbitrary.
-    """
+    Only sums of their forces would be determined, and the pressure at one be arbitrary."""
     system = state.system
     body = system.body
     # The path of a block holds derivatives at its sides, as if they were tied to mirror images.

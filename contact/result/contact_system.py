@@ -75,9 +75,7 @@ class ContactSystem:
 
     def with_held_points(self, u: Array, mu: Array, t: Array, w: Array | None) -> Array:
         """t, (m, dim - 1), with the friction law where the whole slip is prescribed: g along it.
-
-        It is zero where no slip is prescribed: there reactions of supports cannot be told from it.
-        """
+        Zero where no slip is prescribed: there reactions of supports cannot be told from it."""
         held = self.held if np.any(self.friction > 0) else np.zeros(mu.size, dtype=bool)
         if not held.any():
             return t
@@ -159,9 +157,7 @@ class ContactSystem:
         self, mu: Array, closed: Array, size: float, length: float
     ) -> dict[str, float]:
         """How much mu is less, and more, than the force on the curve of a compliant surface.
-
-        That with the same ``mu + size / length (u_n - d)``; `closed` is ``u_n - d``.
-        """
+        That with the same ``mu + size / length (u_n - d)``; `closed` is ``u_n - d``."""
         laws = self._laws(self.rows.weights, np.full(mu.size, length / size))
         free = ~self.rows.ties
         off = (laws.closest(mu + size / length * closed)[0] - mu)[free]

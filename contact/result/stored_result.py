@@ -236,9 +236,7 @@ def rebuild(
     path: Path, arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None = None
 ) -> ContactState:
     """The state in the arrays of problem and state together, certified again.
-
-    Body and rows of `near` are used instead of new ones; `with_checksum`: it was right.
-    """
+    Body and rows of `near` are used instead of new ones; `with_checksum`: it was right."""
     with reading(path):
         state = _rebuild(arrays, with_checksum, near)
         _check_state(state)
