@@ -7,7 +7,7 @@ import numpy as np
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.errors import InputError
 from contact.laws.iteration import Iteration, Report
-from contact.laws.progress import ROUND_OFF
+from contact.laws.newton import ROUND_OFF
 from contact.laws.qp_peers import solve_box_with
 from gpu import NotConverged, QPFactor, QPResult, solve_qp
 

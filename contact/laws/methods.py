@@ -16,15 +16,14 @@ from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError, InputError, NotConverged
 from contact.laws.active_set import signorini
 from contact.laws.coarse_start import CoarseProblem
+from contact.laws.condensed_newton import Condensed, outer_step
 from contact.laws.friction import Coulomb, Friction, Tresca
-from contact.laws.iteration import Iteration, Report, outer_step
+from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import check_held
+from contact.laws.newton import newton, proximal_point
 from contact.laws.options import Options
 from contact.laws.primal_newton import primal_newton
-from contact.laws.proximal_point import proximal_point
-from contact.laws.semismooth_newton import newton_step, semismooth_newton
 from contact.laws.tresca_loop import tresca_loop
-from contact.laws.zones import Zones
 from gpu import GpuError, Infeasible
 
 Array = NDArray[np.float64]
@@ -91,8 +90,8 @@ def solve_boundary(
     check_held(problem, friction)
     if isinstance(problem.W, FactorCompliance):
         return product_newton(problem, friction, options, start, report), 0.0
-    tol, newton = options.tol * INNER, options.method == "newton"
-    if newton and isinstance(problem.W, DeviceMatrix) and problem.compliance is None:
+    tol, monolithic = options.tol * INNER, options.method == "newton"
+    if monolithic and isinstance(problem.W, DeviceMatrix) and problem.compliance is None:
         limit = options.max_iterations
         coarse = _from_coarse(problem, friction, options, report) if start is None else None
         for first in (start,) if coarse is None else (coarse, None):
@@ -100,11 +99,11 @@ def solve_boundary(
                 return device_newton(
                     problem, friction, first, tol=tol, max_iterations=limit, report=report
                 ), 0.0
-    if newton and start is None:
+    if monolithic and start is None:
         start = _from_coarse(problem, friction, options, report)
         if start is not None and isinstance(friction, Coulomb):
             with suppress(NotConverged, LinAlgError):
-                return semismooth_newton(problem, start, friction, tol=tol, report=report), 0.0
+                return newton(Condensed(problem, friction), start, tol=tol, report=report), 0.0
             start = None
     if friction is None and problem.compliance is not None:
         return _compliant(problem, start, tol, report), 0.0
@@ -118,7 +117,7 @@ def solve_boundary(
     if isinstance(friction, Tresca):
         return given(friction.given, start, report), 0.0
     limit = options.max_iterations
-    if newton:
+    if monolithic:
         return _coulomb(problem, friction, start, given, tol, limit, report), 0.0
     forces = tresca_loop(
         problem,
@@ -154,13 +153,13 @@ def _compliant(
     """Frictionless contact of compliant surfaces, a convex problem: Newton, or proximal points."""
     if start is None:
         start = _frictionless(problem, tol, report)
-    none = Tresca(np.zeros(problem.gap.size))
+    laws = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
     with suppress(NotConverged, LinAlgError):
-        found = semismooth_newton(problem, start, none, tol=tol, report=report)
+        found = newton(laws, start, tol=tol, report=report)
         # Newton's method holds free motions by weak springs to where they were before the step: a
         # step from the solution leaves no force in them.
-        return semismooth_newton(problem, found, none, tol=tol) if problem.s.size else found
-    return proximal_point(problem, none, start, tol=tol, report=report)
+        return newton(laws, found, tol=tol) if problem.s.size else found
+    return proximal_point(laws, start, tol=tol, report=report)
 
 
 def _from_coarse(
@@ -256,17 +255,15 @@ def _coulomb(
     report: Report,
 ) -> Forces:
     """Monolithic Newton; if it stalls, proximal points, then Newton after fixed-bound steps."""
-    failure: Exception | None = None
+    laws, failure = Condensed(problem, friction), None
     for attempt in range(4):
         try:
-            return semismooth_newton(
-                problem, start, friction, tol=tol, max_iterations=max_iterations, report=report
-            )
+            return newton(laws, start, tol=tol, max_iterations=max_iterations, report=report)
         except (NotConverged, LinAlgError) as error:
             failure = error
         if attempt == 0:
             with suppress(NotConverged):
-                return proximal_point(problem, friction, start, tol=tol, report=report)
+                return proximal_point(laws, start, tol=tol, report=report)
         for step in range(1, 5 * (attempt + 1) + 1):
             start = given.of_last_step(friction.bound(start.mu), start)
             report(outer_step(problem, step, "tresca step", start, friction.bound(start.mu)))
@@ -309,13 +306,13 @@ def product_newton(
             problem, friction, start, tol=tol, max_iterations=options.max_iterations, report=report
         )
     begin = start or Forces(*problem.zeros(), np.zeros(problem.s.size))
-    law = friction or Tresca(np.zeros(problem.gap.size))
-    return proximal_point(problem, law, begin, tol=tol, report=report)
+    laws = Condensed(problem, friction or Tresca(np.zeros(problem.gap.size)))
+    return proximal_point(laws, begin, tol=tol, report=report)
 
 
 # Newton's method for contact with friction, with the matrix W on a GPU.
 #
-# The steps are those of `contact.laws.semismooth_newton`: their rows are gathered, scaled and
+# The steps are those of `contact.laws.condensed_newton`: their rows are gathered, scaled and
 # factored where W lies, with one tangent or two. Here is the cold start, which must not move W to
 # the host as the box QP of `contact.laws.active_set` does. If the iteration stalls, nothing else is
 # tried here: the methods of `contact.laws.methods` take over.
@@ -343,7 +340,7 @@ def device_newton(
     start : Forces or None
         None starts with frictionless steps in which springs hold the free motions.
     tol : float
-        On `contact.laws.residual.residual`.
+        On the relative residual.
     max_iterations : int
     report : callable
         Receives each `Iteration`.
@@ -353,33 +350,25 @@ def device_newton(
     NotConverged, LinAlgError
         The iteration stalls, or a linear system is singular.
     """
-    none = Tresca(np.zeros(problem.gap.size))
+    none = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
+    laws = none if friction is None else Condensed(problem, friction)
     now = start or Forces(*problem.zeros(), np.zeros(problem.s.size))
     if start is None and friction is not None:
-        now = _without_friction(problem, now, none, report)
+        now = _without_friction(replace(none, weak=SPRINGS, anchored=False), now, report)
     phase = "active set" if friction is None else "newton"
-    return semismooth_newton(
-        problem,
-        now,
-        friction or none,
-        tol=tol,
-        max_iterations=max_iterations,
-        phase=phase,
-        report=report,
-    )
+    return newton(laws, now, tol=tol, max_iterations=max_iterations, phase=phase, report=report)
 
 
-def _without_friction(
-    problem: BoundaryProblem, now: Forces, none: Tresca, report: Report
-) -> Forces:
+def _without_friction(laws: Condensed, now: Forces, report: Report) -> Forces:
     """Active-set steps until the set of active points repeats."""
     before: NDArray[np.bool_] | None = None
     for step in range(1, START + 1):
-        zones = Zones.of(problem, now, none)
+        state = laws.state(now)
+        zones = laws.law.zones(state)
         if before is not None and np.array_equal(before, zones.active):
             break
         before = zones.active
-        now = newton_step(problem, now, zones, none, "radial", SPRINGS, anchored=False)
+        now = laws.step(state, zones, "radial")
         report(Iteration(step, "frictionless", int(zones.active.sum()), 0, 0, np.nan))
     return now
 
@@ -533,18 +522,16 @@ class GivenFriction:
 
     def _by_newton(self, friction: Tresca, start: Forces, report: Report) -> Forces:
         """Newton's method; if it stalls, damped from other starts, then proximal points."""
-        problem, tol = self.problem, self.tol
+        problem, tol, laws = self.problem, self.tol, Condensed(self.problem, friction)
         rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
         form = "damped" if self.damped else "switched"
         for near, kind in ((start, form), (rest, "damped")):
             with suppress(NotConverged, LinAlgError):
                 phase = f"{kind} newton"
-                return semismooth_newton(
-                    problem, near, friction, form=kind, tol=tol, phase=phase, report=report
-                )
+                return newton(laws, near, form=kind, tol=tol, phase=phase, report=report)
         if problem.tangent.shape[1] == 1:
             with suppress(NotConverged, LinAlgError, GpuError):  # from hard surfaces, a box QP
                 hard = replace(problem, compliance=None)
                 near = signorini(hard, bound=friction.given, start=start, tol=tol, report=report)
-                return semismooth_newton(problem, near, friction, tol=tol, report=report)
-        return proximal_point(problem, friction, start, tol=tol, report=report)
+                return newton(laws, near, tol=tol, report=report)
+        return proximal_point(laws, start, tol=tol, report=report)

@@ -8,9 +8,10 @@ import numpy as np
 
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.errors import NotConverged
+from contact.laws.condensed_newton import Condensed, outer_step
 from contact.laws.friction import Coulomb
-from contact.laws.iteration import Report, outer_step
-from contact.laws.progress import ROUND_OFF, at_rounding
+from contact.laws.iteration import Report
+from contact.laws.newton import ROUND_OFF, at_rounding
 
 Tresca = Callable[[Array, Forces], Forces]
 
@@ -48,7 +49,7 @@ def tresca_loop(
     NotConverged
         The map is no contraction (large friction), or `max_iterations` is too small.
     """
-    now, best, least = start, start, np.inf
+    now, best, least, laws = start, start, np.inf, Condensed(problem, friction)
     for step in range(1, max_iterations + 1):
         now = solve(friction.bound(now.mu), now)
         line = outer_step(problem, step, "outer", now, friction.bound(now.mu))
@@ -57,9 +58,9 @@ def tresca_loop(
             return now
         if line.residual < least:
             best, least = now, line.residual
-        elif at_rounding(problem, best, least):
+        elif at_rounding(laws, laws.state(best), least):
             return best
-    if least <= ROUND_OFF * tol or at_rounding(problem, best, least):
+    if least <= ROUND_OFF * tol or at_rounding(laws, laws.state(best), least):
         return best
     raise NotConverged(
         f"tresca loop: residual {line.residual:.1e} after {step} outer steps, tolerance {tol:.1e}; "

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.namespace import host
-from contact.laws.friction import UNMOVED
+from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca
 from contact.portable import carried
-from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
 
@@ -86,7 +85,8 @@ class GridCase:
                 v0[1:] = xp.where(still, 0.0, v0[1:])
         return GridProblem(self.compliance, v0, xp.asarray(self.gap), -turn * force[order])
 
-    def friction_law(self, xp: Any) -> GridFriction:
+    def friction_law(self, xp: Any) -> Friction:
         """The law for forces on points, with arrays of NumPy or CuPy."""
-        area = 1.0 if self.coulomb else host(self.areas)
-        return GridFriction(xp.asarray(self.friction * area), self.coulomb)
+        if self.coulomb:
+            return Coulomb(xp.asarray(self.friction))
+        return Tresca(xp.asarray(self.friction * host(self.areas)))

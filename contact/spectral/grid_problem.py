@@ -10,6 +10,7 @@ import numpy as np
 
 from contact.arrays.namespace import namespace
 from contact.errors import InputError
+from contact.laws.friction import project
 from contact.spectral.grid_compliance import GridCompliance
 
 Grid = Any  # an array of NumPy or CuPy
@@ -184,13 +185,6 @@ class GridProblem:
     def sums(self, forces: Grid) -> Any:
         """Sum of the forces of each component, (dim,), on the host."""
         return np.array([float(part.sum()) for part in forces])
-
-
-def project(q: Grid, g: Grid) -> Grid:
-    """Project vectors q, (dim - 1, ...), onto the balls of radius g."""
-    xp = namespace(q)
-    length = xp.sqrt((q * q).sum(axis=0))
-    return q * xp.where(length > g, g / xp.where(length > 0, length, 1.0), 1.0)
 
 
 def residuals(problem: GridProblem, l: Grid, v: Grid, bound: Grid) -> dict[str, float]:

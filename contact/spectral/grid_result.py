@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from contact.arrays.namespace import host
 from contact.errors import InputError, NotConverged
+from contact.laws.friction import Friction, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
 from contact.spectral.contact_edge import ContactEdge, contact_edge
-from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_case import GridCase
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import Grid, GridProblem, residuals
@@ -326,7 +326,7 @@ class GridResult(FieldsInside):
 
 def certified(
     problem: GridProblem,
-    law: GridFriction,
+    law: Friction,
     state: tuple[Grid, Any],
     given: Array,
     tol: float,
@@ -339,7 +339,7 @@ def certified(
     `travel` is the path of its shape.
     """
     (l, a), xp = state, problem.xp
-    pressed, bound = problem.W(l), law.bound(xp.maximum(l[0], 0.0))
+    pressed, bound = problem.W(l), law.bound(l[0])
     v = problem.v0 - pressed + problem.moved(a)
     kkt = residuals(problem, l, v, bound)
     missed = {name: value for name, value in kkt.items() if not value <= tol}
@@ -356,7 +356,7 @@ def certified(
     if problem.at_rest is not None:
         open_ = problem.at_rest.all(axis=0) & (bound > 0)
         rubs = xp.where(open_, int(Status.UNDETERMINED), rubs)
-    touches = (l[0] > 0) | ((bound > 0) & (not law.coulomb))
+    touches = (l[0] > 0) | ((bound > 0) & isinstance(law, Tresca))
     order, sign = problem.order
     motion = np.empty(len(order))
     motion[order] = -np.asarray(a) * np.array([sign] + [1.0] * (len(order) - 1))
