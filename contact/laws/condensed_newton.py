@@ -36,16 +36,12 @@ _ROUNDING = 10.0  # in machine precisions: sums and solves of some hundred terms
 
 @dataclass(frozen=True)
 class Condensed:
-    """A condensed problem and its friction, for `contact.laws.newton.newton`.
-
-    Springs of the stiffness `weak`, relative to the square of the largest entry of C, act on the
-    change of free motions, or on the motions if not `anchored`.
-    """
+    """A condensed problem and its friction, for `contact.laws.newton.newton`."""
 
     problem: BoundaryProblem
     friction: Friction
-    weak: float = WEAK
-    anchored: bool = True
+    weak: float = WEAK  # stiffness of springs on free motions, over the square of max |C|
+    anchored: bool = True  # springs act on the change of motions, else on motions
     patience = 8
 
     @cached_property
@@ -172,12 +168,9 @@ def outer_step(
 
 @dataclass(frozen=True)
 class SlipRows:
-    """The law ``own t - of_v v = normal mu + known`` of p slipping points, in rows of a system.
+    """The law ``own t - of_v v = normal mu + known`` of p slipping points, in rows of a system."""
 
-    `at`, (p, dim - 1), are the rows and columns of their tangents, -1 for a prescribed one.
-    """
-
-    at: NDArray[np.int64]
+    at: NDArray[np.int64]  # (p, dim - 1) rows of the tangents, -1 for a prescribed one
     of_v: Array  # (p, dim - 1, dim - 1)
     known: Array  # (p, dim - 1)
     own: Array  # (p, dim - 1, dim - 1)

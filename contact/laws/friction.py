@@ -61,9 +61,8 @@ def lengths(v: Array) -> Array:
 
 
 def against(slip: Array, g: Array) -> Array:
-    """Forces of size g along slips that are known; zero where none is.
-
-    They are those on the obstacle, as t is: the shear on the body opposes its slip.
+    """Forces of size g on the obstacle along known slips, which the shear on the body opposes; zero
+    where none is.
     """
     xp, size = namespace(slip), lengths(slip)
     return slip * xp.where(size > 0, g / xp.where(size > 0, size, 1.0), 0.0)

@@ -41,24 +41,19 @@ Array = Any  # of NumPy or CuPy: (...) of points, (dim - 1, ...) of their tangen
 
 @dataclass(frozen=True)
 class State:
-    """Forces of a problem, in its own form and of points, and the displacements they cause.
-
-    `through` is u_n - d, minus infinity where contact is impossible.
-    """
+    """Forces of a problem, in its own form and of points, and the displacements they cause."""
 
     forces: Any
     mu: Array
     t: Array
-    through: Array
+    through: Array  # u_n - d, minus infinity where contact is impossible
     v: Array
 
 
 @dataclass(frozen=True)
 class Zones:
-    """Points in contact, that stick and that slip, with the trial force q = t + c v and its bound.
-
-    Bonded points are active, and stick under an infinite bound. On compliant surfaces
-    ``u_n - d = opening + slope mu``; both are zero for hard contact.
+    """Sets of points, with the trial force q = t + c v and its bound g. Bonded points are active
+    and stick, g infinite.
     """
 
     active: Array
@@ -67,24 +62,19 @@ class Zones:
     q: Array
     g: Array
     c: Array
-    opening: Array = 0.0
+    opening: Array = 0.0  # of compliant surfaces: u_n - d = opening + slope mu
     slope: Array = 0.0
 
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """The law of all points, with their masks.
-
-    `live` are the tangential components that can move, (dim - 1, ...), `bonded` the points tied to
-    the obstacle, `swept` those that slip as prescribed, which no force lets stick; `scale` is c of
-    the normal and of the tangents.
-    """
+    """The law of all points, with their masks and the forces per displacement, c."""
 
     friction: Friction
-    scale: tuple[float, float] = (1.0, 1.0)
-    live: Array | None = None
-    bonded: Array | None = None
-    swept: Array | None = None
+    scale: tuple[float, float] = (1.0, 1.0)  # c along the normal and along the surface
+    live: Array | None = None  # tangential components that can move, (dim - 1, ...)
+    bonded: Array | None = None  # points tied to the obstacle
+    swept: Array | None = None  # points that slip as prescribed, whatever the forces
     surface: Any = None  # a `contact.laws.surface_compliance.SurfaceCompliance`
 
     def bound(self, mu: Array) -> Array:
@@ -151,10 +141,8 @@ class ContactLaw:
 
 @dataclass(frozen=True)
 class SlipLaw:
-    """``own t - ratio (I - a b^T) c v = weight a (coefficient mu + bound)``, at slipping points.
-
-    In radial return ``own = I - ratio (I - b b^T)``, weight = 1 and a = b; in the damped form own =
-    weight = 1 - ratio: no number is large where slip begins, at a ratio of one.
+    """``own t - ratio (I - a b^T) c v = weight a (coefficient mu + bound)`` at slipping points:
+    radial ``own = I - ratio (I - b b^T)``, weight = 1, a = b; damped own = weight = 1 - ratio.
     """
 
     a: Array

@@ -38,10 +38,7 @@ def primal_newton(
     start: Forces | None,
     report: Report,
 ) -> PrimalForces:
-    """Solve for contact with friction; see `contact.laws.methods.solve_boundary`.
-
-    Without a start all points within reach of the obstacle stick to it at first.
-    """
+    """Solve for contact; without a start all points within reach stick to the obstacle at first."""
     if options.method != "newton" or problem.compliance is not None:
         raise InputError(
             f"method={options.method!r}: without condensation only 'newton' is offered, on hard "
@@ -149,9 +146,8 @@ class Primal(Condensed):
 def _slipping(
     problem: PrimalProblem, law: SlipLaw, zones: Zones, held: np.ndarray, load: Array
 ) -> tuple[Alteration, Array]:
-    """The rows of slipping points, ``t = r / (1 - r) (I - a b^T) c v + a (F mu + g)``.
-
-    This is the law of `contact.laws.law` times the inverse of what stands before t, in both forms.
+    """Rows of slip ``t = r / (1 - r) (I - a b^T) c v + a (F mu + g)``: the law of
+    `contact.laws.law`, in both forms, times the inverse of what stands before t.
     """
     points, n = np.flatnonzero(zones.slip), held.size
     at, of_normal = problem.tangent[points], problem.normal[points]

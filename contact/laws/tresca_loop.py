@@ -26,28 +26,8 @@ def tresca_loop(
     max_iterations: int,
     report: Report,
 ) -> Forces:
-    """Coulomb friction as a fixed point of given friction, g <- F mu.
-
-    Algorithm 1 of the dissertation.
-
-    Parameters
-    ----------
-    problem : BoundaryProblem
-    friction : Coulomb
-    start : Forces
-    solve : callable (bound, start) -> Forces
-        Solves the problem with given friction.
-    tol : float
-        On the residual of Coulomb's law. Steps that lower it no more have ended, too, where it is
-        rounding; if the last is at up to 100 times as much, that counts as rounding.
-    max_iterations : int
-    report : callable
-        Receives one `Iteration` per outer step.
-
-    Raises
-    ------
-    NotConverged
-        The map is no contraction (large friction), or `max_iterations` is too small.
+    """Coulomb friction as a fixed point of given friction, g <- F mu: Algorithm 1 of the
+    dissertation. `NotConverged` where the map is no contraction (large friction).
     """
     now, best, least, laws = start, start, np.inf, Condensed(problem, friction)
     for step in range(1, max_iterations + 1):

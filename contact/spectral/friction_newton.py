@@ -19,9 +19,8 @@ _FORCING = 1e-3  # of a step (S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput
 
 @dataclass(frozen=True)
 class Waves:
-    """A problem on a grid and its friction, for `contact.laws.newton.newton`.
-
-    Forces are those of the grid, (dim, nx[, ny]), and motions (dim,).
+    """A problem on a grid, with forces (dim, nx[, ny]) and motions, for
+    `contact.laws.newton.newton`.
     """
 
     problem: GridProblem
@@ -75,12 +74,9 @@ class Waves:
 
 @dataclass(frozen=True)
 class Softened(GridProblem):
-    """A problem with springs at its points, but not where a side fixes them.
+    """A problem with springs at its points, but not where a side fixes them."""
 
-    `springs` are the compliances along the normal and along the surface.
-    """
-
-    springs: tuple[float, float]
+    springs: tuple[float, float]  # compliances along the normal and along the surface
 
     @classmethod
     def near(cls, problem: GridProblem, forces: Grid, delta: float) -> Softened:
@@ -102,9 +98,8 @@ class Softened(GridProblem):
 
 @dataclass(frozen=True)
 class _System:
-    """The linearised laws: rows of contact, stick and slip, and the balance of free motions.
-
-    Vectors hold the live components of points alone, as a rule few, and the free motions after.
+    """Linearised laws and balance of free motions. Vectors hold the live components of points
+    alone, as a rule few, and the free motions after.
     """
 
     problem: GridProblem

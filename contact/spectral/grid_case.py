@@ -19,35 +19,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class GridCase:
-    """A step of contact on a grid, from which its `GridProblem` follows.
-
-    Attributes
-    ----------
-    compliance : GridCompliance
-    gap : ndarray, shape (nx[, ny])
-        Before the obstacle moves.
-    friction : ndarray, shape (nx[, ny])
-        Coulomb's coefficient, or Tresca's bound, a traction.
-    law : {"coulomb", "tresca"}
-    motion, force : ndarray, shape (dim,)
-        Of the obstacle; for each component one of the two is NaN.
-    slip_from : ndarray, shape (dim - 1, nx[, ny]), optional
-        The slip of the step before, which friction does not act on.
-    travel : ndarray, shape (dim,), optional
-        Path of the obstacle's own shape along the surface, through all steps of a history.
-    obstacle : obstacle, optional
-        From which the gap is, if known; the next step asks it how it has moved.
-    """
+    """A step of contact on a grid, from which its `GridProblem` follows."""
 
     compliance: GridCompliance
-    gap: Array
-    friction: Array
+    gap: Array  # before the obstacle moves
+    friction: Array  # Coulomb's coefficient, or Tresca's bound, a traction
     law: str
     motion: Array
-    force: Array
-    slip_from: Array | None
-    travel: Array | None = None
-    obstacle: Any = None
+    force: Array  # of the obstacle, as its motion; one of the two is NaN
+    slip_from: Array | None  # slip of the step before, which friction does not act on
+    travel: Array | None = None  # path of the obstacle's own shape along the surface
+    obstacle: Any = None  # from which the gap is, if known
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"obstacle": carried(self.obstacle)}

@@ -333,10 +333,8 @@ def certified(
     history: tuple[Iteration, ...],
     travel: Array | None = None,
 ) -> GridResult:
-    """The result of forces and motions, or `NotConverged` where a residual exceeds tol.
-
-    `given` are the prescribed motions of the obstacle, NaN where it is driven by a force, and
-    `travel` is the path of its shape.
+    """The result of forces and motions, or `NotConverged` where a residual exceeds tol. `given` are
+    the prescribed motions of the obstacle, else NaN, `travel` the path of its shape.
     """
     (l, a), xp = state, problem.xp
     pressed, bound = problem.W(l), law.bound(l[0])
@@ -389,9 +387,8 @@ def perimeter(
     spacing: tuple[float, ...],
     mirrored: tuple[bool, ...] = (False, False),
 ) -> float:
-    """Length of the edges between cells in contact and others; of a profile the number of ends.
-
-    Cells on a side that is not periodic, but mirrored, are halves.
+    """Length of the edges between cells in contact and others, halves on a mirrored side; of a
+    profile the number of ends.
     """
     cell, length = float(np.prod(spacing)), 0.0
     for axis, h in enumerate(spacing):
@@ -418,16 +415,8 @@ def corrected_area(
     spacing: tuple[float, ...],
     mirrored: tuple[bool, ...] = (False, False),
 ) -> float:
-    r"""Contact area from the cells in contact, corrected by their perimeter.
-
-    The area counted is too large by about :math:`(\pi - 1 + \ln 2) / 24` times perimeter times
-    spacing, where the perimeter is that of the cells.
-
-    References
-    ----------
-    V. A. Yastrebov, G. Anciaux and J.-F. Molinari, On the accurate computation of the true
-    contact-area in mechanical contact of random rough surfaces, Tribology International 114 (2017)
-    161-171.
+    r"""Area of the cells in contact less :math:`(\pi - 1 + \ln 2) / 24` times their perimeter and
+    spacing: V. A. Yastrebov, G. Anciaux, J.-F. Molinari, Tribology International 114 (2017) 161.
     """
     if touching.ndim != 2:
         raise InputError("corrected_area: the correction is known for surfaces, not for profiles")
