@@ -23,10 +23,11 @@ from contact.body.basis_solid import BasisSolid
 from contact.condensation.boundary_problem import Forces
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError, NotConverged
+from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.methods import INNER
-from contact.laws.semismooth_newton import semismooth_newton
+from contact.laws.newton import newton
 from contact.laws.status import Status
 from contact.obstacles.rigid import ObstacleMotion
 from contact.obstacles.rigid_motion import same_gaps
@@ -284,7 +285,7 @@ def newton_step(
     )
     friction = system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
     start = Forces(last.mu * scale, last.t * scale[:, None], np.zeros(0))
-    forces = semismooth_newton(problem, start, friction, tol=INNER * tol)
+    forces = newton(Condensed(problem, friction), start, tol=INNER * tol)
     l = problem.forces(forces.mu, forces.t) / of_rows
     du = condensed.moved(left, response[:, 0] - response[:, 1:] @ l)
     u, mu = u + du, forces.mu / scale

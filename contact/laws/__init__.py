@@ -2,6 +2,7 @@
 
 In: a `BoundaryProblem`, a friction law, a start.
 Out: `Forces` that satisfy the laws, with the history of the iteration.
-Start: `methods` chooses the algorithm; `friction` has the laws, `zones` decides at an iterate which
-point sticks or slips; `semismooth_newton` and `active_set` are the main algorithms.
+Start: `methods` chooses the algorithm; `law` has the zones, the residual and the linearisation of
+contact and friction, `newton` the iteration of all bodies, `condensed_newton` and `primal_newton`
+its linear systems; `active_set` solves box quadratic programs.
 """

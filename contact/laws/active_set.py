@@ -7,7 +7,7 @@ import numpy as np
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.errors import InputError, NotConverged
 from contact.laws.iteration import Iteration, Report
-from contact.laws.progress import ROUND_OFF
+from contact.laws.newton import ROUND_OFF
 from contact.laws.qp_peers import solve_box_with
 from gpu import QPFactor, QPResult, solve_qp
 
@@ -37,36 +37,10 @@ def signorini(
         \min \tfrac12 l^T W l - l^T (v_0 - d) \quad
         \text{s.t.} \quad \mu \ge 0, \; |t| \le g, \; C^T l = s
 
-    is the dual of Signorini's problem with gap d and given friction. Forces of bonded points are
-    not bounded. In two dimensions the friction
-    ball is an interval and the problem is a box QP, solved by `gpu.solve_qp`.
-
-    Parameters
-    ----------
-    problem : BoundaryProblem
-    bound : ndarray, shape (m,), optional
-        Friction bound g of each point; None for no friction. Where it is ``inf``, t is unbounded.
-    softness : ndarray, shape (m,), optional
-        Adds ``softness |t|^2 / 2``: the regularised friction law t = u_t / softness of one
-        fixed-point step.
-    start : Forces, optional
-        Warm start.
-    tol : float
-        Tolerance of the QP.
-    springs : float
-        If positive, springs of this stiffness hold free rigid motions and replace the balance of
-        loads.
-    peer : str, optional
-        Solver of qpsolvers that takes the place of `gpu.solve_qp`.
-    phase, report
-        Label and receiver of the history.
-
-    Raises
-    ------
-    gpu.Infeasible
-        No admissible forces balance the loads on a free rigid motion.
-    gpu.NotConverged
-        Rows are linearly dependent and prescribe displacements that contradict each other.
+    is the dual of Signorini's problem with gap d and friction bound g, infinite where t is free;
+    forces of bonded points are free. In two dimensions it is a box QP, solved by `gpu.solve_qp` or
+    by `peer`, a solver of qpsolvers. `softness` adds ``softness |t|^2 / 2``, the regularised law t
+    = u_t / softness; positive `springs` hold free motions in place of the balance of loads.
     """
     g = problem.bound(np.zeros(problem.gap.size) if bound is None else bound)
     if bound is not None and problem.tangent.shape[1] > 1 and softness is None:
@@ -124,9 +98,9 @@ def _box_qp(
     r"""Minimise :math:`\tfrac12 x^T P x + q^T x`; P may be singular.
 
     Linearly dependent rows leave the forces undetermined, but not the displacements. The proximal
-    point method (Rockafellar 1976) then selects one solution: each step solves with
-    :math:`P + \delta I` and :math:`q - \delta x_k`, with one factorisation for all steps, and
-    violates the conditions of the problem by at most :math:`\delta |x_{k+1} - x_k|`.
+    point method (Rockafellar 1976) then selects one solution: a step solves with :math:`P + \delta
+    I` and :math:`q - \delta x_k`, and violates the conditions by at most :math:`\delta |x_{k+1} -
+    x_k|`.
     """
     factor = _factored(P)
     if factor.definite:

@@ -19,39 +19,20 @@ ON_HOST = 400  # rows up to which steps on a device take as long as its calls, l
 
 @dataclass(frozen=True)
 class CoarseProblem:
-    """A boundary problem in which neighbouring points, in groups, have equal (scaled) forces.
-
-    It is the Galerkin approximation of the complementary energy: with l = P L the compliance is
-    P^T W P, and displacements and gaps are sums over the group. The zones of contact, stick and
-    slip of its solution differ from those of the fine problem at a few points only.
-
-    Attributes
-    ----------
-    problem : BoundaryProblem
-        The coarse problem.
-    friction : Friction or None
-        Its friction law.
-    fine : BoundaryProblem
-    row : ndarray of int, shape (n,)
-        Coarse row of each fine row; -1 for normal rows of points that cannot touch.
-    share : ndarray, shape (rows of the coarse problem,)
-        Scaled force of a fine row divided by that of its coarse row.
+    """A problem whose neighbouring points, in groups, have equal scaled forces: l = P L, P^T W P.
+    Its zones differ from those of the fine problem at a few points only.
     """
 
-    problem: BoundaryProblem
+    problem: BoundaryProblem  # the coarse one
     friction: Friction | None
     fine: BoundaryProblem
-    row: NDArray[np.int64]
-    share: NDArray[np.float64]
+    row: NDArray[np.int64]  # coarse row of each fine row; -1 where a normal cannot touch
+    share: NDArray[np.float64]  # scaled force of a fine row over that of its coarse row
 
     @classmethod
     def of(cls, fine: BoundaryProblem, friction: Friction | None) -> CoarseProblem | None:
-        """Group the points of a problem; None in 3-D and for fewer than `FEW` points.
-
-        None also with bonded points and compliant surfaces.
-
-        In two dimensions points are numbered along the boundary: neighbours have consecutive
-        numbers.
+        """Group points, numbered along the boundary; None in 3-D, for fewer than `FEW` points, with
+        bonded ones and on compliant surfaces.
         """
         m = fine.gap.size
         if fine.tangent.shape[1] != 1 or m < FEW or fine.ties.any() or fine.compliance:

@@ -1,34 +1,31 @@
-"""Friction laws, as bounds on the tangential force of each contact point."""
+"""Friction laws, as bounds on the tangential force of each contact point.
+
+Vectors of points lie along the first axis, (dim - 1, ...); arrays are those of NumPy or CuPy.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from contact.arrays.namespace import namespace
 
-Array = NDArray[np.float64]
+Array = Any
 UNMOVED = 1e-12  # prescribed slip over the largest displacement: what is less is rounding
 
 
 @dataclass(frozen=True)
 class Coulomb:
-    """Friction bounded by the pressure, ``g = F mu``.
-
-    Attributes
-    ----------
-    coefficient : ndarray, shape (m,)
-        The coefficient F.
-    """
+    """Friction bounded by the pressure, ``g = F mu``, with the coefficient F of each point."""
 
     coefficient: Array
 
     def bound(self, mu: Array) -> Array:
-        """Bound g of every point for the normal forces mu, shape (m,)."""
-        return self.coefficient * np.maximum(mu, 0.0)
+        """Bound g of every point for the normal forces mu."""
+        return self.coefficient * namespace(mu).maximum(mu, 0.0)
 
-    def rubs(self, can_touch: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Points where there may be friction, shape (m,)."""
+    def rubs(self, can_touch: Array) -> Array:
+        """Points where there may be friction."""
         return (self.coefficient > 0) & can_touch
 
     def times(self, factor: float) -> Coulomb:
@@ -38,22 +35,16 @@ class Coulomb:
 
 @dataclass(frozen=True)
 class Tresca:
-    """Given friction: a known bound g, which holds also where there is no contact.
-
-    Attributes
-    ----------
-    given : ndarray, shape (m,)
-        g, a force.
-    """
+    """Given friction: a known bound g, a force, which holds also where there is no contact."""
 
     given: Array
 
     def bound(self, mu: Array) -> Array:
-        """Bound g of every point, whatever the normal forces, shape (m,)."""
+        """Bound g of every point, whatever the normal forces."""
         return self.given
 
-    def rubs(self, can_touch: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Points where there may be friction, shape (m,)."""
+    def rubs(self, can_touch: Array) -> Array:
+        """Points where there may be friction."""
         return self.given > 0
 
     def times(self, factor: float) -> Tresca:
@@ -64,17 +55,20 @@ class Tresca:
 Friction = Coulomb | Tresca
 
 
-def against(slip: Array, g: Array) -> Array:
-    """Forces of size g, shape (m,), along slips that are known, (m, dim - 1); zero where none is.
+def lengths(v: Array) -> Array:
+    """Euclidean length of each vector."""
+    return namespace(v).sqrt((v * v).sum(axis=0))
 
-    They are those on the obstacle, as t is: the shear on the body opposes its slip.
+
+def against(slip: Array, g: Array) -> Array:
+    """Forces of size g on the obstacle along known slips, which the shear on the body opposes; zero
+    where none is.
     """
-    length = np.linalg.norm(slip, axis=1)
-    return slip * np.where(length > 0, g / np.where(length > 0, length, 1.0), 0.0)[:, None]
+    xp, size = namespace(slip), lengths(slip)
+    return slip * xp.where(size > 0, g / xp.where(size > 0, size, 1.0), 0.0)
 
 
 def project(q: Array, g: Array) -> Array:
-    """Project each row of q, shape (m, dim - 1), onto the ball of radius g, shape (m,)."""
-    length = np.linalg.norm(q, axis=1)
-    factor = np.where(length > g, g / np.where(length > 0, length, 1.0), 1.0)
-    return q * factor[:, None]
+    """Project vectors q onto the balls of radius g."""
+    xp, size = namespace(q), lengths(q)
+    return q * xp.where(size > g, g / xp.where(size > 0, size, 1.0), 1.0)

@@ -6,12 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-
-from contact.condensation.boundary_problem import BoundaryProblem, Forces
-from contact.laws.residual import residual
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -62,26 +56,3 @@ class Iteration:
 
 
 Report = Callable[[Iteration], None]
-
-
-def outer_step(
-    problem: BoundaryProblem,
-    step: int,
-    phase: str,
-    now: Forces,
-    g: Array,
-    size: float | None = None,
-) -> Iteration:
-    """Describe an outer step; `size` is its residual, by default that of the laws with bound g."""
-    g = problem.bound(g)
-    rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
-    # A point sticks if its force is below the bound by more than rounding.
-    slip = rubs & (np.linalg.norm(now.t, axis=1) >= g * (1 - 1e-9))
-    return Iteration(
-        step,
-        phase,
-        int(((now.mu > 0) | problem.ties).sum()),
-        int((rubs & ~slip).sum()),
-        int(slip.sum()),
-        residual(problem, now.mu, now.t, now.a, g) if size is None else size,
-    )

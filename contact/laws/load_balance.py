@@ -30,24 +30,18 @@ _NOTHING = 1e-9
 
 
 def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
-    r"""Raise unless some admissible contact forces balance the loads on all free rigid motions.
+    r"""Raise `gpu.Infeasible` unless admissible forces balance the loads on all free rigid motions.
 
-    A motion a moves the contact points by ``v = C a``. Forces within the laws,
-    :math:`\mu \ge 0` and :math:`|t| \le F \mu` or :math:`|t| \le g`, that balance the loads,
-    :math:`C^T l = s`, exist unless (Farkas) some motion has
+    A motion a moves the points by ``v = C a``. Forces within the laws, :math:`\mu \ge 0` and
+    :math:`|t| \le F \mu` or :math:`|t| \le g`, with :math:`C^T l = s` exist unless (Farkas) some
+    motion, the certificate, has
 
     .. math::
         s^T a > \sum_i g_i |v_{t,i}|, \qquad v_{n,i} + F_i |v_{t,i}| \le 0 .
 
-    A linear program in a finds it. In 3-D the modulus :math:`|v_t|` is bounded from below by the
-    components of v_t in some directions, and directions are added where the motion found violates
-    the modulus (Kelley's cutting planes). A motion that displaces no contact point is an error
-    whatever the loads, because it would be undetermined.
-
-    Raises
-    ------
-    gpu.Infeasible
-        Its certificate is the motion a, shape (k,).
+    A linear program finds it. In 3-D the modulus is bounded from below by components of v_t in some
+    directions, to which that of the motion found is added (Kelley's cutting planes). A motion that
+    displaces no contact point would be undetermined whatever the loads.
     """
     apart, allowed = without_ties(problem)
     motion = _unresisted(apart, friction)
@@ -120,10 +114,8 @@ def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[st
 
 
 def at_the_limit(problem: BoundaryProblem, friction: Friction | None) -> Array | None:
-    """A rigid motion that friction reduced by the fraction `LIMIT` could not resist, or None.
-
-    The distance that the body slips then depends on relative changes of the loads of this size,
-    which are smaller than the accuracy of any load.
+    """A rigid motion that friction reduced by the fraction `LIMIT` could not resist, or None. How
+    far the body slips then depends on changes of the loads below their accuracy.
     """
     if friction is None:
         return None
@@ -135,10 +127,8 @@ def at_the_limit(problem: BoundaryProblem, friction: Friction | None) -> Array |
 
 
 def by_friction_alone(problem: BoundaryProblem) -> Array | None:
-    """A rigid motion that the loads drive and that presses no contact point, or None.
-
-    Only friction resists it. Whether friction suffices depends on the pressure. `check_held` admits
-    any pressure, also one that the gap does not allow: there may be no equilibrium.
+    """A rigid motion that the loads drive and that presses no contact point, or None. `check_held`
+    admits any pressure, also one that the gap does not allow.
     """
     problem, allowed = without_ties(problem)
     k, size = problem.s.size, float(np.abs(problem.C).max(initial=0.0))
@@ -159,11 +149,8 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
 def undetermined_slip(
     problem: BoundaryProblem, friction: Friction | None, mu: Array, t: Array
 ) -> Array | None:
-    """A rigid motion that a solution with the forces (mu, t) leaves undetermined, or None.
-
-    It keeps loaded points in contact and sticking ones at rest, and moves the points whose friction
-    is at its bound parallel to that force, all with it or all against it. The loads are then at the
-    limit of friction, and they do not determine how far the body has slipped.
+    """A motion that a solution leaves undetermined, or None: it keeps loaded points in contact and
+    sticking ones at rest, and moves slipping ones along their force, all with it or all against.
     """
     problem, allowed = without_ties(problem)
     k, force = problem.s.size, float(max(mu.max(initial=0.0), np.abs(t).max(initial=0.0)))
@@ -197,14 +184,8 @@ def undetermined_slip(
 
 
 def without_ties(problem: BoundaryProblem) -> tuple[BoundaryProblem, Array]:
-    """The problem in the motions that leave all bonded points at rest, without these points.
-
-    Returns
-    -------
-    problem : BoundaryProblem
-        Its motions b are those ``a = allowed @ b`` that displace no bonded point; the forces of
-        bonded points balance the loads on all others.
-    allowed : ndarray, shape (k, number of motions b)
+    """The problem without bonded points in the motions b that leave these at rest, and `allowed`,
+    (k, number of b), of ``a = allowed @ b``.
     """
     k, ties = problem.s.size, problem.ties
     if not ties.any():

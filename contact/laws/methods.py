@@ -16,15 +16,14 @@ from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError, Infeasible, InputError, NotConverged
 from contact.laws.active_set import signorini
 from contact.laws.coarse_start import CoarseProblem
+from contact.laws.condensed_newton import Condensed, outer_step
 from contact.laws.friction import Coulomb, Friction, Tresca
-from contact.laws.iteration import Iteration, Report, outer_step
+from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import check_held
+from contact.laws.newton import newton, proximal_point
 from contact.laws.options import Options
 from contact.laws.primal_newton import primal_newton
-from contact.laws.proximal_point import proximal_point
-from contact.laws.semismooth_newton import newton_step, semismooth_newton
 from contact.laws.tresca_loop import tresca_loop
-from contact.laws.zones import Zones
 
 Array = NDArray[np.float64]
 
@@ -49,61 +48,33 @@ def solve_boundary(
     scale: Array,
     report: Report,
 ) -> tuple[Forces, float]:
-    """Solve the condensed problem by the method named in the options.
-
-    If its matrix lies on a device, Newton's steps are made there. Where Newton's method stalls, and
-    for box quadratic programs, the parts of the matrix that are needed are copied to the host.
-
-    Parameters
-    ----------
-    problem : BoundaryProblem
-    friction : Friction or None
-        In the problem's scale.
-    options : Options
-    start : Forces or None
-    scale : ndarray, shape (m,)
-        Physical displacement = scaled displacement * scale.
-    report : callable
-        Receives each `Iteration`.
-
-    Returns
-    -------
-    forces : Forces
-    slack : float
-        Violation of the friction law that the method's regularisation causes, relative to the
-        largest force.
-
-    Raises
-    ------
-    gpu.Infeasible
-        No admissible contact forces balance the loads.
-    NotConverged, gpu.NotConverged
-        The method stalled, and so did the methods that are tried after it.
-    gpu.InputError
-        The compliance is not positive semidefinite.
-    InputError
-        Bonded points or compliant surfaces, and a method that does not take them.
+    """The forces, by the method named in the options, and the violation of friction, over the
+    largest force, that its regularisation causes; `scale` is physical over scaled displacement.
     """
     if isinstance(problem, PrimalProblem):
         return primal_newton(problem, friction, options, start, report), 0.0
     _refuse(problem, options)
     check_held(problem, friction)
+    tol, limit, monolithic = options.tol * INNER, options.max_iterations, options.method == "newton"
     if isinstance(problem.W, FactorCompliance):
-        return product_newton(problem, friction, options, start, report), 0.0
-    tol, newton = options.tol * INNER, options.method == "newton"
-    if newton and isinstance(problem.W, DeviceMatrix) and problem.compliance is None:
-        limit = options.max_iterations
+        with suppress(NotConverged, LinAlgError):
+            return device_newton(
+                problem, friction, start, tol=tol, max_iterations=limit, report=report
+            ), 0.0
+        laws = Condensed(problem, friction or Tresca(np.zeros(problem.gap.size)))
+        return proximal_point(laws, start or _rest(problem), tol=tol, report=report), 0.0
+    if monolithic and isinstance(problem.W, DeviceMatrix) and problem.compliance is None:
         coarse = _from_coarse(problem, friction, options, report) if start is None else None
         for first in (start,) if coarse is None else (coarse, None):
             with suppress(NotConverged, LinAlgError):
                 return device_newton(
                     problem, friction, first, tol=tol, max_iterations=limit, report=report
                 ), 0.0
-    if newton and start is None:
+    if monolithic and start is None:
         start = _from_coarse(problem, friction, options, report)
         if start is not None and isinstance(friction, Coulomb):
             with suppress(NotConverged, LinAlgError):
-                return semismooth_newton(problem, start, friction, tol=tol, report=report), 0.0
+                return newton(Condensed(problem, friction), start, tol=tol, report=report), 0.0
             start = None
     if friction is None and problem.compliance is not None:
         return _compliant(problem, start, tol, report), 0.0
@@ -116,8 +87,7 @@ def solve_boundary(
     given = GivenFriction(problem, options.method == "pdas", tol, options.peer)
     if isinstance(friction, Tresca):
         return given(friction.given, start, report), 0.0
-    limit = options.max_iterations
-    if newton:
+    if monolithic:
         return _coulomb(problem, friction, start, given, tol, limit, report), 0.0
     forces = tresca_loop(
         problem,
@@ -129,6 +99,11 @@ def solve_boundary(
         report=report,
     )
     return forces, 0.0
+
+
+def _rest(problem: BoundaryProblem) -> Forces:
+    """No forces and no motion."""
+    return Forces(*problem.zeros(), np.zeros(problem.s.size))
 
 
 def _refuse(problem: BoundaryProblem, options: Options) -> None:
@@ -153,13 +128,13 @@ def _compliant(
     """Frictionless contact of compliant surfaces, a convex problem: Newton, or proximal points."""
     if start is None:
         start = _frictionless(problem, tol, report)
-    none = Tresca(np.zeros(problem.gap.size))
+    laws = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
     with suppress(NotConverged, LinAlgError):
-        found = semismooth_newton(problem, start, none, tol=tol, report=report)
+        found = newton(laws, start, tol=tol, report=report)
         # Newton's method holds free motions by weak springs to where they were before the step: a
         # step from the solution leaves no force in them.
-        return semismooth_newton(problem, found, none, tol=tol) if problem.s.size else found
-    return proximal_point(problem, none, start, tol=tol, report=report)
+        return newton(laws, found, tol=tol) if problem.s.size else found
+    return proximal_point(laws, start, tol=tol, report=report)
 
 
 def _from_coarse(
@@ -189,15 +164,12 @@ def _largest_displacement(problem: BoundaryProblem, forces: Forces, scale: Array
 
 
 def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Forces:
-    """Start of the friction methods: contact without friction, free rigid motions on springs.
-
-    Springs that let the body hang short of the obstacle are softened. Compliant surfaces start from
-    hard ones.
+    """Start of the friction methods: hard contact without friction, free motions on springs, which
+    are softened where they let the body hang short of the obstacle.
     """
     problem = replace(problem, compliance=None)
     if not np.any(problem.can_touch):
-        mu, t = problem.zeros()
-        return Forces(mu, t, np.zeros(problem.s.size))
+        return _rest(problem)
     if not problem.s.size:
         return signorini(problem, tol=tol, phase="frictionless", report=report)
     springs = SPRINGS * float(np.abs(problem.C).max()) ** 2
@@ -255,69 +227,19 @@ def _coulomb(
     report: Report,
 ) -> Forces:
     """Monolithic Newton; if it stalls, proximal points, then Newton after fixed-bound steps."""
-    failure: Exception | None = None
+    laws, failure = Condensed(problem, friction), None
     for attempt in range(4):
         try:
-            return semismooth_newton(
-                problem, start, friction, tol=tol, max_iterations=max_iterations, report=report
-            )
+            return newton(laws, start, tol=tol, max_iterations=max_iterations, report=report)
         except (NotConverged, LinAlgError) as error:
             failure = error
         if attempt == 0:
             with suppress(NotConverged):
-                return proximal_point(problem, friction, start, tol=tol, report=report)
+                return proximal_point(laws, start, tol=tol, report=report)
         for step in range(1, 5 * (attempt + 1) + 1):
             start = given.of_last_step(friction.bound(start.mu), start)
             report(outer_step(problem, step, "tresca step", start, friction.bound(start.mu)))
     raise NotConverged(f"{failure}; try method='tresca_loop' or a smaller friction coefficient")
-
-
-# Tolerance of the boundary problem relative to that of the certificate, as in
-# `contact.laws.methods`.
-_INNER = 1e-2
-
-
-def product_newton(
-    problem: BoundaryProblem,
-    friction: Friction | None,
-    options: Options,
-    start: Forces | None,
-    report: Report,
-) -> Forces:
-    """Solve for contact; see `contact.laws.methods.solve_boundary`.
-
-    Parameters
-    ----------
-    problem : BoundaryProblem
-        Its W is a `FactorCompliance`.
-    friction : Friction or None
-    options : Options
-        Its method must be "newton".
-    start : Forces or None
-    report : callable
-        Receives each `Iteration`.
-
-    Raises
-    ------
-    NotConverged
-        Newton's method stalls, and so do proximal points.
-    """
-    tol = _INNER * options.tol
-    with suppress(NotConverged, LinAlgError):
-        return device_newton(
-            problem, friction, start, tol=tol, max_iterations=options.max_iterations, report=report
-        )
-    begin = start or Forces(*problem.zeros(), np.zeros(problem.s.size))
-    law = friction or Tresca(np.zeros(problem.gap.size))
-    return proximal_point(problem, law, begin, tol=tol, report=report)
-
-
-# Newton's method for contact with friction, with the matrix W on a GPU.
-#
-# The steps are those of `contact.laws.semismooth_newton`: their rows are gathered, scaled and
-# factored where W lies, with one tangent or two. Here is the cold start, which must not move W to
-# the host as the box QP of `contact.laws.active_set` does. If the iteration stalls, nothing else is
-# tried here: the methods of `contact.laws.methods` take over.
 
 
 START = 15  # frictionless active-set steps, at most, that precede Newton's method on a cold start
@@ -332,53 +254,28 @@ def device_newton(
     max_iterations: int,
     report: Report = lambda iteration: None,
 ) -> Forces:
-    """Solve for contact in two or three dimensions, where ``problem.W`` lies.
-
-    Parameters
-    ----------
-    problem : BoundaryProblem
-        Of hard surfaces.
-    friction : Friction or None
-    start : Forces or None
-        None starts with frictionless steps in which springs hold the free motions.
-    tol : float
-        On `contact.laws.residual.residual`.
-    max_iterations : int
-    report : callable
-        Receives each `Iteration`.
-
-    Raises
-    ------
-    NotConverged, LinAlgError
-        The iteration stalls, or a linear system is singular.
+    """Newton's method in two or three dimensions, where W lies; None starts with frictionless steps
+    in which springs hold the free motions.
     """
-    none = Tresca(np.zeros(problem.gap.size))
-    now = start or Forces(*problem.zeros(), np.zeros(problem.s.size))
+    none = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
+    laws = none if friction is None else Condensed(problem, friction)
+    now = start or _rest(problem)
     if start is None and friction is not None:
-        now = _without_friction(problem, now, none, report)
+        now = _without_friction(replace(none, weak=SPRINGS, anchored=False), now, report)
     phase = "active set" if friction is None else "newton"
-    return semismooth_newton(
-        problem,
-        now,
-        friction or none,
-        tol=tol,
-        max_iterations=max_iterations,
-        phase=phase,
-        report=report,
-    )
+    return newton(laws, now, tol=tol, max_iterations=max_iterations, phase=phase, report=report)
 
 
-def _without_friction(
-    problem: BoundaryProblem, now: Forces, none: Tresca, report: Report
-) -> Forces:
+def _without_friction(laws: Condensed, now: Forces, report: Report) -> Forces:
     """Active-set steps until the set of active points repeats."""
     before: NDArray[np.bool_] | None = None
     for step in range(1, START + 1):
-        zones = Zones.of(problem, now, none)
+        state = laws.state(now)
+        zones = laws.law.zones(state)
         if before is not None and np.array_equal(before, zones.active):
             break
         before = zones.active
-        now = newton_step(problem, now, zones, none, "radial", SPRINGS, anchored=False)
+        now = laws.step(state, zones, "radial")
         report(Iteration(step, "frictionless", int(zones.active.sum()), 0, 0, np.nan))
     return now
 
@@ -395,33 +292,11 @@ def fixed_point(
 ) -> Forces:
     r"""Lagged secant stiffness for the regularised friction law: (4.12), Algorithm 3.
 
-    Each step solves Signorini's problem with friction replaced by the springs ``t = w u_t``, where
-    ``w = g / max(eps, |u_t|)`` is taken from the last iterate. For the forces this is the same box
-    QP with 1 / w added to the tangential diagonal: the body is not factored again.
-
-    With a fixed bound the regularised energy
-    :math:`J_\epsilon = \tfrac12 a(u,u) - f(u) + \sum g \psi_\epsilon(|u_t|)` decreases in every
-    step and is reported. The iteration converges linearly. It stops when the displacement of the
-    contact points changes by at most `tol` relative to its size and the regularised law
-    ``t = g u_t / max(eps, |u_t|)`` holds up to `tol` relative to the largest force.
-
-    Parameters
-    ----------
-    problem : BoundaryProblem
-    start : Forces
-    eps : ndarray, shape (m,)
-        Slip below which friction is linear, in the problem's scale.
-    friction : Friction
-        Coulomb's law or a given bound.
-    tol : float
-    max_iterations : int
-    report : callable
-        Receives one `Iteration` per step.
-
-    Raises
-    ------
-    NotConverged
-        The limit of iterations is reached.
+    Each step solves Signorini's problem with springs ``t = w u_t``, ``w = g / max(eps, |u_t|)``
+    from the last iterate: the box QP with 1 / w on the tangential diagonal. With a fixed bound the
+    energy :math:`J_\epsilon = \tfrac12 a(u,u) - f(u) + \sum g \psi_\epsilon(|u_t|)` decreases in
+    every step. It converges linearly, and ends where displacements change by at most `tol` and the
+    regularised law holds up to `tol`.
     """
     now = start
     before: Array | None = None
@@ -470,17 +345,8 @@ DOUBLINGS = (1, 2, 4, 8, 16)  # of a bound that cannot balance the loads
 
 @dataclass(frozen=True)
 class GivenFriction:
-    """Solver of a boundary problem for any given friction bound.
-
-    Attributes
-    ----------
-    problem : BoundaryProblem
-    damped : bool
-        Use the damped Newton method, (4.16) of the dissertation, also where the problem is a box
-        QP.
-    tol : float
-    peer : str, optional
-        Solver of qpsolvers for the box QP.
+    """Solver for any given bound: the box QP, by `peer` if given, or Newton's method; damped alone
+    ((4.16) of the dissertation) if `damped`.
     """
 
     problem: BoundaryProblem
@@ -491,14 +357,8 @@ class GivenFriction:
     def __call__(
         self, bound: Array, start: Forces, report: Report = lambda iteration: None
     ) -> Forces:
-        """Forces under the bound g, shape (m,), from a start.
-
-        Raises
-        ------
-        NotConverged
-            Newton's method and the proximal point method stalled, or the solver `peer` failed.
-        gpu.Infeasible
-            No friction forces within the bound balance the loads.
+        """Forces under the bound g; `NotConverged` where all methods stall, `gpu.Infeasible` where
+        none within the bound balance the loads.
         """
         if not self.box:
             return self._by_newton(Tresca(bound), start, report)
@@ -507,15 +367,8 @@ class GivenFriction:
         )
 
     def of_last_step(self, bound: Array, start: Forces) -> Forces:
-        """Forces under the bound of the last step, in an iteration for Coulomb's law.
-
-        If these cannot balance the loads, forces within Coulomb's law still may: the pressure of
-        the last step is too low then, and that under a higher bound balances the loads.
-
-        Raises
-        ------
-        NotConverged
-            As in `__call__`, or forces within no multiple of this bound balance the loads.
+        """Forces under the bound of the last step of an iteration for Coulomb's law, or under a
+        multiple where its pressure is too low to balance the loads.
         """
         for times in DOUBLINGS:
             with suppress(Infeasible):
@@ -532,18 +385,16 @@ class GivenFriction:
 
     def _by_newton(self, friction: Tresca, start: Forces, report: Report) -> Forces:
         """Newton's method; if it stalls, damped from other starts, then proximal points."""
-        problem, tol = self.problem, self.tol
-        rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
+        problem, tol, laws = self.problem, self.tol, Condensed(self.problem, friction)
+        rest = _rest(problem)
         form = "damped" if self.damped else "switched"
         for near, kind in ((start, form), (rest, "damped")):
             with suppress(NotConverged, LinAlgError):
                 phase = f"{kind} newton"
-                return semismooth_newton(
-                    problem, near, friction, form=kind, tol=tol, phase=phase, report=report
-                )
+                return newton(laws, near, form=kind, tol=tol, phase=phase, report=report)
         if problem.tangent.shape[1] == 1:
             with suppress(ContactError, LinAlgError):  # from hard surfaces, a box QP
                 hard = replace(problem, compliance=None)
                 near = signorini(hard, bound=friction.given, start=start, tol=tol, report=report)
-                return semismooth_newton(problem, near, friction, tol=tol, report=report)
-        return proximal_point(problem, friction, start, tol=tol, report=report)
+                return newton(laws, near, tol=tol, report=report)
+        return proximal_point(laws, start, tol=tol, report=report)

@@ -36,13 +36,7 @@ class Options:
         max_iterations: int | None,
         eps: float | None,
     ) -> Self:
-        """Check the options and fill in defaults.
-
-        Raises
-        ------
-        InputError
-            An unknown method, one that is not offered for the law, or a number out of range.
-        """
+        """Check the options and fill in defaults; an `InputError` names what is not offered."""
         peer = isinstance(method, str) and method.startswith("qp:")
         if not (isinstance(method, str) and method in _OFFERED[law]) and not peer:
             raise InputError(

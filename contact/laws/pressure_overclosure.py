@@ -177,19 +177,8 @@ class Exponential(PressureOverclosure):
 
 
 def checked(value: Any, count: int, several: bool) -> tuple[PressureOverclosure | None, ...]:
-    """The law of each contact boundary from what the caller gave; empty for hard contact.
-
-    Parameters
-    ----------
-    value : None, number, PressureOverclosure, or a list of these
-    count : int
-        Number of contact boundaries.
-    several : bool
-        The boundaries were given as a list, and so may be the laws.
-
-    Raises
-    ------
-    InputError
+    """The law of each of `count` boundaries from what the caller gave, a list only if `several`
+    were; empty for hard contact.
     """
     if isinstance(value, list | tuple):
         if not several or len(value) != count:

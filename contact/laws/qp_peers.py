@@ -43,25 +43,8 @@ def solve_with(
     lb: Array | None = None,
     ub: Array | None = None,
 ) -> tuple[Any, float]:
-    """Solve ``min x'Px/2 + q'x, Gx <= h, Ax = b, lb <= x <= ub`` with a solver of qpsolvers.
-
-    Data are scaled to unit size first, because in SI units they may be smaller than absolute
-    tolerances: the objective by the largest entry of P, x by that of q / P, or of the bounds where
-    q is zero.
-
-    Returns
-    -------
-    solution : qpsolvers.Solution
-        In the units of the call; ``found`` says whether the solver claims convergence, and x may
-        be None where it does not.
-    seconds : float
-
-    Raises
-    ------
-    InputError
-        qpsolvers has no such solver.
-    MissingDependency
-        The package of the solver is not installed.
+    """Solve ``min x'Px/2 + q'x, Gx <= h, Ax = b, lb <= x <= ub`` by qpsolvers, scaled to unit size
+    because tolerances are absolute. Returns its solution, x None where it fails, and the seconds.
     """
     import qpsolvers
 
@@ -130,15 +113,8 @@ def _largest(*vectors: Array | None) -> float:
 def solve_box_with(
     solver: str, P: Array, q: Array, A: Array | None, b: Array | None, lb: Array, ub: Array
 ) -> tuple[Array, Array]:
-    """Solve the box QP of the contact forces; returns x and the multipliers y of ``A x = b``.
-
-    The solver leaves forces at a distance from their bound that depends on its tolerance. They are
-    set to the bound where a gradient step, scaled by the diagonal of P, would pass it.
-
-    Raises
-    ------
-    NotConverged
-        The solver found no solution.
+    """x and the multipliers y of ``A x = b`` of the box QP of contact, or `NotConverged`. Forces
+    are set to the bound where a gradient step, scaled by the diagonal of P, would pass it.
     """
     solution, _ = solve_with(solver, P, q, None, None, A, b, lb, ub)
     if not solution.found or solution.x is None:

@@ -14,28 +14,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SurfaceCompliance:
-    """Laws h of the points: ``u_n - d = h(mu)`` where mu > 0, h nondecreasing.
-
-    Attributes
-    ----------
-    laws : tuple of PressureOverclosure or None
-    number : ndarray of int, shape (m,)
-        Law of each point; -1 for hard contact and for bonded points.
-    area : ndarray, shape (m,)
-        Force over pressure of each point.
-    unit : ndarray, shape (m,)
-        Physical overclosure = overclosure here * unit.
-    """
+    """Laws h of the points: ``u_n - d = h(mu)`` where mu > 0, h nondecreasing."""
 
     laws: tuple[PressureOverclosure | None, ...]
-    number: NDArray[np.int64]
-    area: Array
-    unit: Array
+    number: NDArray[np.int64]  # law of each point; -1 for hard contact and bonded ones
+    area: Array  # force over pressure
+    unit: Array  # physical overclosure = overclosure here * unit
 
     def closest(self, q: Array) -> tuple[Array, Array, Array]:
-        """The point of each law's graph with ``mu + h(mu) = q``: mu, h and h' there, shape (m,).
-
-        This is the resolvent of the law, max(0, q) for hard contact. Where mu = 0, h' is zero.
+        """mu with ``mu + h(mu) = q``, h and h' there (zero where mu = 0): the resolvent of the law,
+        max(0, q) for hard contact.
         """
         mu, h, slope = np.maximum(q, 0.0), np.zeros(q.size), np.zeros(q.size)
         for k, law in enumerate(self.laws):

@@ -8,9 +8,10 @@ import numpy as np
 
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.errors import NotConverged
+from contact.laws.condensed_newton import Condensed, outer_step
 from contact.laws.friction import Coulomb
-from contact.laws.iteration import Report, outer_step
-from contact.laws.progress import ROUND_OFF, at_rounding
+from contact.laws.iteration import Report
+from contact.laws.newton import ROUND_OFF, at_rounding
 
 Tresca = Callable[[Array, Forces], Forces]
 
@@ -25,30 +26,10 @@ def tresca_loop(
     max_iterations: int,
     report: Report,
 ) -> Forces:
-    """Coulomb friction as a fixed point of given friction, g <- F mu.
-
-    Algorithm 1 of the dissertation.
-
-    Parameters
-    ----------
-    problem : BoundaryProblem
-    friction : Coulomb
-    start : Forces
-    solve : callable (bound, start) -> Forces
-        Solves the problem with given friction.
-    tol : float
-        On the residual of Coulomb's law. Steps that lower it no more have ended, too, where it is
-        rounding; if the last is at up to 100 times as much, that counts as rounding.
-    max_iterations : int
-    report : callable
-        Receives one `Iteration` per outer step.
-
-    Raises
-    ------
-    NotConverged
-        The map is no contraction (large friction), or `max_iterations` is too small.
+    """Coulomb friction as a fixed point of given friction, g <- F mu: Algorithm 1 of the
+    dissertation. `NotConverged` where the map is no contraction (large friction).
     """
-    now, best, least = start, start, np.inf
+    now, best, least, laws = start, start, np.inf, Condensed(problem, friction)
     for step in range(1, max_iterations + 1):
         now = solve(friction.bound(now.mu), now)
         line = outer_step(problem, step, "outer", now, friction.bound(now.mu))
@@ -57,9 +38,9 @@ def tresca_loop(
             return now
         if line.residual < least:
             best, least = now, line.residual
-        elif at_rounding(problem, best, least):
+        elif at_rounding(laws, laws.state(best), least):
             return best
-    if least <= ROUND_OFF * tol or at_rounding(problem, best, least):
+    if least <= ROUND_OFF * tol or at_rounding(laws, laws.state(best), least):
         return best
     raise NotConverged(
         f"tresca loop: residual {line.residual:.1e} after {step} outer steps, tolerance {tol:.1e}; "

@@ -17,12 +17,12 @@ from scipy.linalg import LinAlgError, block_diag
 
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.errors import NotConverged
+from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Tresca
 from contact.laws.iteration import Iteration, Report
 from contact.laws.methods import INNER
+from contact.laws.newton import newton, proximal_point
 from contact.laws.options import Options
-from contact.laws.proximal_point import proximal_point
-from contact.laws.semismooth_newton import semismooth_newton
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 
@@ -142,12 +142,11 @@ class StiffnessForm:
     def _change(self, problem: BoundaryProblem, start: Forces, tol: float, note: Report) -> Forces:
         scale = self.point_scale
         friction = self._system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
+        laws = Condensed(problem, friction)
         for form in ("switched", "damped", "radial"):
             with suppress(NotConverged, LinAlgError):
-                return semismooth_newton(
-                    problem, start, friction, form=form, tol=tol, phase="stiff newton", report=note
-                )
-        return proximal_point(problem, friction, start, tol=tol, report=note)
+                return newton(laws, start, form=form, tol=tol, phase="stiff newton", report=note)
+        return proximal_point(laws, start, tol=tol, report=note)
 
     def _of_boundary(self, a: Array) -> Array:
         """The boundary's unknowns z of the motions a, elastic and rigid."""

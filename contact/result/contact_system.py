@@ -24,7 +24,7 @@ _TRAVEL = 1e-3
 _DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
 ON_AXIS = 1e-9  # radius over the extent of the body, and radial part of a normal: rounding
 # Part of the forces that cancel inside a body below which a contact force is their rounding: that
-# at which the Newton method ends, see `contact.laws.residual.rounding`.
+# at which the Newton method ends, see `contact.laws.condensed_newton`.
 NOISE = 10 * float(np.finfo(float).eps)
 
 
@@ -86,7 +86,7 @@ class ContactSystem:
             parts.append(self.motion.displacement(w)[1])
         size = max(self.body.reach(self.body.placed(u)), *map(_largest, parts))
         moves = np.linalg.norm(slip, axis=1) > UNMOVED * size
-        known = against(np.where(moves[:, None], slip, 0.0), self.bound(mu))
+        known = against(np.where(moves[:, None], slip, 0.0).T, self.bound(mu)).T
         return np.where(held[:, None], known, t)
 
     def bound(self, mu: Array) -> Array:
@@ -127,7 +127,7 @@ class ContactSystem:
         through = np.where(reachable, u_n - np.where(reachable, rows.gap, 0.0), -np.inf)
         u_t = self.slip_increment(u_t)
         g = self.bound(mu)
-        returned = t - project(t + size / length * u_t, g)
+        returned = t - project((t + size / length * u_t).T, g).T
         result = {
             "equilibrium": unbalanced / (cancelling or 1.0),
             "balance": self._unbalanced(here, contact, load),

@@ -21,38 +21,20 @@ _HELD = 1e9  # bytes of slabs inside that are kept, or made for one block of wav
 
 
 class CondensedLayers:
-    """Layers of equal cells on their supports, or on what their top is bonded to.
-
-    Parameters
-    ----------
-    bodies : sequence of ElasticBody
-        A cell of each layer, from the bottom up.
-    counts : sequence of int
-        Layers of cells of each.
-    kinds : ndarray of int, shape (r,)
-        Of the unknowns of a node, by `contact.body.rigid_modes.dof_kinds`.
-    lengths : ndarray, shape (r,)
-        By which each unknown is multiplied to become a displacement.
-    held : ndarray of bool, shape (dim,)
-        Components that are fixed on the top.
-    waves : LateralWaves
-    base : RealSymbol, optional
-        What the top is bonded to, in the turns of `contact.spectral.wave_cells`.
-    changes : sequence of bool, optional
-        Layers at whose lower side the material changes, so that derivatives across it are their
-        own; default: all derivatives are shared.
+    """Layers of equal cells, from the bottom up, on their supports, or on what their top is bonded
+    to.
     """
 
     def __init__(
         self,
         bodies: Sequence[ElasticBody],
         counts: Sequence[int],
-        kinds: NDArray[np.int64],
-        lengths: Array,
-        held: NDArray[np.bool_],
+        kinds: NDArray[np.int64],  # by `contact.body.rigid_modes.dof_kinds`
+        lengths: Array,  # by which unknowns become displacements
+        held: NDArray[np.bool_],  # components that are fixed on the top
         waves: LateralWaves,
         base: RealSymbol | None = None,
-        changes: Sequence[bool] = (),
+        changes: Sequence[bool] = (),  # at whose lower side derivatives are their own
     ) -> None:
         dim, parity = held.size, parities(kinds, held.size)
         self.kinds, self.lengths, self.held = kinds, lengths, held
@@ -75,9 +57,8 @@ class CondensedLayers:
 
     @property
     def loose(self) -> NDArray[np.intp]:
-        """Unknowns of a node of the top that are not fixed.
-
-        Where a value is fixed on the whole top, so are its derivatives along the top.
+        """Unknowns of a node of the top that are not fixed; a fixed value fixes its derivatives
+        along it.
         """
         dim = self.held.size
         component = np.arange(self.kinds.size) % dim
@@ -86,18 +67,14 @@ class CondensedLayers:
 
     @property
     def _of_mean(self) -> NDArray[np.intp]:
-        """Those that are eliminated in the wave 0.
-
-        Nothing determines the values that are free on the top there: a body moves as one whose top
-        is fixed, and by a translation more.
+        """Those that are eliminated in the wave 0, where nothing determines free values on the top:
+        a body moves as one whose top is fixed, and by a translation more.
         """
         return self.loose[self.kinds[self.loose] != -1]
 
     def symbols(self) -> tuple[RealSymbol, RealSymbol]:
-        """Compliance and stiffness of the lower side; the compliance without a mean that is free.
-
-        Components whose mean is measured from the top, because nothing holds them or the top lies
-        on a half space, have none.
+        """Compliance and stiffness of the lower side; the compliance without means that are
+        measured from the top, because nothing holds them or the top lies on a half space.
         """
         steps, d = self._waves.steps, self.held.size
         stiffness, compliance = condensed(self._column, steps, self._flat_base())
@@ -114,23 +91,8 @@ class CondensedLayers:
         )
 
     def plane(self, load: Any, row: int, above: bool = False) -> Any:
-        """Waves of the unknowns on a plane of nodes, supports at rest.
-
-        A mean force that nothing holds is left out. What the top is bonded to carries it:
-        displacements are then measured from the mean of the lower side.
-
-        Parameters
-        ----------
-        load : array, shape (dim, *waves)
-            Waves of the forces on the lower side.
-        row : int
-            Number of the plane, counted from the bottom.
-        above : bool
-            Between two layers the unknowns of the upper one; else those of the lower one.
-
-        Returns
-        -------
-        array, shape (r, *waves)
+        """Waves of the unknowns on a plane, counted from the bottom, of the layer above it or
+        below; a mean that nothing holds is left out, or measured from that of the lower side.
         """
         xp, d, r = namespace(load), self.held.size, self.kinds.size
         turn = xp.asarray(np.array([1, 1j, -1, -1j])[list(self.turns)])

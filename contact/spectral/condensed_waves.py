@@ -29,17 +29,7 @@ Array = NDArray[np.float64]
 
 
 class CondensedWaves(CondensedBody):
-    """A layered block, condensed onto its bottom wave by wave.
-
-    Parameters
-    ----------
-    body : MeshedBlock
-    rows : BodyRows
-        On unknowns of the bottom alone.
-    planes : Planes
-    arrays : HostArrays
-        Where to compute.
-    """
+    """A layered block, condensed onto its bottom wave by wave; `rows` are on its unknowns alone."""
 
     path = "fourier"
 
@@ -104,38 +94,19 @@ def _by_waves(body: MeshedBlock, rows: BodyRows, solver: str, device: str) -> Co
 
 
 class Planes(NamedTuple):
-    """The unknowns of a block plane by plane.
+    """The unknowns of a block plane by plane."""
 
-    Attributes
-    ----------
-    P : csr_array, shape (ndofs, rows * nodes * r)
-        ``u = P z`` with the unknowns z of `WaveFactor`; columns of held ones are empty.
-    lateral : LateralWaves
-    loose : ndarray of int
-        Unknowns of a node that are free on the top.
-    lengths : ndarray, shape (r,)
-        By which the unknowns of a node are multiplied to become displacements.
-    shape : tuple of int
-        Of z: rows, nodes in each direction, r.
-    cells : list of ElasticBody
-        One cell of each layer.
-    """
-
-    P: sparse.csr_array
+    P: sparse.csr_array  # u = P z with the unknowns of `WaveFactor`
     lateral: LateralWaves
-    loose: NDArray[np.int64]
-    lengths: Array
-    shape: tuple[int, ...]
-    cells: list[ElasticBody]
+    loose: NDArray[np.int64]  # unknowns of a node that are free on the top
+    lengths: Array  # by which unknowns become displacements
+    shape: tuple[int, ...]  # of z: rows, nodes in each direction, unknowns of a node
+    cells: list[ElasticBody]  # one cell of each layer
 
 
 def planes_of(body: MeshedBlock, xp: Any) -> Planes:
-    """Read a block's supports and ties plane by plane; `xp` is the module that will compute.
-
-    Raises
-    ------
-    InputError
-        They are not those that transforms diagonalise.
+    """Read supports and ties plane by plane, for the array module xp; `InputError` if transforms do
+    not diagonalise them.
     """
     if body.lateral is None or body._material is not body._made_of:
         raise InputError(

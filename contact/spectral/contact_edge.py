@@ -80,36 +80,8 @@ def contact_edge(
     modulus: float,
     mirrored: Sequence[bool] = (),
 ) -> ContactEdge:
-    """Edge of frictionless contact by its pressure and gap on a grid.
-
-    Where no square root fits, such as between rough spots of a few points or at the corner of a
-    punch, the pressure is left as it is and no edge is found.
-
-    Parameters
-    ----------
-    pressure, opening : ndarray, shape (nx[, ny])
-    spacing : sequence of float
-    modulus : float
-        E* of the body at its surface.
-    mirrored : sequence of bool, optional
-        Directions that are not periodic.
-
-    Returns
-    -------
-    ContactEdge
-
-    Examples
-    --------
-    Hertz' line contact of half-width 12.3 on a grid of spacing one, E* = 2, with pressures that are
-    a tenth too large at the ends:
-
-    >>> x, a = np.arange(-24.0, 24.0), 12.3
-    >>> r = np.maximum(abs(x), a)
-    >>> gap = 0.5 * (r * np.sqrt(r**2 - a**2) - a**2 * np.arccosh(r / a))
-    >>> exact = np.sqrt(np.maximum(a**2 - x**2, 0.0))
-    >>> edge = contact_edge(np.where(abs(x) > 11, 1.1, 1.0) * exact, gap, [1.0], 2.0)
-    >>> print(edge.places.round(3) - 24, bool(abs(edge.pressure - exact).max() < 0.01))
-    [[ 12.3 -12.3]] True
+    """Edge of frictionless contact by its pressure and gap on a grid, for E* `modulus`; none is
+    found where no square root fits, as between rough spots of a few points.
     """
     inner = tuple(slice(n) for n in pressure.shape)
     sides = [axis for axis, twice in enumerate(mirrored) if twice]
@@ -141,9 +113,8 @@ def _unfolded(values: Array, axis: int) -> Array:
 
 
 class _Lines:
-    """Crossings of the edge by lines along one axis, out of contact in one sense.
-
-    Lengths are in units of the spacing along the lines, `gap` in those of the pressure.
+    """Crossings of the edge by lines along one axis, out of contact in one sense. Lengths are in
+    units of the spacing along the lines, `gap` in those of the pressure.
     """
 
     def __init__(
@@ -196,9 +167,8 @@ class _Lines:
 def direction(
     p: Array, axis: int, sense: int, spacing: Sequence[float], at: Callable[[Any], Any]
 ) -> tuple[Array, Array]:
-    """Cosine between lines and normals of the edge, and its curvature; zero where not known.
-
-    By the squared pressure, which is smooth up to the edge, at the fourth to sixth point.
+    """Cosine between lines and normals of the edge, and its curvature, zero where not known: by the
+    squared pressure, smooth up to the edge, at the fourth to sixth point.
     """
     count = at(0)[0].size
     if p.ndim == 1:
@@ -225,12 +195,7 @@ def direction(
 
 
 def beside_edge(n: Array, curvature: Array) -> Array:
-    """Gap over that of a straight edge across the lines: coefficients of 1 and t.
-
-    Returns
-    -------
-    ndarray, shape (lines, 2)
-    """
+    """Gap over that of a straight edge across the lines: coefficients of 1 and t, (lines, 2)."""
     return np.stack([n, curvature * (0.6 * (1 - n**2) - 0.2 * n**2)], axis=1)
 
 
@@ -248,25 +213,8 @@ def _sum(c: Array, rho: Array) -> Array:
 
 
 def fitted(t: Array, values: Array, used: Any, bend: Array) -> tuple[Array, Array, Any]:
-    """Edges and coefficients by Gauss and Newton's method, all lines at once.
-
-    Parameters
-    ----------
-    t : ndarray, shape (points,)
-        Places, positive inside, counted from the last point in contact.
-    values : ndarray, shape (lines, points)
-        Pressure inside, gap outside.
-    used : ndarray of bool, shape (lines, points)
-    bend : ndarray, shape (lines, 2)
-        By which the gap exceeds that of a straight edge, see `beside_edge`.
-
-    Returns
-    -------
-    e : ndarray, shape (lines,)
-        Distance of the edge beyond the last point.
-    c : ndarray, shape (lines, 4)
-    good : ndarray of bool, shape (lines,)
-        There are enough points, and they lie on such a function.
+    """Edges e beyond the last point, coefficients (lines, 4), and which lines fit, by Gauss and
+    Newton's method: values, (lines, points), are pressures inside and gaps outside.
     """
     inside = t > 0
     within, beyond = (used & inside).sum(axis=1), (used & ~inside).sum(axis=1)

@@ -1,262 +1,144 @@
-r"""Semismooth Newton methods for friction on a grid, with GMRES inside.
-
-The laws and their linearisations are those of `contact.laws.semismooth_newton`: with the trial
-force q = t + c v_t and the bound g, points with |q| <= g stick and the others slip, by radial
-return or by the damped form. Rows of slip are multiplied by (|q| - g) / |q| in the damped form, so
-that no coefficient is large where slip begins.
-"""
+"""Newton's method for friction on a grid, with GMRES inside (`contact.laws.newton`)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from contact.arrays.krylov import gmres
-from contact.errors import NotConverged
-from contact.laws.iteration import Iteration, Report
-from contact.spectral.grid_problem import Grid, GridProblem, project
+from contact.laws.friction import Friction
+from contact.laws.law import ContactLaw, SlipLaw, State, Zones
+from contact.spectral.grid_problem import Grid, GridProblem
 from skfem_adini.ground.arrays import host
 
-_NEAR = 0.1  # residual below which radial return is used, as in `contact.laws.progress`
-_FORCING = 1e-3
-_PATIENCE = 12  # steps without a new least residual
+_FORCING = 1e-3  # of a step (S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16)
 
 
 @dataclass(frozen=True)
-class GridFriction:
-    """A friction law: the coefficient of Coulomb's, or Tresca's bound of each point.
-
-    Attributes
-    ----------
-    value : array, shape (nx[, ny])
-    coulomb : bool
+class Waves:
+    """A problem on a grid, with forces (dim, nx[, ny]) and motions, for
+    `contact.laws.newton.newton`.
     """
 
-    value: Grid
-    coulomb: bool
+    problem: GridProblem
+    friction: Friction
+    patience = 12
 
-    def bound(self, pressing: Grid) -> Grid:
-        """g for normal forces that are not negative."""
-        return self.value * pressing if self.coulomb else self.value
+    @cached_property
+    def law(self) -> ContactLaw:
+        """The law of its points."""
+        return ContactLaw(self.friction, self.problem.scale, swept=self.problem.swept)
 
+    def state(self, forces: tuple[Grid, Any]) -> State:
+        """Forces with the displacements they cause."""
+        (l, a), p = forces, self.problem
+        v = p.displacements(l, a)
+        through = p.xp.where(p.can_touch, v[0] - p.gap, -np.inf)
+        return State(forces, l[0], l[1:], through, v[1:])
 
-def residual(problem: GridProblem, friction: GridFriction, l: Grid, a: Any, v: Grid) -> float:
-    """Largest violation of the laws and of the balance, relative to the largest force."""
-    xp, c = problem.xp, problem.scale
-    trial = xp.where(problem.can_touch, l[0] + c[0] * (v[0] - problem.gap), -np.inf)
-    contact = xp.abs(l[0] - xp.maximum(trial, 0.0)).max()
-    rub = xp.abs(l[1:] - project(l[1:] + c[1] * v[1:], friction.bound(xp.maximum(l[0], 0.0)))).max()
-    off = (problem.sums(l) - problem.force)[problem.free] / max(1.0, problem.gap.size**0.5)
-    return max(float(contact), float(rub), np.abs(off).max(initial=0.0)) / problem.size(l)
+    def residual(self, state: State) -> float:
+        """Largest violation of the laws and of the balance, over the largest force."""
+        p, (l, _) = self.problem, state.forces
+        off = (p.sums(l) - p.force)[p.free] / max(1.0, p.gap.size**0.5)
+        return max(self.law.violation(state), np.abs(off).max(initial=0.0)) / p.size(l)
 
+    def rounding(self, state: State) -> float:
+        """Not known."""
+        return 0.0
 
-def friction_newton(
-    problem: GridProblem,
-    friction: GridFriction,
-    start: tuple[Grid, Any],
-    *,
-    tol: float = 1e-12,
-    max_iterations: int = 60,
-    phase: str = "newton",
-    report: Report = lambda iteration: None,
-) -> tuple[Grid, Any]:
-    """Forces and free motions of contact with friction.
+    def softened(self, forces: tuple[Grid, Any], delta: float) -> Waves:
+        """With springs at the points, at rest under the forces."""
+        return replace(self, problem=Softened.near(self.problem, forces[0], delta))
 
-    Parameters
-    ----------
-    problem : GridProblem
-    friction : GridFriction
-    start : tuple
-        Forces (dim, nx[, ny]) and motions (dim,).
-    tol : float
-        On `residual`.
-    max_iterations : int
-    phase : str
-        Label in the history.
-    report : callable
-        Receives each `Iteration`.
-
-    Returns
-    -------
-    l : array, shape (dim, nx[, ny])
-    a : ndarray, shape (dim,)
-
-    Raises
-    ------
-    NotConverged
-        The limit of iterations is reached, or the residual no longer falls.
-
-    References
-    ----------
-    S. Hueeber, G. Stadler and B. Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572. S. C. Eisenstat and
-    H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16, for forcing terms.
-    """
-    l, a = start
-    v = problem.displacements(l, a)
-    size = residual(problem, friction, l, a, v)
-    best, since, radial = (size, l, a), 0, size < _NEAR
-    for step in range(1, max_iterations + 1):
-        zones = _Zones.of(problem, friction, l, v)
-        l, a = _step(problem, friction, zones, l, a, v, radial, min(_FORCING, 0.01 * size))
-        v = problem.displacements(l, a)
-        before, size = size, residual(problem, friction, l, a, v)
-        counts = [int(z.sum()) for z in (zones.active, zones.stick, zones.slip)]
-        report(Iteration(step, phase, counts[0], counts[1], counts[2], size))
-        since = 0 if size < best[0] else since + 1
-        if size < best[0]:
-            best = (size, l, a)
-        near = best[0] <= 1e2 * tol
-        if size <= tol or (near and size > 0.5 * before) or since >= _PATIENCE:
-            break
-        # Radial return that does not get nearer cycles: the damped form leads out.
-        radial = size < _NEAR and not (radial and size > 0.9 * before)
-    if best[0] > 1e2 * tol:
-        raise NotConverged(f"{phase}: residual {best[0]:.1e} at best, tolerance {tol:.1e}")
-    return best[1], best[2]
+    def step(self, state: State, zones: Zones, form: str, size: float) -> tuple[Grid, Any]:
+        """Solve the linearised laws for the change of the forces and of the free motions."""
+        problem, xp, free, (l, a) = self.problem, self.problem.xp, self.problem.free, state.forces
+        system = _System.of(problem, zones, self.law.slip(zones, state.t, form))
+        kept, slip = xp.where(system.live, l, 0.0), system.slip
+        # Forces that vanish act on the others' displacements, too.
+        off = -system.rows(kept, problem.displacements(kept, a))
+        off[0] -= xp.where(zones.active, problem.scale[0] * problem.gap, 0.0)
+        off[1:] += xp.where(zones.slip, slip.a * slip.weight * slip.bound, 0.0)
+        balance = (problem.force - problem.sums(kept))[free]
+        right = system.packed(off, balance * system.unit)
+        forcing = min(_FORCING, 0.01 * size)
+        change, _ = gmres(system.product, right, system.precondition, forcing, most=300)
+        step, motions = system.unpacked(change)
+        moved = a.copy()
+        moved[free] += motions
+        return kept + step, moved
 
 
 @dataclass(frozen=True)
-class _Zones:
-    """Sets of points, the trial force q = t + c v of friction with its c, and its bound."""
+class Softened(GridProblem):
+    """A problem with springs at its points, but not where a side fixes them."""
 
-    active: Grid
-    stick: Grid
-    slip: Grid
-    c: Any
-    q: Grid
-    g: Grid
+    springs: tuple[float, float]  # compliances along the normal and along the surface
 
     @classmethod
-    def of(cls, problem: GridProblem, friction: GridFriction, l: Grid, v: Grid) -> _Zones:
-        xp, c = problem.xp, problem.scale
-        trial = xp.where(problem.can_touch, l[0] + c[0] * (v[0] - problem.gap), -np.inf)
-        active = trial > 0
-        g = friction.bound(xp.where(active, trial, 0.0))
-        along = c[1]
-        if problem.swept is not None:  # they slip from the first step on, by another c if need be
-            size, moves = (xp.sqrt((w[1:] ** 2).sum(axis=0)) for w in (l, v))
-            length = xp.sqrt(((l[1:] + along * v[1:]) ** 2).sum(axis=0))
-            more = 4.0 * (g + size) / xp.where(problem.swept, moves, 1.0)
-            along = c[1] + xp.where(problem.swept & (length <= g), more, 0.0)
-        q = l[1:] + along * v[1:]
-        length = xp.sqrt((q * q).sum(axis=0))
-        return cls(active, (g > 0) & (length <= g), (g > 0) & (length > g), along, q, g)
+    def near(cls, problem: GridProblem, forces: Grid, delta: float) -> Softened:
+        """The problem whose springs are at rest under given forces."""
+        normal, along = (delta / c for c in problem.scale)
+        step = cls(problem.compliance, problem.v0, problem.gap, problem.force, (normal, along))
+        return replace(step, v0=problem.v0 + step._shortened(forces))
 
+    def W(self, forces: Grid) -> Grid:
+        """Compliance of the body and of the springs times forces."""
+        return super().W(forces) + self._shortened(forces)
 
-def _step(
-    problem: GridProblem,
-    friction: GridFriction,
-    zones: _Zones,
-    l: Grid,
-    a: Any,
-    v: Grid,
-    radial: bool,
-    forcing: float,
-) -> tuple[Grid, Any]:
-    """Solve the linearised laws for the change of the forces and of the free motions."""
-    xp, free = problem.xp, problem.free
-    system = _System.of(problem, friction, zones, l, radial)
-    kept = xp.where(system.live, l, 0.0)
-    # Forces that vanish act on the others' displacements, too.
-    now = v + problem.W(l - kept)
-    off = -system.rows(kept, now)
-    off[0] -= xp.where(zones.active, problem.scale[0] * problem.gap, 0.0)
-    if not friction.coulomb:
-        off[1:] += xp.where(zones.slip, system.along * system.own * friction.value, 0.0)
-    balance = (problem.force - problem.sums(kept))[free]
-    right = system.packed(off, balance * system.unit)
-    change, _ = gmres(system.product, right, system.precondition, forcing, most=300)
-    step, motions = system.unpacked(change)
-    moved = a.copy()
-    moved[free] += motions
-    return kept + step, moved
+    def _shortened(self, forces: Grid) -> Grid:
+        """Of the springs; what a side fixes has none."""
+        normal, along = self.springs
+        u = self.xp.concatenate((normal * forces[:1], along * forces[1:]))
+        return u if self.fixed is None else self.xp.where(self.fixed, 0.0, u)
 
 
 @dataclass(frozen=True)
 class _System:
-    """The linearised laws: rows of contact, stick and slip, and the balance of free motions.
-
-    Vectors hold the live components of points alone, as a rule few, and the free motions after.
+    """Linearised laws and balance of free motions. Vectors hold the live components of points
+    alone, as a rule few, and the free motions after.
     """
 
     problem: GridProblem
     live: Grid
     at: Grid  # numbers of the live components
     held: Grid
-    zones: _Zones
-    own: Grid  # per slipping point the share of t itself, times the identity or I - b b^T
-    ratio: Grid
-    b: Grid
-    along: Grid
-    of_normal: Grid
-    radial: bool
+    zones: Zones
+    slip: SlipLaw
+    of_normal: Grid  # the bound F mu is an unknown
     unit: float
     columns: list[Grid]
     gram: Any
 
     @classmethod
-    def of(
-        cls, problem: GridProblem, friction: GridFriction, zones: _Zones, l: Grid, radial: bool
-    ) -> _System:
-        xp = problem.xp
-        length = xp.sqrt((zones.q**2).sum(axis=0))
-        safe = xp.where(zones.slip, length, 1.0)
-        b, ratio = zones.q / safe, xp.where(zones.slip, zones.g / safe, 0.0)
-        if radial:
-            own, along = xp.ones_like(ratio), b
-        else:
-            t = l[1:]
-            size = xp.maximum(zones.g, xp.sqrt((t * t).sum(axis=0)))
-            own, along = 1.0 - ratio, t / xp.where(zones.slip, size, 1.0)
-        weight = xp.where(zones.slip, own, 0.0)
-        # The bound F mu is an unknown, Tresca's is known.
-        of_normal = weight * (friction.value if friction.coulomb else 0.0)
-        rubs = zones.stick | zones.slip
-        live = xp.stack([zones.active, *[rubs] * (len(l) - 1)])
+    def of(cls, problem: GridProblem, zones: Zones, slip: SlipLaw) -> _System:
+        """The laws, and what preconditions the free motions."""
+        xp, along = problem.xp, len(problem.v0) - 1
+        live = xp.stack([zones.active, *[zones.stick | zones.slip] * along])
         # Where slip has only begun, rows are nearly those of stick, and preconditioned alike.
-        held = xp.stack(
-            [zones.active, *[zones.stick | (zones.slip & (ratio > 0.5))] * (len(l) - 1)]
-        )
-        unit = 1.0 / problem.gap.size**0.5
-        system = cls(
-            problem, live, xp.flatnonzero(live), held, zones, own, ratio, b, along, of_normal,
-            radial, unit, [], None,
-        )  # fmt: skip
-        columns = []
+        begun = zones.stick | (zones.slip & (slip.ratio > 0.5))
+        held = xp.stack([zones.active, *[begun] * along])
+        of_normal, unit = slip.weight * slip.coefficient, 1.0 / problem.gap.size**0.5
+        at, columns = xp.flatnonzero(live), []
+        system = cls(problem, live, at, held, zones, slip, of_normal, unit, [], None)
         for i in problem.free:
-            rows = xp.zeros_like(l)
+            rows = xp.zeros_like(problem.v0)
             rows[i] = 1.0
-            columns.append(system._forces(system._of_motion(rows)))
+            columns.append(system._forces(system.rows(xp.zeros_like(rows), rows)))
         gram = np.array([[float(z[i].sum()) for z in columns] for i in problem.free])
-        object.__setattr__(system, "columns", columns)
-        object.__setattr__(system, "gram", gram)
-        return system
+        return replace(system, columns=columns, gram=gram)
 
     def rows(self, x: Grid, v: Grid) -> Grid:
         """The laws at forces x and displacements v, without the gap and Tresca's bound."""
-        c, zones, xp = self.problem.scale, self.zones, self.problem.xp
+        c, zones, slip, xp = self.problem.scale, self.zones, self.slip, self.problem.xp
         out = xp.zeros_like(x)
         out[0] = xp.where(zones.active, -c[0] * v[0], 0.0)
-        out[1:] = xp.where(zones.stick, -c[1] * v[1:], 0.0) + self._slip(x, zones.c * v[1:])
+        sliding = slip.left(x[1:], slip.c * v[1:]) - slip.a * self.of_normal * x[0]
+        out[1:] = xp.where(zones.stick, -c[1] * v[1:], xp.where(zones.slip, sliding, 0.0))
         return out
-
-    def _slip(self, x: Grid, cv: Grid) -> Grid:
-        """own t - of_v c v - direction F mu on slipping points."""
-        zones, xp = self.zones, self.problem.xp
-        t = x[1:]
-        if self.radial:
-            across = t + cv - self.b * (self.b * (t + cv)).sum(axis=0)
-            law = t - self.ratio * across
-        else:
-            turned = cv - self.along * (self.b * cv).sum(axis=0)
-            law = self.own * t - self.ratio * turned
-        return xp.where(zones.slip, law - self.along * self.of_normal * x[0], 0.0)
-
-    def _of_motion(self, a: Grid) -> Grid:
-        """What motions a add to the rows."""
-        return self.rows(self.problem.xp.zeros_like(a), a)
 
     def packed(self, values: Grid, motions: Any) -> Any:
         """A vector of values on the grid and of numbers of the free motions."""
@@ -280,7 +162,7 @@ class _System:
 
     def _forces(self, y: Grid) -> Grid:
         """Approximate forces of given rows."""
-        problem, xp = self.problem, self.problem.xp
+        problem, xp, slip = self.problem, self.problem.xp, self.slip
         held = xp.where(self.held, y, 0.0)
         held[0] /= problem.scale[0]
         held[1:] /= problem.scale[1]
@@ -288,8 +170,8 @@ class _System:
         if problem.fixed is not None:  # forces there move nothing; they balance those of a motion
             x = xp.where(self.held & problem.fixed, y, x)
         rest = self.zones.slip & ~self.held[1]
-        own = xp.where(rest, self.own, 1.0)
-        x[1:] += xp.where(rest, (y[1:] + self.along * self.of_normal * x[0]) / own, 0.0)
+        weight = xp.where(rest, slip.weight, 1.0)
+        x[1:] += xp.where(rest, (y[1:] + slip.a * self.of_normal * x[0]) / weight, 0.0)
         return x
 
     def precondition(self, vector: Any) -> Any:

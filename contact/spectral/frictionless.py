@@ -31,44 +31,20 @@ def frictionless(
     tol: float = 1e-12,
     report: Report = lambda iteration: None,
 ) -> tuple[Grid, float]:
-    r"""Normal forces and the free normal motion of frictionless contact.
+    r"""Normal forces and the free normal motion of frictionless contact, from forces of a similar
+    problem.
 
     On the active set, where :math:`\mu + c (u_n - d) > 0` at the last iterate, the forces solve
     :math:`W \mu = v_0 - d + a`, by conjugate gradients preconditioned by the inverse symbol, whose
-    result is cut off outside the set. They end at a hundredth of what the set before was off, as
-    forcing terms of inexact Newton methods do. Under a given force the iterates keep its sum
-    (projected conjugate gradients), and a is the mean of what is left. The first set is that of the
-    same problem on every other point, where the body knows its coarser grids.
+    result is cut off outside the set. They end at a hundredth of what the set before was off
+    (forcing terms). Under a given force the iterates keep its sum (projection), and a is the mean
+    of what is left. The first set is that of the problem on every other point, where the body knows
+    it.
 
-    Parameters
-    ----------
-    problem : GridProblem
-    start : array, shape (nx[, ny]), optional
-        Forces of a similar problem.
-    tol : float
-        On the largest violation relative to the largest force.
-    report : callable
-        Receives each `Iteration`.
-
-    Returns
-    -------
-    mu : array, shape (nx[, ny])
-    a : float
-
-    Raises
-    ------
-    Infeasible
-        Full contact by a given displacement of a surface whose mean nothing holds.
-    NotConverged
-        The sets do not settle.
-
-    References
-    ----------
-    M. Hintermueller, K. Ito and K. Kunisch, The primal-dual active set strategy as a semismooth
-    Newton method, SIAM J. Optim. 13 (2002) 865. I. A. Polonsky and L. M. Keer, Wear 231 (1999)
-    206, for conjugate gradients with transforms. N. I. M. Gould, M. E. Hribar and J. Nocedal, SIAM
-    J. Sci. Comput. 23 (2001) 1376, for the projection. S. C. Eisenstat and H. F. Walker, SIAM J.
-    Sci. Comput. 17 (1996) 16, for forcing terms.
+    M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865, active sets; I. A. Polonsky,
+    L. M. Keer, Wear 231 (1999) 206, transforms; N. I. M. Gould, M. E. Hribar, J. Nocedal, SIAM J.
+    Sci. Comput. 23 (2001) 1376, projection; S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17
+    (1996) 16, forcing.
     """
     return _solved(NormalProblem.of(problem), start, tol, report)
 
@@ -140,10 +116,8 @@ def _first_set(problem: NormalProblem, start: Grid | None) -> tuple[Grid, Grid]:
 def _on_set(
     problem: NormalProblem, active: Grid, start: Grid, accuracy: float
 ) -> tuple[Grid, float, Grid]:
-    """Forces on the active set, the free motion, and the displacements of all points.
-
-    Vectors hold the points of the set alone. Numbers that steps need stay where the arrays are; the
-    host asks for them once a product.
+    """Forces on the active set, the free motion, displacements of all points. Numbers that steps
+    need stay where the arrays are; the host asks for them once a product.
     """
     xp, given = problem.xp, problem.given
     at, field = xp.flatnonzero(active), xp.zeros_like(problem.driving)
@@ -197,30 +171,15 @@ def _on_set(
 
 @dataclass(frozen=True)
 class NormalProblem:
-    r"""Normal forces mu that press points back: through = driving + a - W mu.
+    """Normal forces mu that press points back: through = driving + a - W mu."""
 
-    Attributes
-    ----------
-    W, S : callable
-        Displacements of forces, and a preconditioner that is nearly the inverse.
-    driving : array, shape (nx[, ny])
-        By how far points would enter the obstacle without forces, zero where none is in reach.
-    can_touch : array of bool, shape (nx[, ny])
-    total : float
-        Sum of the forces; NaN where a is zero instead.
-    c : float
-        Force per displacement of a point alone.
-    filter : NormalFilter, optional
-        The body, where it is known on coarser grids.
-    """
-
-    W: Callable[[Grid], Grid]
-    S: Callable[[Grid], Grid]
-    driving: Grid
+    W: Callable[[Grid], Grid]  # displacements of forces
+    S: Callable[[Grid], Grid]  # nearly its inverse
+    driving: Grid  # by how far points would enter without forces, zero where none can
     can_touch: Grid
-    total: float
-    c: float
-    filter: NormalFilter | None
+    total: float  # sum of the forces; NaN where a is zero instead
+    c: float  # force per displacement of a point alone
+    filter: NormalFilter | None  # the body, where it is known on coarser grids
 
     @classmethod
     def of(cls, problem: GridProblem) -> NormalProblem:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.laws.friction import UNMOVED
+from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca
 from contact.portable import carried
-from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
 from skfem_adini.ground.arrays import host
@@ -20,35 +19,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class GridCase:
-    """A step of contact on a grid, from which its `GridProblem` follows.
-
-    Attributes
-    ----------
-    compliance : GridCompliance
-    gap : ndarray, shape (nx[, ny])
-        Before the obstacle moves.
-    friction : ndarray, shape (nx[, ny])
-        Coulomb's coefficient, or Tresca's bound, a traction.
-    law : {"coulomb", "tresca"}
-    motion, force : ndarray, shape (dim,)
-        Of the obstacle; for each component one of the two is NaN.
-    slip_from : ndarray, shape (dim - 1, nx[, ny]), optional
-        The slip of the step before, which friction does not act on.
-    travel : ndarray, shape (dim,), optional
-        Path of the obstacle's own shape along the surface, through all steps of a history.
-    obstacle : obstacle, optional
-        From which the gap is, if known; the next step asks it how it has moved.
-    """
+    """A step of contact on a grid, from which its `GridProblem` follows."""
 
     compliance: GridCompliance
-    gap: Array
-    friction: Array
+    gap: Array  # before the obstacle moves
+    friction: Array  # Coulomb's coefficient, or Tresca's bound, a traction
     law: str
     motion: Array
-    force: Array
-    slip_from: Array | None
-    travel: Array | None = None
-    obstacle: Any = None
+    force: Array  # of the obstacle, as its motion; one of the two is NaN
+    slip_from: Array | None  # slip of the step before, which friction does not act on
+    travel: Array | None = None  # path of the obstacle's own shape along the surface
+    obstacle: Any = None  # from which the gap is, if known
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"obstacle": carried(self.obstacle)}
@@ -86,7 +67,8 @@ class GridCase:
                 v0[1:] = xp.where(still, 0.0, v0[1:])
         return GridProblem(self.compliance, v0, xp.asarray(self.gap), -turn * force[order])
 
-    def friction_law(self, xp: Any) -> GridFriction:
+    def friction_law(self, xp: Any) -> Friction:
         """The law for forces on points, with arrays of NumPy or CuPy."""
-        area = 1.0 if self.coulomb else host(self.areas)
-        return GridFriction(xp.asarray(self.friction * area), self.coulomb)
+        if self.coulomb:
+            return Coulomb(xp.asarray(self.friction))
+        return Tresca(xp.asarray(self.friction * host(self.areas)))

@@ -12,7 +12,9 @@ import scipy
 from numpy.typing import NDArray
 
 from contact.errors import CHANGED, Infeasible, InputError, LargeMotionWarning, NotConverged, warn
-from contact.laws.iteration import Iteration, Report
+from contact.laws.friction import Friction, Tresca
+from contact.laws.iteration import Iteration
+from contact.laws.newton import newton, proximal_point
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import (
     RigidMotion,
@@ -24,11 +26,11 @@ from contact.obstacles.rigid_motion import (
 )
 from contact.obstacles.rough import Rough
 from contact.obstacles.shapes import ObstacleLike, evaluate_gap
-from contact.spectral.friction_newton import GridFriction, friction_newton, residual
+from contact.spectral.friction_newton import Waves
 from contact.spectral.frictionless import frictionless
 from contact.spectral.grid_case import GridCase
 from contact.spectral.grid_compliance import GridCompliance
-from contact.spectral.grid_problem import Grid, GridProblem
+from contact.spectral.grid_problem import GridProblem
 from contact.spectral.grid_result import GridResult, certified
 from skfem_adini.ground.arguments import evaluated, numbers
 from skfem_adini.ground.arrays import host
@@ -37,6 +39,7 @@ Array = NDArray[np.float64]
 
 _INNER = 1e-2  # tolerance of the solvers relative to that of the certificate
 _LOADED = 1e-3  # part of the largest pressure: less hardly presses
+_NEWTON, _SOFT = 60, 30  # steps of Newton's method at most, and of each with springs
 _LOOPS = 6  # Tresca solves that lead to Coulomb's law where Newton's method stalls
 
 
@@ -257,8 +260,8 @@ class GridContact:
         l[0], a[0] = mu, lift
         _check_fixed(problem, l, a)
         law = case.friction_law(xp)
-        if np.any(friction > 0) and (bool((mu > 0).any()) or not law.coulomb):
-            share = mu if bool((mu > 0).any()) else xp.broadcast_to(law.value, mu.shape)
+        if np.any(friction > 0) and (bool((mu > 0).any()) or isinstance(law, Tresca)):
+            share = mu if bool((mu > 0).any()) else xp.broadcast_to(law.bound(mu), mu.shape)
             for i in problem.free:
                 if i:
                     l[i] = share / share.sum() * problem.force[i]
@@ -427,42 +430,36 @@ def _check_fixed(problem: GridProblem, l: Any, a: Any) -> None:
         )
 
 
-def _with_friction(
-    problem: GridProblem, law: GridFriction, start: Any, tol: float, report: Any
-) -> Any:
+def _with_friction(problem: GridProblem, law: Friction, start: Any, tol: float, report: Any) -> Any:
     """Newton's method; where it stalls, proximal points (Tresca) or solves with given friction."""
-    if not law.coulomb:
-        return _with_given_friction(problem, law, start, tol, report)
+    waves = Waves(problem, law)
+    if isinstance(law, Tresca):
+        return _with_given_friction(waves, start, tol, report)
     try:
-        return friction_newton(problem, law, start, tol=tol, report=report)
+        return newton(waves, start, tol=tol, max_iterations=_NEWTON, report=report)
     except NotConverged:
         now = start
     try:
         for _ in range(_LOOPS):
-            given = GridFriction(law.bound(problem.xp.maximum(now[0][0], 0.0)), False)
-            now = _with_given_friction(problem, given, now, 1e-6, report, "tresca")
-        return friction_newton(problem, law, now, tol=tol, report=report)
+            given = Waves(problem, Tresca(law.bound(now[0][0])))
+            now = _with_given_friction(given, now, 1e-6, report, "tresca")
+        return newton(waves, now, tol=tol, max_iterations=_NEWTON, report=report)
     except NotConverged:
         _check_drag(problem, law, start)
         raise
 
 
 def _with_given_friction(
-    problem: GridProblem,
-    law: GridFriction,
-    start: Any,
-    tol: float,
-    report: Any,
-    phase: str = "newton",
+    waves: Waves, start: Any, tol: float, report: Any, phase: str = "newton"
 ) -> Any:
     """Newton's method for Tresca's law; where it stalls, proximal points."""
     try:
-        return friction_newton(problem, law, start, tol=tol, phase=phase, report=report)
+        return newton(waves, start, tol=tol, max_iterations=_NEWTON, phase=phase, report=report)
     except NotConverged:
-        return proximal_point(problem, law, start, tol=tol, report=report)
+        return proximal_point(waves, start, tol=tol, max_iterations=_SOFT, report=report)
 
 
-def _check_drag(problem: GridProblem, law: GridFriction, start: Any) -> None:
+def _check_drag(problem: GridProblem, law: Friction, start: Any) -> None:
     """Raise an `Infeasible` where the force along the surface is beyond that of sliding."""
     along = np.nan_to_num(problem.force) * (np.arange(len(problem.force)) > 0)
     drag = float(np.linalg.norm(along))
@@ -472,105 +469,10 @@ def _check_drag(problem: GridProblem, law: GridFriction, start: Any) -> None:
     force = np.where(np.arange(along.size) > 0, np.nan, problem.force)
     v0 = problem.v0 + problem.moved(far / drag * along)
     sliding = GridProblem(problem.compliance, v0, problem.gap, force)
-    forces, _ = friction_newton(sliding, law, start, tol=1e-6)
+    forces, _ = newton(Waves(sliding, law), start, tol=1e-6, max_iterations=_NEWTON)
     held = float(sliding.sums(forces) @ along) / drag
     if drag >= held * (1 - 1e-6):
         raise Infeasible(
             f"obstacle: the force {drag:.6g} along the surface is beyond the friction, which "
             f"holds {held:.6g} where all points slide; let it move by a displacement"
         )
-
-
-_FIRST, _SOFTEST, _STIFFEST = 0.1, 1e3, 1e-9  # compliance of the springs; that of a point is one
-_ATTEMPTS = 60
-_STEPS = 30  # of Newton's method each
-
-
-@dataclass(frozen=True)
-class Softened(GridProblem):
-    """A problem with springs at its points, but not where a side fixes them.
-
-    Attributes
-    ----------
-    springs : tuple of float
-        Compliance of each, along the normal and along the surface.
-    """
-
-    springs: tuple[float, float]
-
-    @classmethod
-    def near(cls, problem: GridProblem, forces: Grid, delta: float) -> Softened:
-        """The problem whose springs are at rest under given forces."""
-        normal, along = (delta / c for c in problem.scale)
-        step = cls(problem.compliance, problem.v0, problem.gap, problem.force, (normal, along))
-        return replace(step, v0=problem.v0 + step._shortened(forces))
-
-    def W(self, forces: Grid) -> Grid:
-        """Compliance of the body and of the springs times forces."""
-        return super().W(forces) + self._shortened(forces)
-
-    def _shortened(self, forces: Grid) -> Grid:
-        """Of the springs; what a side fixes has none."""
-        normal, along = self.springs
-        u = self.xp.concatenate((normal * forces[:1], along * forces[1:]))
-        return u if self.fixed is None else self.xp.where(self.fixed, 0.0, u)
-
-
-def proximal_point(
-    problem: GridProblem,
-    friction: GridFriction,
-    start: tuple[Grid, Any],
-    *,
-    tol: float,
-    report: Report = lambda iteration: None,
-) -> tuple[Grid, Any]:
-    r"""Solve a sequence of problems with springs, which Newton's method finds easier.
-
-    As in `contact.laws.proximal_point`: the step
-    :math:`W_k = W + \delta_k I, v_{0,k} = v_0 + \delta_k l_k` has the solution as its fixed point.
-    With Tresca's law the forces minimise a convex energy, and the iteration converges for any
-    delta, which is divided by 4 after a success and multiplied by 4 after a failure.
-
-    Parameters
-    ----------
-    problem, friction, start, report
-        As for `friction_newton`, which solves each.
-    tol : float
-        On the residual of the problem itself.
-
-    Returns
-    -------
-    l, a : array, ndarray
-        As those of `friction_newton`.
-
-    Raises
-    ------
-    NotConverged
-        The least residual is larger than a hundred times the tolerance.
-
-    References
-    ----------
-    R. T. Rockafellar, Monotone operators and the proximal point algorithm, SIAM J. Control Optim.
-    14 (1976), Theorem 1.
-    """
-    best, least, delta = start, float("inf"), _FIRST
-    for _ in range(_ATTEMPTS):
-        step = Softened.near(problem, best[0], delta)
-        try:
-            now = friction_newton(
-                step, friction, best, tol=tol, max_iterations=_STEPS,
-                phase=f"proximal {delta:.0e}", report=report,
-            )  # fmt: skip
-        except NotConverged:
-            delta *= 4
-            if delta > _SOFTEST:
-                break
-            continue
-        size = residual(problem, friction, *now, problem.displacements(*now))
-        best, least = now, size
-        if size <= tol:
-            break
-        delta = max(0.25 * delta, _STIFFEST)
-    if least <= 1e2 * tol:
-        return best
-    raise NotConverged(f"proximal point: residual {least:.1e}, tolerance {tol:.1e}")

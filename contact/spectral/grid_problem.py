@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from contact.errors import InputError
+from contact.laws.friction import project
 from contact.spectral.grid_compliance import GridCompliance
 from skfem_adini.ground.arrays import namespace
 
@@ -18,27 +19,14 @@ _UNMOVED = 1e-14  # motion over the largest displacement: rounding
 
 @dataclass(frozen=True)
 class GridProblem:
-    r"""Displacements of grid points as a function of the contact forces.
-
-    Components are along the normal first and then along the tangents; with forces l = (mu, t) the
-    displacements relative to the obstacle are ``v = v0 - W l + a``, as in
-    `contact.condensation.boundary_problem`, where a moves all points of a component alike. It is
-    free where a force is given, and then the forces of that component sum to `force`.
-
-    Attributes
-    ----------
-    compliance : GridCompliance
-    v0 : array, shape (dim, nx[, ny])
-    gap : array, shape (nx[, ny])
-        ``inf`` where contact is impossible.
-    force : ndarray, shape (dim,)
-        NaN where a is zero.
+    """Displacements ``v = v0 - W l + a`` of grid points relative to the obstacle under forces l =
+    (mu, t). A component of a is free where a force is given, to which its forces sum.
     """
 
     compliance: GridCompliance
-    v0: Grid
-    gap: Grid
-    force: Any
+    v0: Grid  # (dim, nx[, ny]): along the normal, then along the tangents
+    gap: Grid  # infinite where contact is impossible
+    force: Any  # (dim,), NaN where a is zero
 
     @property
     def xp(self) -> Any:
@@ -140,9 +128,8 @@ class GridProblem:
 
     @cached_property
     def swept(self) -> Grid | None:
-        """Points that a side fixes while an obstacle moves along them as given: they slip.
-
-        No force changes that. None where there are no such points.
+        """Points that a side fixes while an obstacle moves along them as given: no force lets them
+        stick.
         """
         xp, given = self.xp, [i for i in range(1, len(self.v0)) if i not in self.free]
         if self.fixed is None or not given:
@@ -153,10 +140,8 @@ class GridProblem:
 
     @cached_property
     def at_rest(self) -> Grid | None:
-        """Tangential components of points that a side fixes where nothing moves along them.
-
-        Friction there cannot be told apart from the reactions of the side, (dim - 1, nx[, ny]);
-        None without such sides.
+        """Tangential components that a side fixes where nothing moves along them, or None: friction
+        there cannot be told apart from the reactions of the side.
         """
         if self.fixed is None:
             return None
@@ -186,31 +171,8 @@ class GridProblem:
         return np.array([float(part.sum()) for part in forces])
 
 
-def project(q: Grid, g: Grid) -> Grid:
-    """Project vectors q, (dim - 1, ...), onto the balls of radius g."""
-    xp = namespace(q)
-    length = xp.sqrt((q * q).sum(axis=0))
-    return q * xp.where(length > g, g / xp.where(length > 0, length, 1.0), 1.0)
-
-
 def residuals(problem: GridProblem, l: Grid, v: Grid, bound: Grid) -> dict[str, float]:
-    """Relative residuals of the laws and of the balance, with the words of `ContactResult.kkt`.
-
-    Parameters
-    ----------
-    problem : GridProblem
-    l : array, shape (dim, nx[, ny])
-        Forces.
-    v : array, shape (dim, nx[, ny])
-        Displacements relative to the obstacle.
-    bound : array, shape (nx[, ny])
-        Of friction.
-
-    Raises
-    ------
-    InputError
-        Forces or displacements that are not finite.
-    """
+    """Relative residuals of the laws and of the balance, with the words of `ContactResult.kkt`."""
     xp, size = problem.xp, problem.size(l)
     length = max(float(xp.abs(v).max()), size / problem.scale_normal)
     through = xp.where(problem.can_touch, v[0] - problem.gap, -np.inf)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError, NotConverged
+from contact.laws.friction import Friction, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
 from contact.output.archive import loosened, proving, unproved
 from contact.spectral.contact_edge import ContactEdge, contact_edge
-from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_case import GridCase
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import Grid, GridProblem, residuals
@@ -323,20 +323,18 @@ class GridResult(FieldsInside):
 
 def certified(
     problem: GridProblem,
-    law: GridFriction,
+    law: Friction,
     state: tuple[Grid, Any],
     given: Array,
     tol: float,
     history: tuple[Iteration, ...],
     travel: Array | None = None,
 ) -> GridResult:
-    """The result of forces and motions, or `NotConverged` where a residual exceeds tol.
-
-    `given` are the prescribed motions of the obstacle, NaN where it is driven by a force, and
-    `travel` is the path of its shape.
+    """The result of forces and motions, or `NotConverged` where a residual exceeds tol. `given` are
+    the prescribed motions of the obstacle, else NaN, `travel` the path of its shape.
     """
     (l, a), xp = state, problem.xp
-    pressed, bound = problem.W(l), law.bound(xp.maximum(l[0], 0.0))
+    pressed, bound = problem.W(l), law.bound(l[0])
     v = problem.v0 - pressed + problem.moved(a)
     kkt = residuals(problem, l, v, bound)
     missed = {name: value for name, value in kkt.items() if not value <= tol}
@@ -353,7 +351,7 @@ def certified(
     if problem.at_rest is not None:
         open_ = problem.at_rest.all(axis=0) & (bound > 0)
         rubs = xp.where(open_, int(Status.UNDETERMINED), rubs)
-    touches = (l[0] > 0) | ((bound > 0) & (not law.coulomb))
+    touches = (l[0] > 0) | ((bound > 0) & isinstance(law, Tresca))
     order, sign = problem.order
     motion = np.empty(len(order))
     motion[order] = -np.asarray(a) * np.array([sign] + [1.0] * (len(order) - 1))
@@ -386,9 +384,8 @@ def perimeter(
     spacing: tuple[float, ...],
     mirrored: tuple[bool, ...] = (False, False),
 ) -> float:
-    """Length of the edges between cells in contact and others; of a profile the number of ends.
-
-    Cells on a side that is not periodic, but mirrored, are halves.
+    """Length of the edges between cells in contact and others, halves on a mirrored side; of a
+    profile the number of ends.
     """
     cell, length = float(np.prod(spacing)), 0.0
     for axis, h in enumerate(spacing):
@@ -415,16 +412,8 @@ def corrected_area(
     spacing: tuple[float, ...],
     mirrored: tuple[bool, ...] = (False, False),
 ) -> float:
-    r"""Contact area from the cells in contact, corrected by their perimeter.
-
-    The area counted is too large by about :math:`(\pi - 1 + \ln 2) / 24` times perimeter times
-    spacing, where the perimeter is that of the cells.
-
-    References
-    ----------
-    V. A. Yastrebov, G. Anciaux and J.-F. Molinari, On the accurate computation of the true
-    contact-area in mechanical contact of random rough surfaces, Tribology International 114 (2017)
-    161-171.
+    r"""Area of the cells in contact less :math:`(\pi - 1 + \ln 2) / 24` times their perimeter and
+    spacing: V. A. Yastrebov, G. Anciaux, J.-F. Molinari, Tribology International 114 (2017) 161.
     """
     if touching.ndim != 2:
         raise InputError("corrected_area: the correction is known for surfaces, not for profiles")

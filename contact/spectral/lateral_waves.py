@@ -32,26 +32,8 @@ Grid = Any  # an array of NumPy or CuPy, shape (m, nx[, ny]) or (nx[, ny])
 
 
 class LateralWaves:
-    """Transforms of values on the nodes of a plane, one parity for each unknown and direction.
-
-    Parameters
-    ----------
-    cells : sequence of int
-        In each lateral direction.
-    odd : sequence of (ndarray of bool, shape (r,)) or None
-        For each direction which unknowns of a node are odd; None: the direction is periodic.
-    xp : module
-        `numpy` or `cupy`.
-
-    Attributes
-    ----------
-    points : tuple of int
-        Nodes in each direction.
-    shape : tuple of int
-        Waves in each direction.
-    mirrored : tuple of bool
-    odd, xp
-        As given.
+    """Transforms of values on the nodes of a plane. `odd` are for each direction the unknowns of a
+    node that are odd, None where it is periodic; `points` are its nodes, `shape` its waves.
     """
 
     def __init__(
@@ -80,9 +62,8 @@ class LateralWaves:
 
     @property
     def turns(self) -> NDArray[np.int64]:
-        """Power of the imaginary unit by which waves of each unknown are turned from complex ones.
-
-        With it the symbols of mirrored directions are real.
+        """Power of the imaginary unit by which waves of each unknown are turned from complex ones,
+        so that the symbols of mirrored directions are real.
         """
         odd = [np.asarray(p, dtype=int) for p in self.odd if p is not None]
         return np.sum(odd, axis=0) if odd else np.zeros(1, dtype=int)
@@ -111,9 +92,8 @@ class LateralWaves:
         return ends
 
     def forward(self, values: Grid, first: int = 0, kinds: Any = None) -> Any:
-        """Waves, shape (m, *shape, ...), of values on the nodes, shape (m, *points, ...).
-
-        The unknowns are those from `first` on, or those with the numbers `kinds`.
+        """Waves, (m, *shape, ...), of values on the nodes, (m, *points, ...), of the unknowns from
+        `first` on or of the numbers `kinds`.
         """
         chosen = slice(first, None) if kinds is None else kinds
         for axis, parity in enumerate(self.odd):
@@ -148,9 +128,8 @@ class LateralWaves:
         return zero
 
     def missing(self, kinds: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Waves that the given unknowns do not have because they are odd, (m, *shape), on the host.
-
-        These are the constant and the shortest one.
+        """The constant and the shortest wave of unknowns that are odd, which have none: (m,
+        *shape), on the host.
         """
         none = np.zeros((kinds.size, *self.shape), dtype=bool)
         for axis, parity in enumerate(self.odd):

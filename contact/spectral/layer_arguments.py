@@ -41,24 +41,14 @@ def named(components: Sequence[int]) -> str:
 
 
 def read_base(base: Any) -> tuple[float, float]:
-    """Young's modulus and Poisson's ratio of the half space, which checks their ranges itself.
-
-    Raises
-    ------
-    InputError
-    """
+    """Young's modulus and Poisson's ratio of the half space, which checks their ranges itself."""
     if not isinstance(base, tuple | list) or len(base) != 2:
         raise InputError(f"base={base!r}: expected a pair (E, nu)")
     return base[0], base[1]
 
 
 def read_cells(cells: Any, sides: Sides) -> tuple[int, ...]:
-    """Numbers of cells in the lateral directions: one at least, between periodic sides two.
-
-    Raises
-    ------
-    InputError
-    """
+    """Numbers of cells in the lateral directions: one at least, between periodic sides two."""
     given, least = (
         np.atleast_1d(array_of("cells", cells)),
         [2 if fixed is None else 1 for fixed in sides],

@@ -21,22 +21,8 @@ from contact.spectral.wave_factor import WaveFactor
 
 
 class MirroredFactor(WaveFactor):
-    """`WaveFactor` of a `LayeredBlock`, whose derivatives are no displacements.
-
-    Parameters
-    ----------
-    body : LayeredBlock
-    free : ndarray of bool, shape (2, 6 (columns + 1))
-        Free unknowns of all rows of nodes but the top one, and of the top.
-    boundary : ndarray of int
-        Unknowns of the lowest row to keep, of some kinds at all nodes.
-    arrays : HostArrays
-        Where to compute.
-
-    Raises
-    ------
-    InputError
-        Supports that transforms do not diagonalise.
+    """`WaveFactor` of a `LayeredBlock`, whose derivatives are no displacements. `free` are unknowns
+    of all rows but the top and of the top, (2, 6 (columns + 1)), `boundary` those kept.
     """
 
     def __init__(

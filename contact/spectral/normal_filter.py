@@ -16,22 +16,12 @@ _FEWEST = 32  # cells of the coarsest grid
 
 @dataclass(frozen=True)
 class NormalFilter:
-    """The normal entry of a symbol, as products of transforms.
-
-    Attributes
-    ----------
-    compliance, stiffness : RealSymbol
-        Of one component.
-    cells : tuple of int
-        In each direction.
-    lateral : LateralWaves, optional
-        The waves where a direction is not periodic.
-    """
+    """The normal entry of a symbol and of its inverse, as products of transforms."""
 
     compliance: RealSymbol
     stiffness: RealSymbol
     cells: tuple[int, ...]
-    lateral: LateralWaves | None = None
+    lateral: LateralWaves | None = None  # of directions that are not periodic
 
     def apply_normal(self, forces: Any) -> Any:
         """Normal displacements, shape (nx[, ny]), under normal forces alone."""
@@ -49,9 +39,8 @@ class NormalFilter:
 
     @cached_property
     def coarser(self) -> NormalFilter | None:
-        """The same body by every other point and without the waves that these do not resolve.
-
-        None where they would be few, or cells odd in number.
+        """The same body by every other point and without the waves that these do not resolve; None
+        where they would be few, or cells odd in number.
         """
         if min(self.cells) < 2 * _FEWEST or any(n % 2 for n in self.cells):
             return None

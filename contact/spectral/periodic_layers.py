@@ -362,13 +362,8 @@ class PeriodicLayers(FilteredCompliance):
 def read_points(
     points: Any, layers: Sequence[Layer], dim: int, sides: Sequence[float | None]
 ) -> Array:
-    """Points, shape (dim, n), between the lower side and the top, and within sides.
-
-    `sides` are the widths of directions that are not periodic, None for others.
-
-    Raises
-    ------
-    InputError
+    """Points, (dim, n), between the lower side and the top, and within sides; `sides` are the
+    widths of directions that are not periodic, None for others.
     """
     x = numbers("points", points)
     if x.ndim != 2 or x.shape[0] != dim or not np.all(np.isfinite(x)):
@@ -386,12 +381,7 @@ def read_points(
 
 
 def read_forces(xp: Any, forces: Any, shape: tuple[int, ...]) -> Any:
-    """Forces on the grid, as an array of the module xp.
-
-    Raises
-    ------
-    InputError
-    """
+    """Forces on the grid, as an array of the module xp."""
     try:
         given = xp.asarray(forces)
     except ValueError:  # ragged
@@ -414,21 +404,8 @@ def fields_at(
     plane: Callable[[int, bool], Array],
     last: Sequence[int | None],
 ) -> tuple[Array, Array]:
-    """Displacement, shape (dim, n), and gradient d u_i / d x_j, shape (dim, dim, n), at points.
-
-    Only two planes of nodes are held at a time.
-
-    Parameters
-    ----------
-    x : ndarray, shape (dim, n)
-    layers : sequence of Layer
-    cells : sequence of ElasticBody
-        One cell of each layer.
-    plane : callable
-        Number of a plane of nodes, and whether those of the layer above it are asked for where two
-        meet -> its unknowns, shape (r, nx[, ny]).
-    last : sequence of int or None
-        Number of the last cell of each lateral direction that is not periodic.
+    """Displacement, (dim, n), and gradient d u_i / d x_j, (dim, dim, n), at points. `plane` gives
+    the unknowns of a plane, of the layer above it or below, and two are held at a time.
     """
     dim, n = x.shape
     u, gradient = np.zeros((dim, n)), np.zeros((dim, dim, n))

@@ -22,18 +22,10 @@ _TURNS = np.array([1, 1j, -1, -1j])
 
 @dataclass(frozen=True)
 class RealSymbol:
-    """A symbol of n components.
+    """A symbol of n components, whose entries are real after turns by powers of i."""
 
-    Attributes
-    ----------
-    entries : array, shape (n (n + 1) / 2, *waves)
-        The upper triangle of N, row by row.
-    turns : tuple of int
-        Powers p of the imaginary unit.
-    """
-
-    entries: Any
-    turns: tuple[int, ...]
+    entries: Any  # (n (n + 1) / 2, *waves), the upper triangle row by row
+    turns: tuple[int, ...]  # powers p of the imaginary unit
 
     @classmethod
     def of(cls, symbol: Any, turns: Sequence[int]) -> RealSymbol:
@@ -58,9 +50,8 @@ class RealSymbol:
         return symbol
 
     def inverse(self) -> RealSymbol:
-        """The symbol of the inverse, by cofactors: of two or three components that no zero divides.
-
-        These lose digits where entries differ by many orders of magnitude.
+        """The inverse, by cofactors, of two or three components that no zero divides; it loses
+        digits where entries differ by many orders of magnitude.
         """
         n, xp = len(self.turns), namespace(self.entries)
         if n == 2:

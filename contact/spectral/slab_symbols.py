@@ -85,27 +85,16 @@ def released(slab: Slab, own: Any) -> Slab:
 
 @dataclass(frozen=True)
 class Stack:
-    """Slabs of a power of two of equal cells, from the bottom up, and how they came about.
+    """Slabs of a power of two of equal cells, from the bottom up, and how they came about."""
 
-    Attributes
-    ----------
-    pieces : tuple of tuple of Slab
-        For each piece its halves' slabs: entry l has 2^l layers of cells.
-    own : tuple of (ndarray of int)
-        For each piece the unknowns of its lower side that it does not share with those below.
-    upto : tuple of Slab
-        Entry q: all pieces up to number q together.
-    """
-
-    pieces: tuple[tuple[Slab, ...], ...]
-    own: tuple[Any, ...]
-    upto: tuple[Slab, ...]
+    pieces: tuple[tuple[Slab, ...], ...]  # for each its halves' slabs: entry l has 2^l layers
+    own: tuple[Any, ...]  # for each the unknowns of its lower side that it does not share
+    upto: tuple[Slab, ...]  # entry q: all pieces up to number q together
 
     @classmethod
     def of(cls, layers: Sequence[tuple[Slab, int]], kinks: Sequence[Any] = ()) -> Stack:
-        """The stack of layers, each a slab of one layer of cells and their number.
-
-        `kinks` are unknowns of each layer's lower side that it does not share; default: none.
+        """The stack of slabs of one layer of cells and their numbers; `kinks` are unknowns of each
+        lower side that it does not share.
         """
         none = np.zeros(0, dtype=int)
         pieces: list[tuple[Slab, ...]] = []
@@ -130,15 +119,8 @@ class Stack:
         return self.upto[-1]
 
     def at(self, row: int, lower: Waves, upper: Waves, above: bool = False) -> Waves:
-        """Unknowns on a plane of nodes from those of the lowest and the highest one.
-
-        Parameters
-        ----------
-        row : int
-            Number of the plane, counted from the bottom.
-        lower, upper : array, shape (waves, r)
-        above : bool
-            Between two layers, those of the upper one; else those of the lower one.
+        """Unknowns on a plane, counted from the bottom, from those of the lowest and the highest
+        one, (waves, r); between two layers those of the upper one if `above`.
         """
         first = sum(2 ** (len(piece) - 1) for piece in self.pieces)
         for q in range(len(self.pieces) - 1, -1, -1):

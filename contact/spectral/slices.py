@@ -208,12 +208,8 @@ def _coordinate(name: str, value: Any) -> float:
 
 
 def image_data(axes: Sequence[Array]) -> Any:
-    """Points of equidistant axes as image data without fields; two or fewer lie in a plane.
-
-    Raises
-    ------
-    MissingDependency
-        pyvista is not installed.
+    """Points of equidistant axes as pyvista's image data without fields; two or fewer lie in a
+    plane.
     """
     try:
         import pyvista

@@ -23,18 +23,7 @@ def fft_of(xp: Any) -> Any:
 
 
 def filtered(symbol: Any, values: Any) -> Any:
-    """The product of a symbol and the real transform of values.
-
-    Parameters
-    ----------
-    symbol : RealSymbol
-        Of dim components.
-    values : array, shape (dim, nx, ny) or (dim, nx)
-
-    Returns
-    -------
-    array, shape (dim, nx, ny) or (dim, nx)
-    """
+    """The product of a symbol and the real transform of values, (dim, nx[, ny])."""
     xp, axes = namespace(values), tuple(range(1, values.ndim))
     fft = fft_of(xp)
     # Threads of one transform; small ones are done before they start.

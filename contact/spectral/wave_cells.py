@@ -31,27 +31,13 @@ _STEPS: dict[int, list[tuple[int, ...]]] = {1: [(1,)], 2: [(1, 0), (0, 1), (1, 1
 
 @dataclass(frozen=True)
 class Column:
-    """The layers above a point of the surface grid, the same for all waves.
+    """The layers above a point of the surface grid, from the bottom up, the same for all waves."""
 
-    Attributes
-    ----------
-    tables : ndarray, shape (layers, 2 r, 2 r, m)
-        Of a layer of cells of each kind, from the bottom up, by `cell_table`.
-    counts : sequence of int
-        Layers of cells of each kind.
-    free : ndarray of int
-        Unknowns of a node of the top that nothing fixes.
-    dim : int
-        Unknowns of a node that forces act on: the first ones.
-    kinks : tuple of (ndarray of int)
-        For each kind, unknowns of its lowest nodes that it does not share with the layers below;
-        without entries all are shared.
-    """
-
-    tables: Array
-    counts: Sequence[int]
-    free: NDArray[np.intp]
-    dim: int
+    tables: Array  # (layers, 2 r, 2 r, m), by `cell_table`
+    counts: Sequence[int]  # layers of cells of each kind
+    free: NDArray[np.intp]  # unknowns of a node of the top that nothing fixes
+    dim: int  # unknowns of a node that forces act on: the first ones
+    # Unknowns of each kind's lowest nodes that it does not share with the layers below.
     kinks: tuple[NDArray[np.intp], ...] = ()
 
     @property
@@ -62,18 +48,8 @@ class Column:
 
 
 def parities(kinds: NDArray[np.int64], dim: int) -> NDArray[np.int64]:
-    """p of each unknown of a node, 0 or 1, from the kinds by `contact.body.rigid_modes.dof_kinds`.
-
-    Parameters
-    ----------
-    kinds : ndarray of int, shape (r,)
-        -1 for values, -2 for the second mixed derivative, else the axis of a first derivative;
-        components alternate.
-    dim : int
-
-    Returns
-    -------
-    ndarray of int, shape (r,)
+    """p of each unknown of a node, 0 or 1, from `kinds`: -1 for values, -2 for the second mixed
+    derivative, else the axis of a first derivative; components alternate.
     """
     lateral = (np.arange(kinds.size) % dim < dim - 1).astype(int)
     along = (kinds >= 0) & (kinds < dim - 1)
@@ -83,13 +59,7 @@ def parities(kinds: NDArray[np.int64], dim: int) -> NDArray[np.int64]:
 
 
 def functions(phases: Sequence[Any]) -> Any:
-    """Values of 1 and of the cosines and sines, shape (m, waves).
-
-    Parameters
-    ----------
-    phases : sequence of arrays, shape (waves,)
-        For each lateral direction.
-    """
+    """Values, (m, waves), of 1 and of the cosines and sines of the phases of each direction."""
     xp = namespace(phases[0])
     angles = [
         sum(s * phase for s, phase in zip(step, phases, strict=True))
@@ -100,20 +70,8 @@ def functions(phases: Sequence[Any]) -> Any:
 
 
 def cell_table(body: ElasticBody, lengths: Array, parity: NDArray[np.int64]) -> Array:
-    """Coefficients of the functions for the lower and the upper unknowns of a layer.
-
-    Parameters
-    ----------
-    body : ElasticBody
-        One cell.
-    lengths : ndarray, shape (r,)
-        By which each unknown of a node is multiplied to become a displacement.
-    parity : ndarray of int, shape (r,)
-
-    Returns
-    -------
-    ndarray, shape (2 r, 2 r, m)
-        Symmetric in the first two indices.
+    """Coefficients, (2 r, 2 r, m), of the functions for the lower and upper unknowns of a layer of
+    the cell, each multiplied by its length to become a displacement.
     """
     mesh, r = body.mesh, lengths.size
     K, dofs = body.stiffness.toarray(), body.basis.nodal_dofs

@@ -31,21 +31,8 @@ _NUMBERS = 1 << 20  # in the largest matrices of a block of waves, by CuPy 64 ti
 
 
 def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[Any, Any]:
-    """Stiffness and compliance of the lower side for every combination of phases.
-
-    Parameters
-    ----------
-    column : Column
-    phases : sequence of arrays of NumPy or CuPy, one-dimensional
-        Change of phase over a cell in each direction; the waves are their outer product.
-    base : array, shape (dim (dim + 1) / 2, waves), optional
-        Upper triangle of what the top rests on, where all values on it are free.
-
-    Returns
-    -------
-    stiffness, compliance : arrays, shape (dim (dim + 1) / 2, waves)
-        Upper triangles, row by row, of the real matrices of `wave_cells`. Where nothing holds the
-        top, those of the wave 0 mean nothing.
+    """Stiffness and compliance, upper triangles row by row, of the lower side for the outer product
+    of phases, on a `base`; in the wave 0 they mean nothing where nothing holds the top.
     """
     xp, r = namespace(phases[0]), column.tables.shape[1] // 2
     if xp is not np and r <= wave_kernel.MOST and not column.kinks:

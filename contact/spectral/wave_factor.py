@@ -43,24 +43,12 @@ class Middle(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A slab of 2^m layers with the planes between those of its halves, and what holds its top.
+    """A slab of 2^m layers with the planes between those of its halves, and what holds its top."""
 
-    Attributes
-    ----------
-    middles : tuple of Middle
-        The finest first.
-    row : int
-        Number of its lowest plane.
-    inverse : Waves
-        Compliance of the free unknowns of its top, all above included.
-    below : Waves
-        What they do, in minus signs, where the lowest plane moves.
-    """
-
-    middles: tuple[Middle, ...]
-    row: int
-    inverse: Waves
-    below: Waves
+    middles: tuple[Middle, ...]  # the finest first
+    row: int  # number of its lowest plane
+    inverse: Waves  # compliance of the free unknowns of its top, with all above
+    below: Waves  # what they do, in minus signs, where the lowest plane moves
 
     @property
     def height(self) -> int:
@@ -69,43 +57,19 @@ class Piece(NamedTuple):
 
 
 class WaveFactor:
-    """Elimination of all planes of nodes above the lowest one; a `SchurFactor`.
-
-    Unknowns are those of all nodes, held ones included: planes from the bottom up, in them the
-    nodes, the unknowns of a node last. Values of held ones are zero.
-
-    Parameters
-    ----------
-    layers : sequence of (Slab, int)
-        Slab of one layer of cells and number of layers, from the bottom up.
-    lateral : LateralWaves
-    turns : ndarray of int, shape (r,)
-        Powers of the imaginary unit that take the waves of each unknown to those of real slabs.
-    loose : ndarray of int
-        Unknowns of a node that are free on the top.
-    kept : ndarray of int
-        Unknowns of a node of the lowest plane that are kept; all values are among them.
-    xp : module
-        `numpy` or `cupy`.
-    lengths : ndarray, shape (r,), optional
-        By which the unknowns of a node are multiplied to become displacements, the unknowns of
-        the slabs. Default: they are displacements.
-
-    Attributes
-    ----------
-    boundary : ndarray of int
-        The kept unknowns that no side holds, ascending.
+    """Elimination of all planes of nodes above the lowest one; a `SchurFactor`. Unknowns are those
+    of all nodes by planes from the bottom up, zero where held, those of a node last.
     """
 
     def __init__(
         self,
         layers: Sequence[tuple[Slab, int]],
         lateral: LateralWaves,
-        turns: NDArray[np.int64],
-        loose: NDArray[np.intp],
-        kept: NDArray[np.intp],
+        turns: NDArray[np.int64],  # powers of i that make the waves of an unknown real
+        loose: NDArray[np.intp],  # unknowns of a node that are free on the top
+        kept: NDArray[np.intp],  # those of the lowest plane that are kept, all values among them
         xp: Any,
-        lengths: Array | None = None,
+        lengths: Array | None = None,  # unknowns times these are displacements
     ) -> None:
         self._lateral, self.xp = lateral, xp
         turn = np.array([1, 1j, -1, -1j])[turns % 4]
@@ -160,17 +124,8 @@ class WaveFactor:
         return self._dense(self._symbol, forces=True)
 
     def hold(self, free: NDArray[np.intp]) -> bool:
-        """Invert the stiffness wave by wave; springs hold the means that nothing else holds.
-
-        Parameters
-        ----------
-        free : ndarray of int
-            Unknowns of a node whose mean is a free motion.
-
-        Returns
-        -------
-        bool
-            Whether it is positive definite; else there is no compliance.
+        """Invert the stiffness wave by wave; springs hold the means of the unknowns `free`. False:
+        it is not positive definite, and there is no compliance.
         """
         kinds, symbol = host(self._kept), np.array(host(self._symbol))
         of_mean = np.flatnonzero(np.isin(kinds, free))
@@ -220,9 +175,8 @@ class WaveFactor:
         return 0.5 * (dense + dense.T)
 
     def _in_waves(self, grid: Any, kinds: Any, times: Any) -> Waves:
-        """Values, shape (*points, m, n), of the given unknowns as waves, (waves, m, n).
-
-        Each unknown of a node is multiplied by its entry of `times`.
+        """Values, (*points, m, n), of the given unknowns, each times its entry of `times`, as
+        waves, (waves, m, n).
         """
         xp = self.xp
         waves = self._lateral.forward(xp.moveaxis(grid, -2, 0), kinds=host(kinds))
@@ -265,9 +219,8 @@ class WaveFactor:
         return host(u) if namespace(load) is np else u
 
     def _forward(self, load: Any) -> Waves:
-        """Eliminate a load: what `expand` needs on each plane, on the lowest one what arrives.
-
-        Of the last load the result is kept: `reduce` and `expand` both need it.
+        """Eliminate a load: what `expand` needs on each plane, on the lowest one what arrives. That
+        of the last load is kept for `reduce` and `expand`.
         """
         xp = self.xp
         if self._last is not None and bool(xp.array_equal(self._last[0], xp.asarray(load))):
@@ -346,24 +299,8 @@ def _adjoint(blocks: Waves) -> Waves:
 def dense_matrix(
     symbol: Any, lateral: LateralWaves, turn: Any, kinds: NDArray[np.intp], forces: bool
 ) -> Any:
-    """The matrix of a symbol, of some unknowns of all nodes of a plane.
-
-    Parameters
-    ----------
-    symbol : array of NumPy or CuPy, shape (waves, m, m)
-        Real, of the waves that `turn` makes of those of `lateral`.
-    lateral : LateralWaves
-    turn : array, shape (r,)
-        Powers of the imaginary unit, one for each unknown of a node.
-    kinds : ndarray of int, shape (m,)
-        The unknowns of the symbol.
-    forces : bool
-        It makes forces of displacements; else displacements of forces.
-
-    Returns
-    -------
-    array, shape (nodes, m, nodes, m)
-        Entries of unknowns that a side holds mean nothing.
+    """The matrix, (nodes, m, nodes, m), of a real symbol of some unknowns of a plane, of the turned
+    waves of `lateral`; entries of unknowns that a side holds mean nothing.
     """
     xp, m, points = lateral.xp, kinds.size, lateral.points
     odd = np.array([np.zeros(m, bool) if own is None else own[kinds] for own in lateral.odd])

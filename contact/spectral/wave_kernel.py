@@ -137,14 +137,8 @@ extern "C" __global__ void __launch_bounds__(THREADS) condense(
 
 
 def source(unknowns: int, dim: int, inner: Sequence[int]) -> str:
-    """The kernel for elements of so many unknowns a node.
-
-    Parameters
-    ----------
-    unknowns : int
-    dim : int
-    inner : sequence of int
-        Unknowns of the slab of all layers that are eliminated at last.
+    """The kernel for elements of so many unknowns a node; `inner` unknowns of the whole slab are
+    eliminated at last.
     """
     order = [*inner, *range(dim)]
     known = {

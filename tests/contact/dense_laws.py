@@ -5,9 +5,9 @@ import numpy as np
 from contact import NotConverged
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.laws.active_set import signorini
+from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Coulomb, Tresca
-from contact.laws.proximal_point import proximal_point
-from contact.laws.semismooth_newton import semismooth_newton
+from contact.laws.newton import newton, proximal_point
 from contact.spectral.grid_problem import GridProblem
 
 
@@ -60,11 +60,11 @@ def forces_of(problem, friction, law):
         for column, i in enumerate(problem.free):
             if i:
                 t[:, i - 1] = found.mu * rows.s[column] / max(found.mu.sum(), 1e-300)
-        start = Forces(found.mu, t, a)
+        start, laws = Forces(found.mu, t, a), Condensed(rows, rule)
         try:
-            found = semismooth_newton(rows, start, rule, tol=1e-13)
+            found = newton(laws, start, tol=1e-13)
         except NotConverged:
-            found = proximal_point(rows, rule, start, tol=1e-13)
+            found = proximal_point(laws, start, tol=1e-13)
     shape = problem.gap.shape
     return (
         np.array([found.mu, *(found.t.T if friction is not None else 0 * found.t.T)]).reshape(

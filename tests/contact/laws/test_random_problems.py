@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import LinAlgError
 
 from contact.condensation.boundary_problem import BoundaryProblem
+from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError
 from contact.laws.friction import Coulomb, Tresca
 from contact.laws.methods import solve_boundary
@@ -167,3 +168,45 @@ def test_error_sees_a_wrong_answer():
     for field in ("mu", "t"):
         spoiled = type(forces)(**{**vars(forces), field: 1.001 * getattr(forces, field)})
         assert error(problem, friction, spoiled) > 1e-5
+
+
+class Rows:
+    """A stiffness of contact rows alone, with the solver of `AlteredSystem`."""
+
+    def __init__(self, K):
+        self._K = K
+
+    def of_chosen(self, x):
+        return x
+
+    def solve(self, alteration, load, right, start, tol):
+        held = alteration.held
+        A = alteration.of_rows @ self._K + alteration.of_x.toarray()
+        A[held] = np.eye(held.size)[held]
+        x = np.linalg.solve(A, right)
+        return x, self._K @ x
+
+
+def posed_by_stiffness(problem):
+    """The same problem with its rows as unknowns of the body."""
+    K, none = np.linalg.inv(problem.W), np.zeros(problem.v0.size)
+    return PrimalProblem(
+        W=np.zeros((0, 0)), v0=none, C=problem.C, s=problem.s, gap=problem.gap,
+        normal=problem.normal, tangent=problem.tangent, prescribed_slip=problem.prescribed_slip,
+        system=Rows(K), load=K @ problem.v0, v=none,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("law", [Coulomb, Tresca, type(None)])
+def test_rows_as_unknowns_of_the_body(law):
+    compared = 0
+    for seed in range(80):
+        problem, friction = random_problem(seed)
+        if not isinstance(friction, law) or problem.s.size or problem.gap.size > 100:
+            continue
+        if np.linalg.cond(problem.W) > 1e6:  # rows that repeat others have no stiffness
+            continue
+        forces = solve(posed_by_stiffness(problem), friction, "newton")
+        assert error(problem, friction, forces) < 1e-9
+        compared += 1
+    assert compared >= 3

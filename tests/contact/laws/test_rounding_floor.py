@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from contact import ContactProblem, ElasticBody, Plane, Rigid
-from contact.laws.residual import residual
-from contact.laws.semismooth_newton import semismooth_newton
+from contact.laws.condensed_newton import Condensed
+from contact.laws.newton import newton
 from contact.problem.nested_start import start_forces
 from skfem_adini import ElementQuadAdini
 
@@ -40,9 +40,9 @@ def test_tolerance_below_rounding(force, make):
     boundary = condensed.boundary_problem(system.load, system.rows.gap, None, system.motion)
     law, scale = system.scaled_friction(condensed.point_scale), condensed.point_scale
     start = start_forces(problem.solve(), system, boundary, scale)
-    lines = []
-    forces = semismooth_newton(boundary, start, law, tol=1e-17, report=lines.append)
+    lines, laws = [], Condensed(boundary, law)
+    forces = newton(laws, start, tol=1e-17, report=lines.append)
     assert len(lines) <= 20
-    left = residual(boundary, forces.mu, forces.t, forces.a, law.bound(forces.mu))
+    left = laws.residual(laws.state(forces))
     # Rounding of displacements of five, over what the forces of the step cause.
     assert left <= 1e-14 * 5.0 / force

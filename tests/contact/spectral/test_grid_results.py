@@ -17,7 +17,7 @@ from contact import (
     Status,
     self_affine,
 )
-from contact.spectral.friction_newton import GridFriction
+from contact.laws.friction import Coulomb
 from contact.spectral.grid_result import certified, corrected_area, perimeter
 
 H = self_affine(32, 0.8, 0.01, (1, 8), 4)
@@ -170,7 +170,7 @@ def test_certificate_finds_wrong_forces():
     result = solved()
     contact = GridContact(result.compliance, PRESSED, 0.4)
     problem, given = contact._case(None).problem(), contact._controls()[0]
-    law = GridFriction(np.full((32, 32), 0.4), True)
+    law = Coulomb(np.full((32, 32), 0.4))
     a = problem.turned(-result.motion.reshape(3, 1, 1)).ravel()
     good = certified(problem, law, (result.forces, a), given, 1e-9, ())
     assert good.pressure == pytest.approx(result.pressure)

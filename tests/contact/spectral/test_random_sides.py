@@ -11,7 +11,6 @@ import pytest
 from layer_problems import ADINI, SparseCompliance
 
 from contact import GridContact, PeriodicLayers, Rigid
-from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_result import certified
 
 
@@ -63,12 +62,10 @@ def check(seed):
     contact = random_contact(seed)
     result, dim = contact.solve(), contact.compliance.dim
     sparse = replace(contact, compliance=SparseCompliance.of(contact.compliance))
-    problem, coulomb = sparse._case(None).problem(), contact.law == "coulomb"
+    problem = sparse._case(None).problem()
     a = -problem.turned(result.motion.reshape(-1, *[1] * (dim - 1))).ravel()
     a[np.isnan(problem.force)] = 0.0
-    law = GridFriction(
-        contact._friction() * (1.0 if coulomb else contact._case(None).areas), coulomb
-    )
+    law = contact._case(None).friction_law(np)
     certified(problem, law, (result.forces, a), contact._controls()[0], 1e-8, ())
 
 

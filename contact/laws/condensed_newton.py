@@ -1,0 +1,294 @@
+"""Newton's method on the condensed boundary problem, whose compliance is dense or of factors.
+
+The linear system of a step is gathered, changed and solved where W lies, on the host or a device;
+active sets and residuals are computed on the host from products with W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.arrays.dense_arrays import HostArrays, arrays_of
+from contact.arrays.krylov import gmres
+from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
+from contact.condensation.factor_compliance import FactorCompliance
+from contact.laws.friction import Friction, Tresca
+from contact.laws.iteration import Iteration
+from contact.laws.law import ContactLaw, SlipLaw, State, Zones
+
+# Compliance that acts on the change of the forces; that of each row is one. It makes the step
+# unique where rows are linearly dependent, has no effect at convergence, and is too small to cost a
+# step.
+PROXIMAL = 1e-13
+# Stiffness, relative to the square of the largest entry of C, that acts on the change of free
+# motions: it makes the step unique while too few points are in contact to hold the body, and has no
+# effect at convergence either.
+WEAK = 1e-9
+_ROUNDING = 10.0  # in machine precisions: sums and solves of some hundred terms lose a digit
+
+
+@dataclass(frozen=True)
+class Condensed:
+    """A condensed problem and its friction, for `contact.laws.newton.newton`."""
+
+    problem: BoundaryProblem
+    friction: Friction
+    weak: float = WEAK  # stiffness of springs on free motions, over the square of max |C|
+    anchored: bool = True  # springs act on the change of motions, else on motions
+    patience = 8
+
+    @cached_property
+    def law(self) -> ContactLaw:
+        """The law of its points, in the scale of the problem."""
+        p = self.problem
+        live = (p.tangent >= 0).T
+        return ContactLaw(self.friction, (1.0, 1.0), live, p.bonded, p.swept, p.compliance)
+
+    def state(self, forces: Forces) -> State:
+        """Forces with the displacements they cause."""
+        u_n, u_t = self.problem.displacements(forces.mu, forces.t, forces.a)
+        return State(forces, forces.mu, forces.t.T, self.problem.penetration(u_n), u_t.T)
+
+    def residual(self, state: State) -> float:
+        """Largest violation of the laws and of the balance of loads, over the largest force."""
+        p, now = self.problem, state.forces
+        balance = p.C.T @ p.forces(now.mu, now.t) - p.s
+        if p.K is not None:
+            balance = balance + p.K @ now.a
+        worst = max(self.law.violation(state), float(np.abs(balance).max(initial=0.0)))
+        return worst / p.residual_size(now.mu, now.t)
+
+    def rounding(self, state: State) -> float:
+        """Rounding error of the residual: that of the terms that cancel in it, over the forces."""
+        p, now = self.problem, state.forces
+        l, C, a = np.abs(p.forces(now.mu, now.t)), np.abs(p.C), np.abs(now.a)
+        gap = np.where(np.isfinite(p.gap), np.abs(p.gap), 0.0)
+        # W is positive definite with a diagonal of about one: no entry is larger.
+        moved = np.abs(p.v0) + l.sum() + C @ a
+        balanced = C.T @ l + np.abs(p.s)
+        if p.K is not None:
+            balanced = balanced + np.abs(p.K) @ a
+        largest = max(float(part.max(initial=0.0)) for part in (moved, balanced, gap))
+        return _ROUNDING * float(np.finfo(float).eps) * largest / p.residual_size(now.mu, now.t)
+
+    def softened(self, forces: Forces, delta: float) -> Condensed:
+        """With springs of compliance delta in all rows, at rest under the forces."""
+        p = self.problem
+        shifted = replace(
+            p,
+            W=arrays_of(p.W).shifted(p.W, delta),
+            v0=p.v0 + delta * p.forces(forces.mu, forces.t),
+            swept=None,  # the springs yield
+        )
+        return replace(self, problem=shifted)
+
+    def step(
+        self,
+        state: State,
+        zones: Zones,
+        form: str,
+        size: float = 0.0,
+    ) -> Forces:
+        """Forces and motions that solve the linearised laws, or `LinAlgError`."""
+        problem, now = self.problem, state.forces
+        tangent, k = problem.tangent, problem.s.size
+        rubbing = (zones.stick | zones.slip)[:, None] & (tangent >= 0)
+        rows_n = problem.normal[zones.active]
+        rows = np.concatenate((rows_n, tangent[rubbing]))
+        n_n, n = rows_n.size, rows.size
+
+        # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick).
+        C, added = problem.C[rows], np.full(n, PROXIMAL)
+        rhs = np.concatenate((problem.v0[rows], np.zeros(k)))
+        rhs[:n_n] -= problem.gap[zones.active]
+        if problem.compliance is not None:
+            added[:n_n] += zones.slope[zones.active]
+            rhs[:n_n] -= zones.opening[zones.active]
+        rhs[:n] += PROXIMAL * problem.forces(now.mu, now.t)[rows]
+        # At slipping points the linearised law replaces the equation for u_t.
+        place, normal_place = np.full(tangent.shape, -1), np.full(zones.active.size, -1)
+        place[rubbing] = n_n + np.arange(n - n_n)
+        normal_place[zones.active] = np.arange(n_n)
+        slip = None
+        if zones.slip.any():
+            at = np.flatnonzero(zones.slip)
+            law = self.law.slip(zones, state.t, form, at)
+            slip = SlipRows.of(law, place[at], normal_place[at])
+            rhs[slip.rows] = slip.right(rhs)
+        balance = np.zeros((k, n + k))
+        if k:
+            # The balance of loads.
+            springs = np.full(k, self.weak * float(np.abs(problem.C).max()) ** 2)
+            balance[:, :n] = C.T
+            if problem.K is not None:
+                springs[np.diag(problem.K) > 0] = 0.0  # elastic motions have their own stiffness
+                balance[:, n:] = problem.K
+            balance[:, n:] += np.diag(springs)
+            rhs[n:] = problem.s + springs * now.a if self.anchored else problem.s
+        mu, t = problem.zeros()
+        if n + k == 0:
+            return Forces(mu, t, np.zeros(0))
+        last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
+        system = ProductSystem if isinstance(problem.W, FactorCompliance) else DenseSystem
+        # Solve for the change: its rounding error is relative to its own size, and the next step
+        # corrects it.
+        linear = system(problem.W, rows, added, C, balance, slip)
+        solution = last + linear.solve(rhs - linear @ last)
+        mu[zones.active] = solution[:n_n]
+        t[rubbing] = solution[n_n:n]
+        return Forces(mu, t, solution[n:])
+
+
+def outer_step(
+    problem: BoundaryProblem,
+    step: int,
+    phase: str,
+    now: Forces,
+    g: Array,
+    size: float | None = None,
+) -> Iteration:
+    """Describe an outer step; `size` is its residual, by default that of the laws with bound g."""
+    if size is None:
+        laws = Condensed(problem, Tresca(g))
+        size = laws.residual(laws.state(now))
+    g = problem.bound(g)
+    rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
+    # A point sticks if its force is below the bound by more than rounding.
+    slip = rubs & (np.linalg.norm(now.t, axis=1) >= g * (1 - 1e-9))
+    active = int(((now.mu > 0) | problem.ties).sum())
+    return Iteration(step, phase, active, int((rubs & ~slip).sum()), int(slip.sum()), size)
+
+
+@dataclass(frozen=True)
+class SlipRows:
+    """The law ``own t - of_v v = normal mu + known`` of p slipping points, in rows of a system."""
+
+    at: NDArray[np.int64]  # (p, dim - 1) rows of the tangents, -1 for a prescribed one
+    of_v: Array  # (p, dim - 1, dim - 1)
+    known: Array  # (p, dim - 1)
+    own: Array  # (p, dim - 1, dim - 1)
+    normal: Array  # (p, dim - 1, 1), of the columns of_normal
+    of_normal: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, law: SlipLaw, at: NDArray[np.int64], of_normal: NDArray[np.int64]) -> SlipRows:
+        """From the rows of the tangents and the columns (p,) of the normal forces."""
+        own, of_v = law.blocks()
+        weighted = law.weight * law.a
+        normal = (weighted * law.coefficient).T[:, :, None]
+        return cls(at, of_v, (weighted * law.bound).T, own, normal, of_normal[:, None])
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """Their rows, one after the other."""
+        return self.at[self.at >= 0]
+
+    def right(self, rhs: Array) -> Array:
+        """Right sides of the rows, from those of the displacements there."""
+        v_rhs = np.where(self.at >= 0, rhs[np.where(self.at >= 0, self.at, 0)], 0.0)
+        new = np.einsum("pij,pj->pi", self.of_v, v_rhs) + self.known
+        return np.asarray(new[self.at >= 0])
+
+
+def entries(
+    rows: NDArray[np.int64], columns: NDArray[np.int64], blocks: Array
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Rows, columns and values of blocks (p, i, j), without rows and columns -1."""
+    row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
+    kept = (row >= 0) & (column >= 0)
+    return row[kept], column[kept], blocks[kept]
+
+
+def blocks_in(
+    n: int, rows: NDArray[np.int64], columns: NDArray[np.int64], blocks: Array
+) -> sparse.csr_array:
+    """The blocks (p, i, j) as a matrix (n, n)."""
+    row, column, value = entries(rows, columns, blocks)
+    return sparse.csr_array((value, (row, column)), shape=(n, n))
+
+
+class DenseSystem:
+    """``[[W + D, -C], [balance]]`` with the rows of slip replaced, where W lies."""
+
+    def __init__(
+        self, W: Any, rows: Any, added: Array, C: Array, balance: Array, slip: SlipRows | None
+    ) -> None:
+        self._arrays: HostArrays = arrays_of(W)
+        put = self._arrays.xp.asarray
+        A = self._arrays.bordered(W, rows, added, -C)
+        self._definite = slip is None and not len(balance)
+        if slip is not None:
+            at, live = slip.at, slip.at >= 0
+            if slip.of_v.any():  # a row holds v = v0 - W l + C a as A x - rhs = -v
+                v_rows = put(live[:, :, None]) * A[put(np.where(live, at, 0))]
+                turned = self._arrays.xp.einsum("pij,pjn->pin", put(slip.of_v), v_rows)
+                A[put(at[live])] = turned[put(live)]
+            else:
+                A[put(at[live])] = 0.0
+            for columns, blocks in ((at, slip.own), (slip.of_normal, -slip.normal)):
+                row, column, value = entries(at, columns, blocks)
+                A[put(row), put(column)] += put(value)
+        if len(balance):
+            A[rows.size :] = put(balance)
+        self._A = A
+
+    def __matmul__(self, x: Array) -> Array:
+        return np.asarray(self._arrays.get(self._A @ self._arrays.xp.asarray(x)))
+
+    def solve(self, right: Array) -> Array:
+        """The solution; the matrix is overwritten."""
+        return np.asarray(self._arrays.solve_square(self._A, right, self._definite))
+
+
+_REDUCTION = 1e-3  # of the residual of a step; the next step begins with what is left
+_MOST = 400  # products of a step at most
+_BASIS = 120  # vectors of GMRES before it starts anew
+
+
+class ProductSystem:
+    """``[[M (W + D), -M C], [balance]]`` plus what the laws of slip add, of products with W."""
+
+    def __init__(
+        self, W: Any, rows: Any, added: Array, C: Array, balance: Array, slip: SlipRows | None
+    ) -> None:
+        self._W, self._rows, self._added, self._C, self._balance = W, rows, added, C, balance
+        self._of_rows: Any = None
+        if slip is not None:
+            kept, n, at = np.ones(rows.size), rows.size, slip.at
+            kept[slip.rows] = 0.0
+            self._of_rows = blocks_in(n, at, at, slip.of_v) + sparse.diags_array(kept)
+            normal = blocks_in(n, at, slip.of_normal, slip.normal)
+            self._of_forces = blocks_in(n, at, at, slip.own) - normal
+
+    def __matmul__(self, x: Array) -> Array:
+        return self._times(x, self._W.__matmul__)
+
+    def _times(self, x: Array, compliance: Callable[[Array], Array]) -> Array:
+        n = self._rows.size
+        forces = np.zeros(self._W.shape[0])
+        forces[self._rows] = x[:n]
+        moved = compliance(forces)[self._rows] + self._added * x[:n] - self._C @ x[n:]
+        if self._of_rows is not None:
+            moved = self._of_rows @ moved + self._of_forces @ x[:n]
+        return np.concatenate((moved, self._balance @ x))
+
+    def solve(self, right: Array) -> Array:
+        """A step towards the solution, from zero; its products are quick ones."""
+        unit = np.ones(right.size)
+        n, k = self._rows.size, len(self._balance)
+        if k:  # motions and their balance in the units of forces and displacements
+            size = float(np.abs(self._C).max(initial=0.0)) * np.sqrt(n)
+            unit[n:] = 1.0 / size if size else 1.0
+
+        def product(y: Array) -> Array:
+            return np.asarray(unit * self._times(unit * y, self._W.quickly))
+
+        step, _ = gmres(product, unit * right, lambda y: y, _REDUCTION, _MOST, _BASIS)
+        return np.asarray(unit * step)

@@ -1,0 +1,172 @@
+r"""The law of contact and friction at points, and its linearisation.
+
+Points have forces (mu, t), penetrations u_n - d, tangential displacements v, and are given a force
+per displacement c. Where ``mu + c (u_n - d) > 0`` they are active: ``u_n = d``, and mu = 0
+elsewhere. On compliant surfaces ``u_n - d = h(mu)``, and h is linearised at the solution of
+``mu + h(mu) = q`` for the last q = mu + u_n - d. For friction with bound g let q = t + c v,
+b = q / |q| and r = g / |q|:
+
+* g = 0: t = 0;
+* stick, |q| <= g: v = 0;
+* slip, |q| > g: the linearised law, in one of two forms,
+
+  - radial return, the exact Newton step of t = g q / |q|:
+    ``t+ = g b + r (I - b b^T) (t+ + c v+)``;
+  - damped, equation (4.16) of the dissertation, in its corrected form, with a = t / max(g, |t|):
+    ``(1 - r) t+ = r (I - a b^T) c v+ + (1 - r) g a``.
+
+The damped form converges from far away, radial return is fast near the solution. For Coulomb's law
+g = F mu+ on active points is an unknown of the same linear system (monolithic).
+
+References
+----------
+S. Hueeber, G. Stadler and B. Wohlmuth, A primal-dual active set algorithm for three-dimensional
+contact problems with Coulomb friction, SIAM J. Sci. Comput. 30 (2008). The dissertation: S. A.
+King, Multi-Moment Methods for PDEs and GPUs for Large-Scale Scientific Computations, North Carolina
+State University, 2012.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from contact.arrays.namespace import namespace
+from contact.laws.friction import Coulomb, Friction, lengths, project
+
+Array = Any  # of NumPy or CuPy: (...) of points, (dim - 1, ...) of their tangential vectors
+
+
+@dataclass(frozen=True)
+class State:
+    """Forces of a problem, in its own form and of points, and the displacements they cause."""
+
+    forces: Any
+    mu: Array
+    t: Array
+    through: Array  # u_n - d, minus infinity where contact is impossible
+    v: Array
+
+
+@dataclass(frozen=True)
+class Zones:
+    """Sets of points, with the trial force q = t + c v and its bound g. Bonded points are active
+    and stick, g infinite.
+    """
+
+    active: Array
+    stick: Array
+    slip: Array
+    q: Array
+    g: Array
+    c: Array
+    opening: Array = 0.0  # of compliant surfaces: u_n - d = opening + slope mu
+    slope: Array = 0.0
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """The law of all points, with their masks and the forces per displacement, c."""
+
+    friction: Friction
+    scale: tuple[float, float] = (1.0, 1.0)  # c along the normal and along the surface
+    live: Array | None = None  # tangential components that can move, (dim - 1, ...)
+    bonded: Array | None = None  # points tied to the obstacle
+    swept: Array | None = None  # points that slip as prescribed, whatever the forces
+    surface: Any = None  # a `contact.laws.surface_compliance.SurfaceCompliance`
+
+    def bound(self, mu: Array) -> Array:
+        """The friction bound under normal forces mu, infinite at bonded points."""
+        g = self.friction.bound(mu)
+        return g if self.bonded is None else np.where(self.bonded, np.inf, g)
+
+    def _moving(self, v: Array) -> Array:
+        return v if self.live is None else namespace(v).where(self.live, v, 0.0)
+
+    def violation(self, state: State) -> float:
+        """Largest violation of the contact and the friction law, a force."""
+        mu, t, xp = state.mu, state.t, namespace(state.mu)
+        trial = mu + self.scale[0] * state.through
+        closest = xp.maximum(trial, 0.0) if self.surface is None else self.surface.closest(trial)[0]
+        contact = mu - closest
+        if self.bonded is not None:
+            tied = self.bonded & np.isfinite(state.through)
+            contact = np.where(tied, state.through, contact)
+        q = self._moving(t + self.scale[1] * state.v)
+        rub = self._moving(t - project(q, self.bound(mu)))
+        return max(float(xp.abs(part).max()) if part.size else 0.0 for part in (contact, rub))
+
+    def zones(self, state: State) -> Zones:
+        """The sets of the primal-dual active set method."""
+        t, v, xp, opening, slope = state.t, state.v, namespace(state.mu), 0.0, 0.0
+        trial = state.mu + self.scale[0] * state.through
+        if self.surface is not None:
+            trial, h, slope = self.surface.closest(trial)
+            opening = h - slope * trial
+        active = trial > 0
+        if self.bonded is not None:
+            active |= self.bonded & np.isfinite(state.through)
+        g, c = self.bound(xp.where(active, trial, 0.0)), self.scale[1]
+        q = self._moving(t + c * v)
+        length = lengths(q)
+        if self.swept is not None:  # they slip from the first step on, by another c if need be
+            moves = lengths(self._moving(v))
+            stuck = self.swept & (length <= g) & (moves > 0)
+            more = 4.0 * (g + lengths(t)) / xp.where(stuck, moves, 1.0)
+            c = c + xp.where(stuck, more, 0.0)
+            q = self._moving(t + c * v)
+            length = lengths(q)
+        rubs = g > 0 if self.live is None else (g > 0) & self.live.any(axis=0)
+        return Zones(active, rubs & (length <= g), rubs & (length > g), q, g, c, opening, slope)
+
+    def slip(self, zones: Zones, t: Array, form: str, at: Any = slice(None)) -> SlipLaw:
+        """The linearised law in the form "radial" or "damped", of the points at some places."""
+        xp, slip, q = namespace(zones.q), zones.slip[at], zones.q[..., at]
+        g = xp.where(slip, zones.g[at], 0.0)
+        length = xp.where(slip, lengths(q), 1.0)
+        b, ratio = q / length, g / length
+        a, weight = b, xp.ones_like(ratio)
+        if form != "radial":
+            a = t[..., at] / xp.where(slip, xp.maximum(g, lengths(t[..., at])), 1.0)
+            weight = 1.0 - ratio
+        if isinstance(self.friction, Coulomb):
+            coefficient, bound = self.friction.coefficient[at], xp.zeros_like(ratio)
+        else:
+            coefficient, bound = xp.zeros_like(ratio), g
+        c = zones.c[at] if isinstance(zones.c, type(zones.g)) else zones.c
+        return SlipLaw(a, b, ratio, weight, c, coefficient, bound, form == "radial")
+
+
+@dataclass(frozen=True)
+class SlipLaw:
+    """``own t - ratio (I - a b^T) c v = weight a (coefficient mu + bound)`` at slipping points:
+    radial ``own = I - ratio (I - b b^T)``, weight = 1, a = b; damped own = weight = 1 - ratio.
+    """
+
+    a: Array
+    b: Array
+    ratio: Array
+    weight: Array
+    c: Array
+    coefficient: Array
+    bound: Array
+    radial: bool
+
+    def turned(self, v: Array) -> Array:
+        """``(I - a b^T) v``."""
+        return v - self.a * (self.b * v).sum(axis=0)
+
+    def left(self, t: Array, cv: Array) -> Array:
+        """``own t - ratio (I - a b^T) c v`` of forces t and of c v."""
+        if self.radial:
+            return t - self.ratio * self.turned(t + cv)
+        return self.weight * t - self.ratio * self.turned(cv)
+
+    def blocks(self) -> tuple[Array, Array]:
+        """The matrices of t and of v, shape (points, dim - 1, dim - 1)."""
+        identity = np.eye(len(self.b))[:, :, None]
+        turned = self.ratio * (identity - self.a[:, None] * self.b)
+        own = identity - turned if self.radial else self.weight * identity
+        return np.moveaxis(own, 2, 0), np.moveaxis(self.c * turned, 2, 0)
