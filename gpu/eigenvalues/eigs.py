@@ -12,13 +12,25 @@ from scipy import linalg, sparse
 
 from gpu.arguments import choice, flag, is_finite_number, shown, unmasked, whole
 from gpu.arrays.namespace import namespace, to_host
-from gpu.eigenvalues.iteration_operator import EigenProblem, even_units, shifts, told_apart
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
-from gpu.eigenvalues.krylov.krylov_schur import ROUNDING_RESIDUAL, krylov_schur
-from gpu.eigenvalues.krylov.restart import RESTART_KINDS, Limits, Wanted, room_for
-from gpu.eigenvalues.operator import Matrix, as_matrix, ordinary
-from gpu.eigenvalues.schur.order import ORDERS, best_first, edge_of, rank_of
-from gpu.eigenvalues.schur.ordered_schur import Rank
+from gpu.eigenvalues.krylov.krylov_schur import (
+    RESTART_KINDS,
+    ROUNDING_RESIDUAL,
+    Limits,
+    Wanted,
+    krylov_schur,
+    room_for,
+)
+from gpu.eigenvalues.operator import (
+    EigenProblem,
+    Matrix,
+    as_matrix,
+    even_units,
+    ordinary,
+    shifts,
+    told_apart,
+)
+from gpu.eigenvalues.schur.ordered_schur import ORDERS, Rank, best_first, edge_of, rank_of
 from gpu.errors import GpuError, InputError, NotConverged
 
 logger = logging.getLogger(__name__)
@@ -48,7 +60,7 @@ def eigs(
     The signature is that of `scipy.sparse.linalg.eigs`; results are on the side of A. Krylov-Schur
     iteration with thick restarts. Before converged pairs are returned, a search from random vectors
     looks for better ones, so that copies of repeated eigenvalues are found too (see
-    `gpu.eigenvalues.krylov.challenge.unbeaten` for the probability of missing one), and the
+    `gpu.eigenvalues.krylov.krylov_schur.unbeaten` for the probability of missing one), and the
     residual of every returned pair is recomputed.
 
     Parameters

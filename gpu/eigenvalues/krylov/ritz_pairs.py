@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays.device_blas import ONE, ZERO, DeviceBlas
-from gpu.cuda.ritz import SOURCE
+from gpu.cuda.catalogue import RITZ
 
 TURN_THREADS, TURN_COLUMNS = 256, 32  # threads of a block of `ritz_rotate`, and columns it rotates
 MOST_TURNED = 192  # most vectors whose columns fit into the 48 KiB that every block may use
@@ -118,4 +118,4 @@ def _moved(values: np.ndarray) -> Any:
 def _kernel(name: str) -> Any:
     import cupy
 
-    return cupy.RawKernel(SOURCE, name, options=("--std=c++17",))
+    return cupy.RawKernel(RITZ, name, options=("--std=c++17",))

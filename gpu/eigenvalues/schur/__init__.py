@@ -2,5 +2,5 @@
 
 In: a small matrix, and which eigenvalues come first.
 Out: its ordered Schur form.
-Start: `ordered_schur`; `order` says which eigenvalues come first.
+Start: `ordered_schur`.
 """

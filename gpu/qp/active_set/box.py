@@ -51,7 +51,7 @@ import numpy as np
 
 from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve, symmetric_product
 from gpu.errors import Infeasible, NotConverged
-from gpu.qp.data.step import Step
+from gpu.qp.data.qp_result import Step
 
 # Steps without fewer violations after which a full exchange may cycle; the path cannot.
 STALLED_EXCHANGES = 5

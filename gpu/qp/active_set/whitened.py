@@ -31,8 +31,8 @@ import numpy as np
 from gpu.arrays.dense import cholesky_begun, cholesky_solve, gram, lower_solve
 from gpu.arrays.device_triangle import DeviceTriangle
 from gpu.arrays.namespace import to_host
+from gpu.qp.data.qp_result import Step
 from gpu.qp.data.standard_qp import Array, StandardQP
-from gpu.qp.data.step import Step
 
 # Steps without fewer violations, and all steps, before the interior point takes over, which costs
 # about fifteen factorisations of n x n; an exchange costs one of the active rows.

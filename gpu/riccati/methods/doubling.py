@@ -12,9 +12,8 @@ from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found
-from gpu.riccati.problem.lqr_problem import LQRProblem
+from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem, scaled_hamiltonian
 from gpu.riccati.problem.lqr_problem import solve as solve_linear
-from gpu.riccati.problem.standard_form import DenseProblem, scaled_hamiltonian
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.lyapunov import cayley_shift
 from gpu.riccati.proof.refinement import finished, refine

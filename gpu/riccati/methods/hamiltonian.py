@@ -10,9 +10,8 @@ from scipy import linalg
 
 from gpu.arguments import choice
 from gpu.arrays.namespace import namespace, to_host
-from gpu.eigenvalues.krylov.krylov_schur import krylov_schur
-from gpu.eigenvalues.krylov.restart import Limits, Wanted
-from gpu.eigenvalues.schur.order import best_first
+from gpu.eigenvalues.krylov.krylov_schur import Limits, Wanted, krylov_schur
+from gpu.eigenvalues.schur.ordered_schur import best_first
 from gpu.errors import InputError, NotConverged, RiccatiError
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
 from gpu.riccati.problem.candidate import Found, LowRankValue

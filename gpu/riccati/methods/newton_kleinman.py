@@ -10,8 +10,7 @@ from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.schur.ordered_schur import ordered_schur
 from gpu.errors import InputError, NotConverged, NotSupported
 from gpu.riccati.problem.candidate import Found
-from gpu.riccati.problem.lqr_problem import LQRProblem
-from gpu.riccati.problem.standard_form import DenseProblem
+from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.closed_loop import ALL_POLES, DenseLoop
 from gpu.riccati.proof.lyapunov import lyapunov_solver

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg, sparse
@@ -14,7 +14,6 @@ from gpu.arrays.device_lu import device_solver
 from gpu.arrays.namespace import namespace, to_host
 from gpu.arrays.sparse_factor import is_positive_definite, structurally_regular
 from gpu.errors import InputError
-from gpu.riccati.problem.standard_form import DenseProblem, balance
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.riccati.problem.weights import Weight
 
@@ -380,3 +379,40 @@ def _regular(E: Any, xp: Any, dense: bool) -> bool:
     lapack: Any = linalg.lapack
     pivots = np.abs(np.diag(lapack.dgetrf(full)[0]))
     return bool(pivots.min() > 0.0)
+
+
+class DenseProblem(NamedTuple):
+    r"""The standard form :math:`A^T X + X A - X B B^T X + Q = 0`, dense."""
+
+    A: Any
+    B: Any
+    Q: Any
+
+
+def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
+    r"""Powers of two s, shape (n,), that balance the Hamiltonian (James, Langou and Lowery 2014).
+
+    :math:`x = \mathrm{diag}(s) x'` is a symplectic similarity: the blocks become :math:`a_{ij} s_j
+    / s_i`, :math:`g_{ij} / (s_i s_j)`, :math:`q_{ij} s_i s_j`, with nearly equal sums of moduli of
+    rows and columns. The sums include the diagonal, so that much smaller entries, mostly rounding,
+    do not count.
+    """
+    A, B, Q = standard
+    xp = namespace(A)
+    inner, G, Q = abs(A), abs(B @ B.T), abs(Q)
+    log = xp.zeros(len(A))
+    for _ in range(sweeps):
+        s = xp.exp2(log)
+        rising = (inner.T @ (1.0 / s)) * s + (Q @ s) * s
+        falling = (inner @ s) / s + (G @ (1.0 / s)) / s
+        known = (rising > 0.0) & (falling > 0.0)
+        ratio = xp.where(known, falling, 1.0) / xp.where(known, rising, 1.0)
+        log = xp.clip(log + 0.25 * xp.log2(ratio), -300.0, 300.0)
+    return xp.exp2(xp.round(log))
+
+
+def scaled_hamiltonian(standard: DenseProblem, unit: Any) -> tuple[Any, Any, Any]:
+    """The blocks A, G, Q of the Hamiltonian balanced with the scale factors `unit`."""
+    A, B, Q = standard
+    B = B / unit[:, None]
+    return A * unit / unit[:, None], B @ B.T, Q * unit * unit[:, None]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,15 +12,23 @@ from scipy import linalg
 
 from gpu.arguments import choice
 from gpu.arrays.namespace import namespace, to_host
+from gpu.arrays.sparse_factor import SuperLUFactor
 from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
 from gpu.riccati.methods.hamiltonian import low_rank_value
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
-from gpu.riccati.methods.reduced.galerkin_riccati import Projected
-from gpu.riccati.methods.reduced.stability_proof import proves_stable
 from gpu.riccati.problem.candidate import Found, LowRankValue
 from gpu.riccati.problem.cross_term import without_cross_term
 from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
-from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, factor, stored, symmetric
+from gpu.riccati.problem.state_matrix import (
+    EPS,
+    Factors,
+    StateMatrix,
+    factor,
+    sparse_of,
+    stored,
+    symmetric,
+    vanishing,
+)
 from gpu.riccati.problem.weights import Weight, low_rank_factor
 
 COMPRESSIONS = ("galerkin", "printed")
@@ -440,3 +450,228 @@ class RationalKrylov:
         self._kept[:, self.rank : rank] = block
         self.rank = rank
         self.exhausted = block.shape[1] in (0, room)
+
+
+# Required least eigenvalue of the matrix that must be definite, scaled so that for the exact
+# solution it is at least one: far above rounding.
+DEFINITE_MARGIN = 1e-2
+
+
+def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: float) -> bool:
+    r"""Whether Lyapunov's inequality holds for ``A - B K`` with an S near the Riccati solution. P,
+    shape (r, r), solves the projected problem, which has no cross term, and gave the gain; q > 0.
+
+    It needs A = A^T, E = E^T and Q = q E. Let :math:`A_s = A - \delta E Z Z^T E` be negative
+    definite, Z of few columns. Then :math:`S_0 = -\frac q2 A_s^{-1}` solves the equation without
+    the quadratic term and without :math:`\delta`. Its difference to the Riccati solution has low
+    rank, and the Galerkin solution P on the basis W gives it:
+
+    .. math:: S = S_0 + W Y W^T,\qquad Y = P + \tfrac q2 (W^T A_s W)^{-1}.
+
+    S is positive definite if P is. In
+
+    .. math:: M = -(A - B K)^T S E - E S (A - B K)
+
+    the terms of :math:`S_0` give :math:`q E` up to terms in :math:`\delta`, and all other terms
+    have low rank: :math:`M = q E + U D U^T`, whose definiteness is that of a matrix of the order of
+    D. No poles are computed or estimated.
+    """
+    state, xp, W = problem.state, problem.xp, projected.W
+    found = _shifted(problem)
+    if found is None or not _definite(P):
+        return False
+    Z, delta, solve = found
+    EW, EZ, AW = state.mass(W), state.mass(Z), state.apply(W)
+    ZW = to_host(EZ.T @ W)
+    inner = projected.A - delta * ZW.T @ ZW
+    Y = P + q / 2.0 * np.linalg.inv((inner + inner.T) / 2.0)
+    BZ = solve(xp.concatenate([problem.input, EZ], axis=1))
+    S0BZ = -q / 2.0 * state.mass(BZ)
+    K = projected.gain(P)
+    m, d, r = problem.input.shape[1], Z.shape[1], len(P)
+    U = xp.concatenate([AW, EW, K.T, S0BZ, EZ], axis=1)
+    size = xp.linalg.norm(U, axis=0)
+    U = U / xp.where(size > 0.0, size, 1.0)
+    D = np.zeros((U.shape[1],) * 2)
+    at = np.cumsum([0, r, r, m, m, d, d])
+    aw, ew, k, b, z, e = (slice(*pair) for pair in pairwise(at))
+    D[aw, ew] = -Y
+    D[k, ew] = projected.B.T @ Y
+    D[k, b] = np.eye(m)
+    D[z, e] = -delta * np.eye(d)
+    lengths = to_host(size)
+    D = (D + D.T) * lengths * lengths[:, None] / q
+    gram = to_host(U.T @ _mass_solve(state.E)(U))
+    values, vectors = np.linalg.eigh((gram + gram.T) / 2.0)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    small = root.T @ D @ root
+    if not np.isfinite(small).all():
+        return False
+    return bool(1.0 + np.linalg.eigvalsh((small + small.T) / 2.0)[0] >= DEFINITE_MARGIN)
+
+
+def _shifted(problem: LQRProblem) -> Any:
+    """Z, delta, and solves with ``A - delta E Z Z^T E`` where that is negative definite."""
+    state, xp = problem.state, problem.xp
+    n, unit = state.n, state.size() or 1.0
+    if state.kind == "diagonal":
+        E = xp.ones(n) if state.E is None else state.E
+        if not bool((E > 0.0).all()):
+            return None
+        places = xp.flatnonzero(vanishing(state.A) | (state.A > 0.0))
+        if len(places) > 16:  # Z must have few columns
+            return None
+        Z = xp.zeros((n, len(places)))
+        Z[places, xp.arange(len(places))] = 1.0 / xp.sqrt(E[places])
+        ratio = float((xp.abs(state.A) / E).max())
+        A = state.A.copy()
+        A[places] -= ratio * E[places]
+        return (Z, ratio, lambda x: x / A[:, None]) if bool((A < 0.0).all()) else None
+    if state.kind != "sparse" or xp is not np:
+        return None
+    Z = np.zeros((n, 0))
+    if _inertia(-state.A, Z, 1.0) != 0:
+        constant = np.ones((n, 1))
+        # Only constants are tried as null vector, the most frequent one; otherwise no proof.
+        if float(abs(state.A @ constant).max()) > 1e-10 * unit:
+            return None
+        Z = constant / np.sqrt(float((constant * state.mass(constant)).sum()))
+    EZ = state.mass(Z)
+    delta = unit / max(1e-300, float(abs(EZ).max()) ** 2) if EZ.size else 1.0
+    if state.E is not None and _inertia(state.E, np.zeros((n, 0)), 1.0) != 0:
+        return None
+    if EZ.size and _inertia(-state.A, EZ, delta) != EZ.shape[1]:
+        return None
+    factors = state.factor_updated(delta * EZ, EZ) if EZ.size else factor(state.A)
+    return None if factors is None else (Z, delta, factors.solve)
+
+
+def _inertia(H: Any, V: Any, delta: float) -> int:
+    """Number of pivots of ``[[H, V], [V^T, -I / delta]]`` that are not positive; -1 if it fails. It
+    is the number of columns of V if and only if ``H + delta V V^T`` is positive definite
+    (Haynsworth 1968)."""
+    block = sparse_of(np)
+    if V.shape[1]:
+        H = block.bmat([[H, block.csr_matrix(V)], [V.T, -block.identity(V.shape[1]) / delta]])
+    H = block.csc_array(H)
+    lu, diagonal = SuperLUFactor(H), H.diagonal()
+    # Shift the diagonal down by more than the rounding errors of the factors, so that a positive
+    # pivot is not positive by rounding.
+    rounding = max(1e-12, 4 * H.shape[0] * EPS)
+    try:
+        lu.factor(diagonal - rounding * np.abs(diagonal))
+    except np.linalg.LinAlgError:
+        return -1
+    return int((~(lu.pivots() > 0.0)).sum())
+
+
+def _mass_solve(E: Any) -> Any:
+    if E is None:
+        return lambda x: x
+    factors: Factors | None = factor(E)
+    assert factors is not None
+    return factors.solve
+
+
+def _definite(P: np.ndarray) -> bool:
+    values = np.linalg.eigvalsh(P)
+    return bool(values[0] > 1e-13 * values[-1])  # above the rounding of P
+
+
+@dataclass(frozen=True)
+class Projected:
+    """The problem on a basis W: :math:`W^T E W, W^T A W, W^T B, W^T Q W`, on the host."""
+
+    problem: LQRProblem
+    W: Any  # shape (n, r)
+    E: np.ndarray  # shape (r, r), as A and Q
+    A: np.ndarray
+    B: np.ndarray  # shape (r, m)
+    Q: np.ndarray
+
+    @classmethod
+    def of(cls, problem: LQRProblem, W: Any, before: Projected | None = None) -> Projected:
+        """Project; if `before` is a projection on the first columns of W, only extend it."""
+        state = problem.state
+        known = 0 if before is None else before.W.shape[1]
+        old, new = W[:, :known], W[:, known:]
+
+        def grown(small: Any, right: Any, left: Any = None) -> np.ndarray:
+            right = to_host(W.T @ right)
+            if small is None:
+                return right
+            left = right[:known].T if left is None else to_host(left.T @ old)
+            return np.block([[small, right[:known]], [left, right[known:]]])
+
+        A, E, Q, B = (None,) * 4 if before is None else (before.A, before.E, before.Q, before.B)
+        A = grown(A, state.apply(new), state.apply_transposed(new) if known else None)
+        if state.E is None:
+            E = np.eye(W.shape[1])
+        else:
+            E = grown(E, state.mass(new), state.mass_transposed(new) if known else None)
+        Q = grown(Q, problem.weight.apply(new))
+        fresh = to_host(new.T @ problem.input)
+        B = fresh if B is None else np.concatenate([B, fresh])
+        return cls(problem, W, E, A, B, (Q + Q.T) / 2)
+
+    def solve(self) -> np.ndarray:
+        """P of the projected equation, shape (r, r): the value is ``W P W^T``."""
+        # Scale B and Q to equal size; P scales with rho.
+        reach, cost = float(np.linalg.norm(self.B)), float(np.linalg.norm(self.Q))
+        if cost == 0.0:
+            cost = reach = 1.0
+        rho = cost**0.5 / reach if reach > 0.0 else 1.0
+        unit = np.eye(self.B.shape[1])
+        try:
+            # SciPy's argument e loses digits if it is not symmetric: solve for E^T P E instead.
+            moved = np.linalg.solve(self.E, np.hstack([self.A, self.B * np.sqrt(rho)]))
+            A, B = moved[:, : len(self.A)], moved[:, len(self.A) :]
+            P = linalg.solve_continuous_are(A, B, self.Q / rho, unit)
+            # One Newton step reduces the residual of SciPy's result (by QZ) to rounding.
+            half = P @ A - P @ B @ (B.T @ P) / 2
+            step = linalg.solve_continuous_lyapunov(
+                (A - B @ (B.T @ P)).T, -(half + half.T + self.Q / rho)
+            )
+            P = P + (step + step.T) / 2
+            P = np.linalg.solve(self.E.T, np.linalg.solve(self.E.T, P).T)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            raise RiccatiError(
+                f"the problem on {len(self.A)} basis vectors has no stabilising solution "
+                f"({error}); method='doubling' stores all entries and needs no projection"
+            ) from error
+        return rho * (P + P.T) / 2
+
+    def gain(self, P: np.ndarray) -> Any:
+        """The gain ``B^T W P W^T E`` for the inputs of unit cost, shape (m, n)."""
+        return self.problem.xp.asarray(self.B.T @ P) @ self._EtW().T
+
+    def change(self, P: np.ndarray, before: np.ndarray) -> float:
+        """Relative change of the gain from the P of the first columns of W to this one."""
+        new = self.B.T @ P
+        moved = new.copy()
+        moved[:, : len(before)] -= self.B[: len(before)].T @ before
+        norm = np.linalg.norm
+        if self.problem.state.E is not None:
+            # The columns of E^T W are not orthonormal: measure the products with them.
+            xp, EtW = self.problem.xp, self._EtW()
+            new, moved = (EtW @ xp.asarray(D.T) for D in (new, moved))
+            norm = xp.linalg.norm
+        return float(norm(moved)) / (float(norm(new)) or 1.0)
+
+    def _EtW(self) -> Any:
+        return self.problem.state.mass_transposed(self.W)
+
+    def residual(self, P: np.ndarray, C: Any) -> float:
+        """``|A^T X E + E^T X A - E^T X B B^T X E + C^T C| / |C^T C|`` of ``X = W P W^T``, exactly,
+        because the columns of :math:`A^T W, E^T W, C^T` span the range of all terms.
+        """
+        state, xp = self.problem.state, self.problem.xp
+        AtW, EtW = state.apply_transposed(self.W), self._EtW()
+        R = to_host(xp.linalg.qr(xp.concatenate([AtW, EtW, C.T], axis=1), mode="r"))
+        r, p = len(P), C.shape[0]
+        core = np.zeros((2 * r + p,) * 2)
+        core[:r, r : 2 * r] = core[r : 2 * r, :r] = P
+        core[r : 2 * r, r : 2 * r] = -P @ self.B @ self.B.T @ P
+        core[2 * r :, 2 * r :] = np.eye(p)
+        cost = np.linalg.norm(R[:, 2 * r :] @ R[:, 2 * r :].T)
+        return float(np.linalg.norm(R @ core @ R.T) / (cost or 1.0))
