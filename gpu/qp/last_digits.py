@@ -4,7 +4,7 @@ Where numbers are large, residuals that are small beside their terms need not be
 What is left is rounding, and there are three ways against it:
 
 * the active set is solved in extended precision and rounded once, see
-  `gpu.qp.interior_point.extended_precision`;
+  `gpu.qp.interior_point.polish`;
 * multipliers that are not unique are taken as small as possible, see `least_multipliers`;
 * the duality gap :math:`x^TPx + q^Tx + y^Tr + z_\mathrm{box}^Tb` is closed by single numbers of x,
   y, z_box that move it far and the other residuals little. With terms of :math:`10^7` a gap of
@@ -22,8 +22,8 @@ from scipy import sparse
 from gpu.errors import GpuError
 from gpu.qp.data.qp_problem import QPProblem
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, residuals
-from gpu.qp.interior_point.extended_precision import PrimalDual, extended
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, minimise
+from gpu.qp.interior_point.polish import PrimalDual, extended
 
 # Average relative rounding error of a number.
 MEAN_ROUNDING = np.finfo(float).eps / 4

@@ -20,15 +20,14 @@ from gpu.qp.data.qp_result import (
     QPResult,
     Status,
     Step,
-    boxes_only,
     general_residuals,
     kkt_residuals,
+    residuals_of,
 )
 from gpu.qp.data.standard_qp import StandardQP, residuals
 from gpu.qp.interior_point.equilibrate import largest_side
-from gpu.qp.interior_point.extended_precision import PrimalDual
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, Point, certified, minimise, polished
-from gpu.qp.interior_point.polish import Sides
+from gpu.qp.interior_point.polish import PrimalDual, Sides
 from gpu.qp.interior_point.presolve import ACTIVITY_ROUNDING, nonempty
 from gpu.qp.last_digits import last_digits
 
@@ -169,7 +168,7 @@ def solve_qp(
                 )
     if host_below and not isinstance(problem.q, np.ndarray) and problem.q.size < host_below:
         return _on_host(problem, start, tol)
-    if boxes_only(problem):
+    if problem.boxes_only:
         try:
             return _boxes(problem, start, tol)
         except NotConverged as error:
@@ -271,34 +270,45 @@ def _first_iterate(
     box = BoxQP(scaled, d * q, rows[:, None] * A * d, rows * b, lb / d, ub / d)
     x, y = np.clip(np.zeros_like(q), box.lb, box.ub), np.zeros_like(b)
     active = None
-    if isinstance(start, QPResult):
-        if start.x.shape != q.shape or start.y.shape != b.shape:
-            raise InputError(
-                f"start has {start.x.size} variables and {start.y.size} equality rows: "
-                f"the problem has {q.size} and {b.size}"
-            )
-        x, y, active = start.x / d, start.y / rows, start.active
-    elif start is not None:
-        point = np.asarray(start)
-        if point.shape != q.shape or point.dtype.kind not in "iuf":
-            raise InputError(
-                f"start has shape {point.shape} and type {point.dtype}: "
-                f"it must be a QPResult, a real or an int8 array of shape {q.shape}"
-            )
-        if point.dtype == np.int8:
-            active = point
-            if np.any(np.abs(active) > 1):
-                raise InputError("start has int8 entries other than -1, 0, 1")
-        elif not np.isfinite(point).all():
-            raise InputError("start has entries that are not finite")
-        else:
-            x = point / d
-            inside = (box.lb < x) & (x < box.ub)
-            y = np.linalg.lstsq(box.A[:, inside].T, -box.gradient(x, y)[inside])[0]
+    given = _given(problem, start)
+    if isinstance(given, QPResult):
+        x, y, active = given.x / d, given.y / rows, given.active
+    elif given is not None and given.dtype == np.int8:
+        active = given
+    elif given is not None:
+        x = given / d
+        inside = (box.lb < x) & (x < box.ub)
+        y = np.linalg.lstsq(box.A[:, inside].T, -box.gradient(x, y)[inside])[0]
     state = box.guess(x, y) if active is None else active.copy()
     state[np.isinf(box.hold(x, state))] = 0
     state[lb == ub] = -1
     return ActiveSet(box, state, x, y, factor.L)
+
+
+def _given(problem: QPProblem, start: Any) -> Any:
+    """The checked start: a result, or an array of numbers or of states, or None."""
+    if isinstance(start, QPResult):
+        found = start.x.size, start.y.size, start.z.size
+        sizes = problem.q.size, problem.b.size, problem.row_low.size
+        if found[:2] != sizes[:2] or (found != sizes and not problem.boxes_only):
+            raise InputError(
+                "start has {} variables, {} equality rows and {} inequality rows: the problem has "
+                "{}, {} and {}".format(*found, *sizes)
+            )
+        return start
+    if start is None:
+        return None
+    point = namespace(problem.q).asarray(start)
+    if point.shape != problem.q.shape or point.dtype.kind not in "iuf":
+        raise InputError(
+            f"start has shape {point.shape} and type {point.dtype}: "
+            f"it must be a QPResult, a real or an int8 array of shape {problem.q.shape}"
+        )
+    if point.dtype == np.int8 and bool((abs(point) > 1).any()):
+        raise InputError("start has int8 entries other than -1, 0, 1")
+    if not bool(namespace(point).isfinite(point).all()):
+        raise InputError("start has entries that are not finite")
+    return point
 
 
 def _box_result(problem: QPProblem, rows: np.ndarray, iterate: ActiveSet, tol: float) -> QPResult:
@@ -320,19 +330,17 @@ def _box_result(problem: QPProblem, rows: np.ndarray, iterate: ActiveSet, tol: f
             f"the active set has settled but {kkt} is above tol = {tol}: P is too ill conditioned, "
             "regularise it or accept a larger tol"
         )
-    degenerate = np.any((active != 0) & (z_box == 0.0) & (lb < ub))
     history = tuple(iterate.history)
-    return QPResult(
-        x=x,
-        y=y,
-        z=np.zeros(0),
-        z_box=z_box,
-        status=Status.DEGENERATE if degenerate else Status.OPTIMAL,
-        active=active,
-        kkt=kkt,
-        iterations=len(history),
-        history=history,
-    )
+    status = _status(problem, lb < ub, active, z_box)
+    return QPResult(x, y, np.zeros(0), z_box, status, active, kkt, len(history), history)
+
+
+def _status(problem: QPProblem, loose: Any, active: Any, z_box: Any) -> Status:
+    """The status of an answer; `loose` says which variables are not fixed."""
+    if problem.factor.nearly_convex:
+        return Status.NEARLY
+    degenerate = bool(((active != 0) & (z_box == 0.0) & loose).any())
+    return Status.DEGENERATE if degenerate else Status.OPTIMAL
 
 
 # Most nonzeros of P and C, in sparse and in dense storage, for absolute residuals: they take a few
@@ -379,31 +387,15 @@ def _first_state(problem: QPProblem, p: StandardQP, start: Any) -> Any:
     """Signed states of rows and variables to begin with."""
     xp, n, rows = p.xp, p.q.size, p.row_low.size
     state = xp.zeros(rows + n, dtype=np.int8)
-    if isinstance(start, QPResult):
-        if (start.x.size, start.y.size, start.z.size) != (n, problem.b.size, problem.row_low.size):
-            raise InputError(
-                f"start has {start.x.size} variables, {start.y.size} equality and {start.z.size} "
-                f"inequality rows: the problem has {n}, {problem.b.size} and {problem.row_low.size}"
-            )
-        state[problem.b.size : rows], state[rows:] = start.active_rows, start.active
-    elif start is not None:
-        point = xp.asarray(start)
-        if point.shape != (n,) or point.dtype.kind not in "iuf":
-            raise InputError(
-                f"start has shape {point.shape} and type {point.dtype}: "
-                f"it must be a QPResult, a real or an int8 array of shape {(n,)}"
-            )
-        if point.dtype == np.int8:
-            if bool((abs(point) > 1).any()):
-                raise InputError("start has int8 entries other than -1, 0, 1")
-            state[rows:] = point
-        elif not bool(xp.isfinite(point).all()):
-            raise InputError("start has entries that are not finite")
-        else:
-            value = xp.concatenate([p.C @ point, point])
-            low, high = xp.concatenate([p.row_low, p.lb]), xp.concatenate([p.row_high, p.ub])
-            state = (value >= high).astype(np.int8) - (value <= low).astype(np.int8)
     low, high = xp.concatenate([p.row_low, p.lb]), xp.concatenate([p.row_high, p.ub])
+    given = _given(problem, start)
+    if isinstance(given, QPResult):
+        state[problem.b.size : rows], state[rows:] = given.active_rows, given.active
+    elif given is not None and given.dtype == np.int8:
+        state[rows:] = given
+    elif given is not None:
+        value = xp.concatenate([p.C @ given, given])
+        state = (value >= high).astype(np.int8) - (value <= low).astype(np.int8)
     state = xp.where((state < 0) & xp.isinf(low), 0, state)
     state = xp.where((state > 0) & xp.isinf(high), 0, state)
     return xp.where(low == high, 0, state).astype(np.int8)
@@ -452,28 +444,9 @@ def _general_result(
     """The answer, with residuals recomputed."""
     xp, m = p.xp, problem.b.size
     x, y, z, z_box = point.x, point.y[:m], point.y[m:], point.z_box
-    if boxes_only(problem):
-        kkt = kkt_residuals(problem, x, y, z_box)
-    else:
-        kkt = general_residuals(problem, x, y, z, z_box, p, point.residuals)
+    kkt = residuals_of(problem, x, y, z, z_box, p, point.residuals)
     active = xp.where(x == p.lb, -1, xp.where(x == p.ub, 1, 0))
     active = xp.where(p.lb == p.ub, xp.where(z_box < 0.0, -1, 1), active).astype(np.int8)
-    rows = xp.sign(z).astype(np.int8)
-    status = Status.OPTIMAL
-    if bool(((active != 0) & (z_box == 0.0) & (p.lb < p.ub)).any()):
-        status = Status.DEGENERATE
-    if problem.factor.nearly_convex:
-        status = Status.NEARLY
-    return QPResult(
-        x=x,
-        y=y,
-        z=z,
-        z_box=z_box,
-        status=status,
-        active=active,
-        kkt=kkt,
-        iterations=point.iterations or len(history),
-        history=history,
-        active_rows=rows,
-        path=path,
-    )
+    status = _status(problem, p.lb < p.ub, active, z_box)
+    steps, rows = point.iterations or len(history), xp.sign(z).astype(np.int8)
+    return QPResult(x, y, z, z_box, status, active, kkt, steps, history, rows, path)

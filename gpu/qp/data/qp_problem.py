@@ -185,6 +185,16 @@ class QPProblem(NamedTuple):
     row_high: Any
 
     @property
+    def boxes_only(self) -> bool:
+        """Whether it is strictly convex, on the host, with bounds and few equality rows."""
+        return (
+            not self.row_low.size
+            and self.b.size <= self.q.size
+            and self.factor.definite
+            and isinstance(self.q, np.ndarray)
+        )
+
+    @property
     def program(self) -> StandardQP:
         """The same, with one set of rows: those of A, then those of G."""
         xp = namespace(self.q)

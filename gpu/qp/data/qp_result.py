@@ -129,24 +129,12 @@ class QPResult:
     ) -> KKT:
         """Residuals of this answer in a problem given like in `solve_qp`."""
         problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
-        if boxes_only(problem):
-            return kkt_residuals(problem, self.x, self.y, self.z_box)
-        return general_residuals(problem, self.x, self.y, self.z, self.z_box)
+        return residuals_of(problem, self.x, self.y, self.z, self.z_box)
 
     def moved(self, move: Callable[[Any], Any]) -> QPResult:
         """The same result with every array moved, to a device or to the host."""
         names = ("x", "y", "z", "z_box", "active", "active_rows")
         return replace(self, **{name: move(getattr(self, name)) for name in names})
-
-
-def boxes_only(problem: QPProblem) -> bool:
-    """Whether it is strictly convex, on the host, with bounds and few equality rows."""
-    return (
-        not problem.row_low.size
-        and problem.b.size <= problem.q.size
-        and problem.factor.definite
-        and isinstance(problem.q, np.ndarray)
-    )
 
 
 class Step(NamedTuple):
@@ -224,6 +212,21 @@ class KKT:
         """The largest of them; infinite where one is not a number."""
         values = (self.stationarity, self.primal, self.sign, self.complementarity, self.gap)
         return max(values) if all(np.isfinite(values)) else np.inf
+
+
+def residuals_of(
+    problem: QPProblem,
+    x: Any,
+    y: Any,
+    z: Any,
+    z_box: Any,
+    program: StandardQP | None = None,
+    known: Residuals | None = None,
+) -> KKT:
+    """Residuals by the formulas that hold for the problem, see `KKT`."""
+    if problem.boxes_only:
+        return kkt_residuals(problem, x, y, z_box)
+    return general_residuals(problem, x, y, z, z_box, program, known)
 
 
 @np.errstate(all="ignore")

@@ -22,10 +22,9 @@ from gpu.qp.data.standard_qp import (
     residuals,
 )
 from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
-from gpu.qp.interior_point.extended_precision import PrimalDual, extended
 from gpu.qp.interior_point.interior_point import NEAR_RESIDUAL, interior_point
 from gpu.qp.interior_point.kkt_system import System, kkt_system, safe_system
-from gpu.qp.interior_point.polish import Sides, polish
+from gpu.qp.interior_point.polish import PrimalDual, Sides, extended, polish
 from gpu.qp.interior_point.presolve import contradiction, presolve
 
 logger = logging.getLogger(__name__)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +25,9 @@ BEST_SHIFT = 100  # up to this order the shift is chosen from all eigenvalues of
 QZ = 600  # up to this order QZ is tried if doubling fails
 
 
+Candidate = Callable[[LQRProblem, DenseProblem], tuple[Any, dict[str, Any]]]
+
+
 class Doubled(NamedTuple):
     """The last iterate X of the doubling, and whether it converged."""
 
@@ -36,9 +41,9 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     residual. With `fallback`, failing a certified solution, try doubling of a stabilised problem,
     then QZ (on the host, up to 600 states) and Newton-Kleinman."""
     standard = problem.standard()
-    candidates = [_by_doubling]
+    candidates: list[Candidate] = [_by_doubling]
     if fallback:
-        candidates.append(_by_moved_doubling)
+        candidates.append(partial(_by_doubling, moved=True))
         candidates += [_by_qz, _by_newton] if problem.n <= QZ else [_by_newton]
     best: Found | None = None
     for candidate in candidates:
@@ -61,31 +66,23 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     return best
 
 
-def _by_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
-    unit = problem.unit
-    A, G, Q = scaled_hamiltonian(standard, unit)
+def _by_doubling(
+    problem: LQRProblem, standard: DenseProblem, moved: bool = False
+) -> tuple[Any, dict[str, Any]]:
+    """By `double`; if `moved`, for ``X - X_0``, where the feedback of X_0 stabilises: unstable
+    modes with a very small weight in Q would make the G_k grow without bound."""
+    A, G, Q = scaled_hamiltonian(standard, problem.unit)
+    X0 = 0.0
+    if moved:
+        X0 = newton_kleinman.stabilising_value(standard.scaled(problem.unit))
+        half = X0 @ A
+        left = half + half.T - X0 @ G @ X0 + Q
+        A, Q = A - G @ X0, (left + left.T) / 2
     found = double(A, G, Q)
     if not found.converged:
         raise np.linalg.LinAlgError("doubling did not converge")
-    X = found.X / unit / unit[:, None]
-    return problem.value_of(X), {"iterations": found.iterations, "path": "doubling"}
-
-
-def _by_moved_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
-    """Doubling for ``X - X_0``, where the feedback of X_0 stabilises. Unstable modes with a very
-    small weight in Q would make the G_k grow without bound.
-    """
-    unit = problem.unit
-    A, G, Q = scaled_hamiltonian(standard, unit)
-    B = standard.B / unit[:, None]
-    X0 = newton_kleinman.stabilising_value(DenseProblem(A, B, Q))
-    half = X0 @ A
-    left = half + half.T - X0 @ G @ X0 + Q
-    found = double(A - G @ X0, G, (left + left.T) / 2)
-    if not found.converged:
-        raise np.linalg.LinAlgError("doubling did not converge")
-    X = (X0 + found.X) / unit / unit[:, None]
-    return problem.value_of(X), {"iterations": found.iterations, "path": "moved doubling"}
+    info = {"iterations": found.iterations, "path": "moved doubling" if moved else "doubling"}
+    return problem.value_of(X0 + found.X), info
 
 
 def _by_qz(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:

@@ -72,19 +72,19 @@ def solve(
         solved = linalg.solve_triangular(to_host(T), to_host(Y.T @ B), trans="T")
         solved = linalg.solve((gram + gram.T) / 2, solved, assume_a="pos").T
         return Found(problem.gain(xp.asarray(solved) @ MU.T), None, info)
-    F = low_rank_value(state, V, Y)
-    gain = problem.gain((B.T @ F) @ state.mass_transposed(F).T)
-    return Found(gain, LowRankValue(F, xp.eye(F.shape[1])), info)
+    return of_subspace(problem, V, Y, info)
 
 
-def low_rank_value(state: StateMatrix, V: Any, Y: Any) -> Any:
-    """F with ``F F^T = Y (Y^T E V)^-1 Y^T``, without eigenvectors of Y^T E V whose eigenvalues are
-    rounding, below 1e-13 of the largest.
-    """
+def of_subspace(problem: LQRProblem, V: Any, Y: Any, info: dict[str, Any]) -> Found:
+    """The value ``F F^T = Y (Y^T E V)^-1 Y^T``, without eigenvectors of Y^T E V whose eigenvalues
+    are rounding, below 1e-13 of the largest, and its gain."""
+    state, xp = problem.state, problem.xp
     gram = to_host(Y.T @ state.mass(V))
     values, vectors = np.linalg.eigh((gram + gram.T) / 2)
     kept = values > 1e-13 * values.max(initial=0.0)
-    return Y @ state.xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+    F = Y @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+    gain = problem.gain((problem.input.T @ F) @ state.mass_transposed(F).T)
+    return Found(gain, LowRankValue(F, xp.eye(F.shape[1])), info)
 
 
 def stable_subspace(

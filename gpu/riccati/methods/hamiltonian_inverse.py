@@ -347,8 +347,8 @@ def null_vectors(state: StateMatrix, limit: int) -> tuple[Any, Any]:
 
 def _factor_whole(state: StateMatrix, B: Any, weight: Weight, scale: float) -> Factors | None:
     """Factors of ``[[A, 0, -B], [-Q/rho, -A^T, 0], [0, B^T, -I]]``, if entries are stored."""
-    Q = weight.C.T @ weight.C if weight.C is not None else weight.Q
-    if state.kind == "operator" or Q is None or hasattr(Q, "matvec"):
+    Q = weight.C.T @ weight.C if weight.C is not None else weight.entries
+    if state.kind == "operator" or Q is None:
         return None
     A, Q = as_sparse(state.A, np), as_sparse(Q, np)
     m = B.shape[1]

@@ -33,17 +33,6 @@ NOT_SEMIDEFINITE = (
 SINGULAR_MASS = "E is singular: descriptor systems are not solved here"
 
 
-class FactoredWeight(Weight):
-    """``Q = C^T C``, not formed but applied by its factor C of shape (p, n)."""
-
-    def __init__(self, state: StateMatrix, C: Any) -> None:
-        self.state, self.Q, self.C = state, None, C
-
-    def apply(self, x: Any) -> Any:
-        """``C^T C x``."""
-        return self.C.T @ (self.C @ x)
-
-
 @dataclass(frozen=True)
 class LQRProblem:
     """The integral of :math:`x^T Q x + 2 x^T N u + u^T R u` where :math:`E x' = A x + B u`."""
@@ -53,7 +42,6 @@ class LQRProblem:
     input: Any  # (n, m): B L^-T, for inputs of unit cost (the sum of their squares)
     root: np.ndarray  # (m, m): L, the Cholesky factor of R = L L^T
     weight: Weight  # Q
-    C: Any  # (p, n): factor of Q = C^T C if Q was given by it, else None
     N: Any  # (n, m) or None
     R: np.ndarray  # (m, m)
     units: Any = None  # `Units` of the numbers, if not those of the arguments
@@ -96,6 +84,13 @@ class LQRProblem:
             value = self.xp.asarray(value)
         return self.gain(self.state.mass_transposed(value.T @ self.input).T)
 
+    def of_unit_cost(self, gain: Any) -> Any:
+        """The gain K~ for inputs of unit cost, where the standard form has fed R^-1 N^T back."""
+        gain = self.xp.asarray(self.root.T) @ gain
+        if self.N is not None:
+            gain = gain - self.xp.asarray(np.linalg.inv(self.root)) @ self.N.T
+        return gain
+
     def _inverse_root(self) -> np.ndarray:
         eye = np.eye(len(self.root))
         return np.asarray(linalg.solve_triangular(self.root, eye, lower=True))
@@ -116,12 +111,11 @@ class LQRProblem:
     def full(self) -> tuple[Any, Any, Any, Any]:
         """A, E, Q, N as dense arrays; E and N may be None."""
         A, E = _full(self.state.A), None if self.state.E is None else _full(self.state.E)
-        if self.C is not None:
-            Q = self.C.T @ self.C
-        elif self.weight.Q is None or hasattr(self.weight.Q, "matvec"):
-            Q = self.weight.apply(self.xp.eye(self.n))
+        C, Q = self.weight.C, self.weight.entries
+        if C is not None:
+            Q = C.T @ C
         else:
-            Q = _full(self.weight.Q)
+            Q = self.weight.apply(self.xp.eye(self.n)) if Q is None else _full(Q)
         return A, E, (Q + Q.T) / 2, self.N
 
     def standard(self) -> DenseProblem:
@@ -143,7 +137,8 @@ class LQRProblem:
         return DenseProblem(A, B, (Q + Q.T) / 2)
 
     def value_of(self, standard: Any) -> Any:
-        """The value ``S = E^-T X E^-1`` from the solution X of the standard form."""
+        """The value ``S = E^-T X E^-1`` from the solution X of the balanced standard form."""
+        standard = standard / self.unit / self.unit[:, None]
         if self.state.E is None:
             return standard
         E = _full(self.state.E)
@@ -187,11 +182,10 @@ def check_lqr(
     if N is not None and not bool(xp.any(N)):
         N = None
     if factored:
-        C = _factor("Q", Q, n, xp)
-        weight: Weight = FactoredWeight(state, C)
+        weight = Weight(state, C=_factor("Q", Q, n, xp))
     else:
-        C, weight = None, Weight(state, _weight_argument(Q, n))
-    problem = LQRProblem(state, B, B @ xp.asarray(unit.T), root, weight, C, N, R_host)
+        weight = Weight(state, _weight_argument(Q, n))
+    problem = LQRProblem(state, B, B @ xp.asarray(unit.T), root, weight, N, R_host)
     known = problem.dense or (state.E is not None and state.E.ndim == 1) or sparse.issparse(state.E)
     if state.E is not None and known and not _regular(state.E, xp, problem.dense):
         raise InputError(SINGULAR_MASS)
@@ -326,9 +320,9 @@ def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
     """Whether no state and input has a negative cost, as far as stored entries tell. If `always`,
     raise `InputError` where some have.
     """
-    Q, xp = problem.weight.Q, problem.xp
+    Q, xp = problem.weight.entries, problem.xp
     good = True
-    if Q is not None and not hasattr(Q, "matvec"):
+    if Q is not None:
         diagonal = Q if Q.ndim == 1 else Q.diagonal()
         good = bool((diagonal >= 0.0).all())
         if good and Q.ndim == 2:
@@ -388,6 +382,11 @@ class DenseProblem(NamedTuple):
     B: Any
     Q: Any
 
+    def scaled(self, unit: Any) -> DenseProblem:
+        """The same in states x' with ``x = diag(unit) x'``."""
+        A, B, Q = self
+        return DenseProblem(A * unit / unit[:, None], B / unit[:, None], Q * unit * unit[:, None])
+
 
 def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
     r"""Powers of two s, shape (n,), that balance the Hamiltonian (James, Langou and Lowery 2014).
@@ -413,6 +412,5 @@ def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
 
 def scaled_hamiltonian(standard: DenseProblem, unit: Any) -> tuple[Any, Any, Any]:
     """The blocks A, G, Q of the Hamiltonian balanced with the scale factors `unit`."""
-    A, B, Q = standard
-    B = B / unit[:, None]
-    return A * unit / unit[:, None], B @ B.T, Q * unit * unit[:, None]
+    A, B, Q = standard.scaled(unit)
+    return A, B @ B.T, Q

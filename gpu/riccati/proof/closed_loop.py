@@ -178,23 +178,19 @@ def closed_loop_of(
     `residual`, shape (n, n), is that of S in the equation; `extended`: its own rounding does not
     matter."""
     xp = problem.xp
-    A, B, _ = standard
     value = doubt = None
     if K is None:
         E = problem.full()[1]
         Y = S if E is None else E.T @ S @ E
-        gain = B.T @ Y
+        gain = standard.B.T @ Y
         value = Y * unit * unit[:, None]
     else:
-        # The standard form has fed R^-1 N^T back already.
-        gain = xp.asarray(problem.root.T) @ K
-        if problem.N is not None:
-            gain = gain - xp.asarray(np.linalg.inv(problem.root)) @ problem.N.T
-    A, B, gain = A * unit / unit[:, None], B / unit[:, None], gain * unit
+        gain = problem.of_unit_cost(K)
+    (A, B, Q), gain = standard.scaled(unit), gain * unit
     if value is not None and len(A) <= ALL_POLES:
         W: Any = xp.zeros((1, 1)) if residual is None else residual * unit * unit[:, None]
         half = abs(value @ A)
-        terms = half + half.T + abs(gain.T @ gain) + abs(standard.Q * unit * unit[:, None])
+        terms = half + half.T + abs(gain.T @ gain) + abs(Q)
         doubt = (B, W if extended else EPS * terms + abs(W), terms)
     loop = A - B @ gain
     if loop.dtype != np.float64:
@@ -426,8 +422,7 @@ def explain(problem: LQRProblem) -> RiccatiError | None:
     if found is not None or standard is None:
         return found
     whole = to_host(balance(standard))
-    A, B, Q = (to_host(M) for M in standard)
-    A, B, Q = A * whole / whole[:, None], B / whole[:, None], Q * whole * whole[:, None]
+    A, B, Q = DenseProblem(*(to_host(M) for M in standard)).scaled(whole)
     H = np.block([[A, -B @ B.T], [-Q, -A.T]])
     values = np.linalg.eigvals(H)
     nearest = values[np.argmin(np.abs(values.real))]

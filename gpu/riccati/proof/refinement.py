@@ -63,7 +63,7 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
             change = loop.lyapunov(residual.matrix * unit * unit[:, None])
         except np.linalg.LinAlgError:
             return previous, taken
-        change = problem.value_of(change / unit / unit[:, None])
+        change = problem.value_of(change)
         size = _balanced_norm(problem, change, unit)
         if not np.isfinite(size) or size >= 0.5 * before:
             break

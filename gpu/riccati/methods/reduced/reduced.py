@@ -14,7 +14,7 @@ from gpu.arguments import choice
 from gpu.arrays.namespace import namespace, to_host
 from gpu.arrays.sparse_factor import SuperLUFactor
 from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
-from gpu.riccati.methods.hamiltonian import low_rank_value
+from gpu.riccati.methods.hamiltonian import of_subspace
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
 from gpu.riccati.problem.candidate import Found, LowRankValue
 from gpu.riccati.problem.cross_term import without_cross_term
@@ -27,9 +27,10 @@ from gpu.riccati.problem.state_matrix import (
     sparse_of,
     stored,
     symmetric,
+    times,
     vanishing,
 )
-from gpu.riccati.problem.weights import Weight, low_rank_factor
+from gpu.riccati.problem.weights import low_rank_factor
 
 COMPRESSIONS = ("galerkin", "printed")
 START = 8  # blocks in the basis before the first Newton step
@@ -114,10 +115,7 @@ def _printed(problem: LQRProblem, W: Any) -> Found:
     if stable != r:
         raise RiccatiError(f"the compressed Hamiltonian has {stable} stable eigenvalues, not {r}")
     V, Y = W @ xp.asarray(Z[:r, :r]), W @ xp.asarray(Z[r:, :r])
-    F = low_rank_value(state, V, Y)
-    gain = problem.gain((problem.input.T @ F) @ state.mass_transposed(F).T)
-    info = {"rank": r, "solves": inverse.solves}
-    return Found(gain, LowRankValue(F, xp.eye(F.shape[1])), info)
+    return of_subspace(problem, V, Y, {"rank": r, "solves": inverse.solves})
 
 
 def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
@@ -278,7 +276,7 @@ def _difference(new: Any, old: Any) -> float:
 
 def _multiple(problem: LQRProblem) -> float | None:
     """q if A and E are symmetric and ``Q = q E``: the space of A and B suffices then. Else None."""
-    state, Q = problem.state, problem.weight.Q
+    state, Q = problem.state, problem.weight.entries
     n, xp = state.n, state.xp
     probe = xp.asarray(np.random.default_rng(4).standard_normal((n, 2)))
     if state.kind == "operator":
@@ -288,9 +286,9 @@ def _multiple(problem: LQRProblem) -> float | None:
         alike = alike and (state.E is None or symmetric(state.E))
     else:
         alike = state.is_symmetric()
-    if not alike or Q is None or hasattr(Q, "matvec"):
+    if not alike or Q is None:
         return None
-    cost, mass = Weight(state, Q).apply(probe), state.mass(probe)
+    cost, mass = times(Q, probe), state.mass(probe)
     ratio = float((cost * mass).sum() / (mass * mass).sum())
     apart = float(xp.linalg.norm(cost - ratio * mass))
     return ratio if apart <= 1e-10 * float(xp.linalg.norm(cost)) else None
@@ -501,7 +499,7 @@ def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: f
     D[z, e] = -delta * np.eye(d)
     lengths = to_host(size)
     D = (D + D.T) * lengths * lengths[:, None] / q
-    gram = to_host(U.T @ _mass_solve(state.E)(U))
+    gram = to_host(U.T @ _mass(state).solve(U))
     values, vectors = np.linalg.eigh((gram + gram.T) / 2.0)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     small = root.T @ D @ root
@@ -563,14 +561,6 @@ def _inertia(H: Any, V: Any, delta: float) -> int:
     except np.linalg.LinAlgError:
         return -1
     return int((~(lu.pivots() > 0.0)).sum())
-
-
-def _mass_solve(E: Any) -> Any:
-    if E is None:
-        return lambda x: x
-    factors: Factors | None = factor(E)
-    assert factors is not None
-    return factors.solve
 
 
 def _definite(P: np.ndarray) -> bool:
