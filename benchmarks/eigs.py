@@ -182,7 +182,7 @@ def on_host(n: int) -> dict[str, Any]:
 
 def steps(n: int, cp: Any, rate: float, size: int = 40) -> dict[str, float]:
     """One Arnoldi step: in one launch with its product, or with a library product."""
-    from gpu.eigenvalues.krylov.device_steps import FusedSteps
+    from gpu.eigenvalues.krylov.arnoldi import FusedSteps
 
     A = separated(n, cp)
     V, rows = cp.zeros((size + 1, n)), cp.zeros((size, 2, size + 2))

@@ -20,10 +20,8 @@ from gpu.errors import (
     Unbounded,
 )
 from gpu.qp.batch import batch_solve_qp
-from gpu.qp.data.kkt import KKT
 from gpu.qp.data.qp_problem import QPFactor
-from gpu.qp.data.qp_result import QPResult, Status
-from gpu.qp.data.step import Step
+from gpu.qp.data.qp_result import KKT, QPResult, Status, Step
 from gpu.qp.qpsolvers_backend import register_qpsolvers
 from gpu.qp.solve_qp import solve_qp
 from gpu.riccati.lqr import care, lqe, lqr

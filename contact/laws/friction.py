@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from contact.arrays.namespace import namespace
+from skfem_adini.ground.arrays import namespace
 
 Array = Any
 UNMOVED = 1e-12  # prescribed slip over the largest displacement: what is less is rounding

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from contact.arrays.namespace import namespace
+from skfem_adini.ground.arrays import namespace
 from contact.laws.friction import Coulomb, Friction, lengths, project
 
 Array = Any  # of NumPy or CuPy: (...) of points, (dim - 1, ...) of their tangential vectors

@@ -15,13 +15,13 @@ from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotrs
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
-from gpu.cuda.symmetric import SOURCE as SYMMETRIC
+from gpu.cuda.catalogue import SYMMETRIC
 from skfem_adini.ground import arrays
 
 Array = Any  # numpy.ndarray or cupy.ndarray
 # On a device a triangular solve with 2 to FEW_COLUMNS columns goes by blocks of SOLVE_BLOCK rows.
 SOLVE_BLOCK, FEW_COLUMNS = 2048, 16
-TILE = 32  # of `gpu.cuda.symmetric`
+TILE = 32  # of `SYMMETRIC`
 
 
 def symmetric_product(P: Array, x: Array) -> Array:

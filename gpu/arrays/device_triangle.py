@@ -28,11 +28,11 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
-from gpu.cuda.triangle import SOURCE
+from gpu.cuda.catalogue import TRIANGLE
 
 Array = Any  # cupy.ndarray
 # Most rows of an inverted diagonal block: larger ones cost more to invert than the products save.
-# Inversion begins with triangles of SIDE rows, one for each warp of `gpu.cuda.triangle`.
+# Inversion begins with triangles of SIDE rows, one for each warp of `TRIANGLE`.
 LARGEST_BLOCK, SIDE = 1024, 32
 
 
@@ -164,4 +164,4 @@ def _inverses(blocks: Array) -> Array:
 def _inversion() -> Any:
     import cupy
 
-    return cupy.RawKernel(SOURCE, "triangle_invert", options=("--std=c++17",))
+    return cupy.RawKernel(TRIANGLE, "triangle_invert", options=("--std=c++17",))

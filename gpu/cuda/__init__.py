@@ -1,4 +1,4 @@
-"""All CUDA sources of the package, one in each file.
+"""All CUDA sources of the package.
 
 In: nothing.
 Out: source texts for NVRTC, listed in `catalogue` for tests that compile them without a device.

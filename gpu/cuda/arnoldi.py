@@ -5,7 +5,7 @@ many of the first columns as fit. While the blocks wait for each other, the next
 prefetched from memory into the second-level cache.
 """
 
-from gpu.cuda.delayed_gram_schmidt import SOURCE as GRAM_SCHMIDT
+from gpu.cuda.gram_schmidt import SOURCE as GRAM_SCHMIDT
 
 SOURCE = (
     GRAM_SCHMIDT

@@ -3,25 +3,35 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg, sparse
 from scipy.linalg.blas import dasum
+from scipy.sparse import csgraph
 from scipy.sparse import linalg as sparse_linalg
 
 from gpu.arrays.device_lu import device_lu
 from gpu.arrays.sparse_factor import structurally_regular
-from gpu.cuda.modulus import SOURCE as MODULUS
+from gpu.cuda.catalogue import MODULUS
 from gpu.errors import InputError
 from skfem_adini.ground.arguments import unmasked
 from skfem_adini.ground.arrays import cupy, namespace, to_host
 
-MOST_COUNTED = 1 << 30  # most entries for one call: the library counts them in 32 bits
-# Relative to the largest entry of a product: smaller imaginary parts are rounding of zero.
-IMAGINARY_ROUNDING = 1e-10
+
+class _Limits(NamedTuple):  # tolerances of operators and of shifts
+    counted: int = 1 << 30  # most entries for one call: the library counts them in 32 bits
+    imaginary: float = 1e-10  # of the largest entry of a product: less is rounding
+    drowned: float = 1e-6  # rounding of the inverse over its least wanted value: order unreliable
+    apart: float = 1e3  # times: shift nearer to sigma than the wanted, or farther; see `told_apart`
+    uneven: float = 1e-6  # base 2 logarithm: moduli that count as different
+    unit: float = 400.0  # base 2 logarithm of the largest unit
+    parts: int = 100  # without connection, for which units are sought
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -135,7 +145,8 @@ def _magnitude(entries: Any, xp: Any) -> float:
         return 0.0
     if xp is np:
         parts = entries.reshape(-1).view(float)
-        total = sum(dasum(parts[i : i + MOST_COUNTED]) for i in range(0, parts.size, MOST_COUNTED))
+        most = LIMITS.counted
+        total = sum(dasum(parts[i : i + most]) for i in range(0, parts.size, most))
         return total if np.isfinite(total) else float(np.abs(entries).max())
     if entries.dtype.kind == "c":
         return float(xp.abs(entries).max())
@@ -167,7 +178,7 @@ def real_products(name: str, apply: Callable[[Any], Any], xp: Any) -> Callable[[
         if getattr(y, "dtype", np.dtype(float)).kind != "c" or x.dtype.kind == "c":
             return y
         # A transform and its inverse leave rounding in the imaginary part.
-        if not float(abs(y.imag).max()) <= IMAGINARY_ROUNDING * float(abs(y).max()):
+        if not float(abs(y.imag).max()) <= LIMITS.imaginary * float(abs(y).max()):
             raise InputError(
                 f"{name} says that it is real, and maps a real vector to a complex one: give the "
                 "operator dtype=complex"
@@ -216,3 +227,123 @@ def _singular(pivots: np.ndarray, columns: np.ndarray) -> bool:
     """Whether a pivot is rounding relative to its column of U, so that solves are meaningless."""
     limit = len(pivots) * np.finfo(float).eps * columns
     return not bool(np.all(np.abs(pivots) > limit))
+
+
+def shifts(matrix: Matrix, mass: Matrix | None, sigma: Any) -> Iterator[Any]:
+    """Sigma, then shifts close to it, in case it is an eigenvalue."""
+    yield sigma
+    if sigma is not None:
+        yield from (sigma * (1.0 + step) for step in (1e-9, 1e-7) if sigma)
+        size = (matrix.norm or 1.0) / (1.0 if mass is None else mass.norm or 1.0)
+        yield from (sigma + step * size for step in (1e-9, 1e-8, 1e-7))
+
+
+@dataclass(frozen=True)
+class EigenProblem:
+    """The operator of the iteration: A, M^-1 A or (A - shift M)^-1 M."""
+
+    apply: Callable[[Any], Any]
+    dtype: Any
+    values: Callable[[np.ndarray], np.ndarray]  # maps its eigenvalues to those of the pencil
+    matrix: Any = None  # its entries, if it is A and they are stored
+
+    @classmethod
+    def of(cls, matrix: Matrix, mass: Matrix | None, shift: Any) -> EigenProblem | None:
+        """The operator for this shift, with its factors; None if ``A - shift M`` is singular.
+        Raises `InputError` if M is singular or if a matrix to be factored is given as an operator.
+        """
+        real = matrix.real and (mass is None or mass.real) and np.isrealobj(shift)
+        dtype = np.dtype(float if real else complex)
+        unit = matrix.unit
+        if shift is None and mass is None:
+            if unit == 1.0:
+                return cls(matrix.apply, dtype, lambda theta: theta, matrix.explicit)
+            return cls(lambda x: matrix.apply(x * unit), dtype, lambda theta: theta / unit)
+        if mass is not None and mass.explicit is None:
+            raise InputError("M: an operator cannot be factored; pass its entries")
+        if shift is None:
+            assert mass is not None
+            # Real factors drop the imaginary part of right-hand sides, or refuse it.
+            entries = mass.explicit if mass.dtype == dtype else mass.explicit.astype(dtype)
+            solve = factorized(entries, matrix.xp)
+            if solve is None:
+                raise InputError("M is singular: give sigma, so that A - sigma M is factored")
+            by_mass = solve
+            return cls(lambda x: by_mass(matrix.apply(x * unit)), dtype, lambda t: t / unit)
+        if matrix.explicit is None:
+            raise InputError(
+                "sigma: A is an operator and cannot be factored; pass eigs an operator of "
+                "(A - sigma)^-1 and take sigma + 1 / w"
+            )
+        solve = factorized(_shifted(matrix, mass, shift * unit, unit), matrix.xp)
+        if solve is None:
+            return None
+        if mass is None:
+            return cls(solve, dtype, lambda theta: shift + 1.0 / (theta * unit))
+        weigh, inverse = mass.apply, solve
+        return cls(lambda x: inverse(weigh(x)), dtype, lambda theta: shift + 1.0 / (theta * unit))
+
+
+def even_units(matrix: Matrix) -> Any:
+    """Units d, powers of two, with :math:`|a_{ij}| d_j / d_i = |a_{ji}| d_i / d_j` up to a factor
+    of two, or None if none exist or they change nothing. They make a matrix of convection and
+    diffusion on a line or grid nearly normal."""
+    A = matrix.explicit
+    if A is None or matrix.xp is not np or matrix.n < 2:
+        return None
+    A = abs(sparse.csr_array(A))
+    A.eliminate_zeros()
+    twin = sparse.csr_array(A.T)
+    A.sort_indices()
+    twin.sort_indices()
+    if not np.array_equal(A.indptr, twin.indptr) or not np.array_equal(A.indices, twin.indices):
+        return None
+    half = sparse.csr_array((0.5 * np.log2(A.data / twin.data), A.indices, A.indptr), A.shape)
+    if not np.abs(half.data).max(initial=0.0) > LIMITS.uneven:
+        return None
+    log = np.zeros(matrix.n)
+    count, label = csgraph.connected_components(A, directed=False)
+    for first in np.unique(label, return_index=True)[1] if count <= LIMITS.parts else ():
+        order, before = csgraph.breadth_first_order(A, first)
+        step = half[order[1:], before[order[1:]]]
+        for i, j, change in zip(order[1:].tolist(), before[order[1:]].tolist(), step, strict=True):
+            log[i] = log[j] + change
+        log[order] -= (log[order].max() + log[order].min()) / 2.0
+    rows = np.repeat(np.arange(matrix.n), np.diff(A.indptr))
+    wrong = np.abs(log[rows] - log[A.indices] - half.data).max()
+    if not wrong <= LIMITS.uneven or not 1.0 <= np.abs(log).max() <= LIMITS.unit:
+        return None
+    return np.exp2(np.round(log))
+
+
+def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: float) -> bool:
+    """Whether the largest eigenvalues `theta` of an inverse are surely those nearest to sigma.
+    `rounding` is the error of the inverse, `away` the distances of the pencil's eigenvalues from
+    sigma, `moved` that of the shift."""
+    reach = float(away.max())
+    return bool(
+        rounding <= LIMITS.drowned * np.abs(theta).min()
+        and not (moved and moved < LIMITS.apart * reach < LIMITS.apart**2 * moved)
+    )
+
+
+def _shifted(matrix: Matrix, mass: Matrix | None, sigma: Any, unit: float) -> Any:
+    """``unit A - sigma M``, sparse only if both are."""
+    A, xp = matrix.explicit * unit, matrix.xp
+    if hasattr(A, "tocsr"):
+        if xp is np:
+            from scipy import sparse
+        else:
+            from cupyx.scipy import sparse  # type: ignore[no-redef]
+        B = sparse.identity(matrix.n, format="csr") if mass is None else mass.explicit
+        if not hasattr(B, "tocsr"):
+            return A.toarray() - sigma * B
+        return A - sigma * B
+    if mass is not None and hasattr(mass.explicit, "tocsr"):
+        return A - sigma * mass.explicit.toarray()
+    if mass is not None:
+        return A - sigma * mass.explicit
+    shifted = A.astype(np.result_type(A.dtype, type(sigma)))
+    places = xp.arange(matrix.n)
+    shifted[places, places] -= sigma
+    return shifted

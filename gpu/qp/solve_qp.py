@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,20 +12,37 @@ from numpy.typing import ArrayLike
 from gpu.arrays.dense import symmetric_product
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.active_set.box import ActiveSet, BoxQP
-from gpu.qp.any_problem import solve_any_problem
-from gpu.qp.data.kkt import general_residuals, kkt_residuals
+from gpu.qp.active_set.whitened import WhitenedActiveSet
 from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem, power_of_two
-from gpu.qp.data.qp_result import QPResult, Status, boxes_only
+from gpu.qp.data.qp_result import (
+    QPResult,
+    Status,
+    Step,
+    general_residuals,
+    kkt_residuals,
+    residuals_of,
+)
+from gpu.qp.data.standard_qp import StandardQP, residuals
 from gpu.qp.interior_point.equilibrate import largest_side
-from gpu.qp.interior_point.presolve import ACTIVITY_ROUNDING, nonempty
+from gpu.qp.interior_point.minimise import Point, certified, minimise, polished
+from gpu.qp.interior_point.polish import PrimalDual, Sides
+from gpu.qp.interior_point.presolve import PRESOLVE, nonempty
+from gpu.qp.last_digits import last_digits
 from skfem_adini.ground.arguments import unmasked, whole
 from skfem_adini.ground.arrays import namespace, to_host
 
+
+class _Limits(NamedTuple):  # limits of proximal points and of absolute residuals
+    proximity: float = 1e-6  # of the diagonal of P: enough for a Cholesky factor
+    steps: int = 60  # proximal points: where there is a solution, few are the rule
+    sparse: int = 300_000  # most nonzeros of P and C for absolute residuals
+    dense: int = 30_000  # the same in dense storage: a few sparse factorisations
+
+
+LIMITS = _Limits()
+
+
 logger = logging.getLogger(__name__)
-# Relative to the diagonal of P: enough for a Cholesky factor, tiny beside the curvature.
-PROXIMITY = 1e-6
-# Proximal points that are tried: where there is a solution, few are the rule.
-PROXIMAL_STEPS = 60
 
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
@@ -148,7 +165,7 @@ def solve_qp(
         zero = ~nonempty(rows)
         if not bool(zero.any()):
             continue
-        rounding = ACTIVITY_ROUNDING * largest_side(low, high)
+        rounding = PRESOLVE.activity * largest_side(low, high)
         for wrong, sign in ((zero & (low > rounding), 1.0), (zero & (high < -rounding), -1.0)):
             if bool(wrong.any()):
                 i = int(wrong.argmax())
@@ -158,16 +175,16 @@ def solve_qp(
                 )
     if host_below and not isinstance(problem.q, np.ndarray) and problem.q.size < host_below:
         return _on_host(problem, start, tol)
-    if boxes_only(problem):
+    if problem.boxes_only:
         try:
             return _boxes(problem, start, tol)
         except NotConverged as error:
             try:
-                return solve_any_problem(problem, None, tol)
+                return _general(problem, None, tol)
             except NotConverged:
                 raise error from None
     try:
-        return solve_any_problem(problem, start, tol)
+        return _general(problem, start, tol)
     except NotConverged as error:
         result = _proximal(problem, tol)
         if result is None:
@@ -184,12 +201,12 @@ def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
         return None
     if problem.b.size > problem.q.size:
         return None
-    weight = PROXIMITY / problem.factor.scale**2
+    weight = LIMITS.proximity / problem.factor.scale**2
     factor = QPFactor(problem.factor.P + np.diag(weight))
     if not factor.definite:
         return None
     x, last = np.clip(np.zeros_like(problem.q), problem.lb, problem.ub), None
-    for _ in range(PROXIMAL_STEPS):
+    for _ in range(LIMITS.steps):
         near = problem._replace(factor=factor, q=problem.q - weight * x)
         try:
             last = _boxes(near, last, tol)
@@ -247,7 +264,7 @@ def _boxes(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -
             "a system of free variables and equality rows is singular to working precision: "
             "P is too ill conditioned, or rows are almost dependent; regularise P or drop rows"
         ) from None
-    return _result(problem, rows, iterate, tol)
+    return _box_result(problem, rows, iterate, tol)
 
 
 def _first_iterate(
@@ -260,37 +277,48 @@ def _first_iterate(
     box = BoxQP(scaled, d * q, rows[:, None] * A * d, rows * b, lb / d, ub / d)
     x, y = np.clip(np.zeros_like(q), box.lb, box.ub), np.zeros_like(b)
     active = None
-    if isinstance(start, QPResult):
-        if start.x.shape != q.shape or start.y.shape != b.shape:
-            raise InputError(
-                f"start has {start.x.size} variables and {start.y.size} equality rows: "
-                f"the problem has {q.size} and {b.size}"
-            )
-        x, y, active = start.x / d, start.y / rows, start.active
-    elif start is not None:
-        point = np.asarray(start)
-        if point.shape != q.shape or point.dtype.kind not in "iuf":
-            raise InputError(
-                f"start has shape {point.shape} and type {point.dtype}: "
-                f"it must be a QPResult, a real or an int8 array of shape {q.shape}"
-            )
-        if point.dtype == np.int8:
-            active = point
-            if np.any(np.abs(active) > 1):
-                raise InputError("start has int8 entries other than -1, 0, 1")
-        elif not np.isfinite(point).all():
-            raise InputError("start has entries that are not finite")
-        else:
-            x = point / d
-            inside = (box.lb < x) & (x < box.ub)
-            y = np.linalg.lstsq(box.A[:, inside].T, -box.gradient(x, y)[inside])[0]
+    given = _given(problem, start)
+    if isinstance(given, QPResult):
+        x, y, active = given.x / d, given.y / rows, given.active
+    elif given is not None and given.dtype == np.int8:
+        active = given
+    elif given is not None:
+        x = given / d
+        inside = (box.lb < x) & (x < box.ub)
+        y = np.linalg.lstsq(box.A[:, inside].T, -box.gradient(x, y)[inside])[0]
     state = box.guess(x, y) if active is None else active.copy()
     state[np.isinf(box.hold(x, state))] = 0
     state[lb == ub] = -1
     return ActiveSet(box, state, x, y, factor.L)
 
 
-def _result(problem: QPProblem, rows: np.ndarray, iterate: ActiveSet, tol: float) -> QPResult:
+def _given(problem: QPProblem, start: Any) -> Any:
+    """The checked start: a result, or an array of numbers or of states, or None."""
+    if isinstance(start, QPResult):
+        found = start.x.size, start.y.size, start.z.size
+        sizes = problem.q.size, problem.b.size, problem.row_low.size
+        if found[:2] != sizes[:2] or (found != sizes and not problem.boxes_only):
+            raise InputError(
+                "start has {} variables, {} equality rows and {} inequality rows: the problem has "
+                "{}, {} and {}".format(*found, *sizes)
+            )
+        return start
+    if start is None:
+        return None
+    point = namespace(problem.q).asarray(start)
+    if point.shape != problem.q.shape or point.dtype.kind not in "iuf":
+        raise InputError(
+            f"start has shape {point.shape} and type {point.dtype}: "
+            f"it must be a QPResult, a real or an int8 array of shape {problem.q.shape}"
+        )
+    if point.dtype == np.int8 and bool((abs(point) > 1).any()):
+        raise InputError("start has int8 entries other than -1, 0, 1")
+    if not bool(namespace(point).isfinite(point).all()):
+        raise InputError("start has entries that are not finite")
+    return point
+
+
+def _box_result(problem: QPProblem, rows: np.ndarray, iterate: ActiveSet, tol: float) -> QPResult:
     """The answer in the units of the problem, if its residuals pass."""
     factor, q, A, _, lb, ub, *_ = problem
     x = np.clip(factor.scale * iterate.x, lb, ub)
@@ -309,16 +337,111 @@ def _result(problem: QPProblem, rows: np.ndarray, iterate: ActiveSet, tol: float
             f"the active set has settled but {kkt} is above tol = {tol}: P is too ill conditioned, "
             "regularise it or accept a larger tol"
         )
-    degenerate = np.any((active != 0) & (z_box == 0.0) & (lb < ub))
     history = tuple(iterate.history)
-    return QPResult(
-        x=x,
-        y=y,
-        z=np.zeros(0),
-        z_box=z_box,
-        status=Status.DEGENERATE if degenerate else Status.OPTIMAL,
-        active=active,
-        kkt=kkt,
-        iterations=len(history),
-        history=history,
+    status = _status(problem, lb < ub, active, z_box)
+    return QPResult(x, y, np.zeros(0), z_box, status, active, kkt, len(history), history)
+
+
+def _status(problem: QPProblem, loose: Any, active: Any, z_box: Any) -> Status:
+    """The status of an answer; `loose` says which variables are not fixed."""
+    if problem.factor.nearly_convex:
+        return Status.NEARLY
+    degenerate = bool(((active != 0) & (z_box == 0.0) & loose).any())
+    return Status.DEGENERATE if degenerate else Status.OPTIMAL
+
+
+def _general(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+    """The result of any checked problem, or the errors of `solve_qp`."""
+    p = problem.program
+    state = _first_state(problem, p, start)
+    if problem.factor.definite and 3 * p.q.size >= p.row_low.size:
+        found = _whitened(problem, p, state)
+        if found is not None:
+            result = _general_result(problem, p.on_host(), *found, "active set")
+            if result.kkt.worst <= tol:
+                return result if p.xp is np else result.moved(p.xp.asarray)
+    elif isinstance(start, QPResult):
+        sides = Sides(state[p.row_low.size :], state[: p.row_low.size])
+        point = polished(p, sides, start.x, p.xp.concatenate([start.y, start.z]))
+        if point is not None:
+            point = _sharpened(problem, p, point, tol)
+            result = _general_result(problem, p, point, (), "active set")
+            if result.kkt.worst <= tol:
+                return result
+    point = minimise(p, tol)
+    result = _general_result(problem, p, _sharpened(problem, p, point, tol), (), "interior point")
+    if not result.kkt.worst <= tol:
+        raise NotConverged(
+            f"the residuals {result.kkt} stay above tol = {tol}: rescale the problem, drop rows "
+            f"that are almost dependent, or accept a larger tol"
+        )
+    return result
+
+
+def _first_state(problem: QPProblem, p: StandardQP, start: Any) -> Any:
+    """Signed states of rows and variables to begin with."""
+    xp, n, rows = p.xp, p.q.size, p.row_low.size
+    state = xp.zeros(rows + n, dtype=np.int8)
+    low, high = xp.concatenate([p.row_low, p.lb]), xp.concatenate([p.row_high, p.ub])
+    given = _given(problem, start)
+    if isinstance(given, QPResult):
+        state[problem.b.size : rows], state[rows:] = given.active_rows, given.active
+    elif given is not None and given.dtype == np.int8:
+        state[rows:] = given
+    elif given is not None:
+        value = xp.concatenate([p.C @ given, given])
+        state = (value >= high).astype(np.int8) - (value <= low).astype(np.int8)
+    state = xp.where((state < 0) & xp.isinf(low), 0, state)
+    state = xp.where((state > 0) & xp.isinf(high), 0, state)
+    return xp.where(low == high, 0, state).astype(np.int8)
+
+
+def _whitened(
+    problem: QPProblem, p: StandardQP, state: Any
+) -> tuple[Point, tuple[Step, ...]] | None:
+    """The active-set method in units where P has a diagonal and the rows norms near one."""
+    xp, d = p.xp, problem.factor.scale
+    scaled_rows = p.C * d
+    norms = xp.sqrt((scaled_rows * scaled_rows).sum(axis=1))
+    e = 1.0 / power_of_two(xp.where(norms > 0.0, norms, 1.0))
+    scaled_rows *= e[:, None]
+    scaled = StandardQP(
+        p.P, d * p.q, scaled_rows, e * p.row_low, e * p.row_high, p.lb / d,
+        p.ub / d,
+    )  # fmt: skip
+    method = WhitenedActiveSet(
+        scaled, problem.factor.L, lambda x: d * symmetric_product(problem.factor.P, d * x)
     )
+    try:
+        x, multipliers = method.run(state)
+    except NotConverged:
+        return None
+    x, y = d * x, e * multipliers[: e.size]
+    if xp is not np:
+        p, x, y = p.on_host(), to_host(x), to_host(y)
+    return certified(p, x, y), tuple(method.history)
+
+
+def _sharpened(problem: QPProblem, p: StandardQP, point: Point, tol: float) -> Point:
+    """The point, or one with absolute residuals below `tol` too, where the problem is small."""
+    if p.xp is not np or not point.residuals.worst <= tol:
+        return point
+    entries = p.P.nnz + p.C.nnz if p.is_sparse else np.count_nonzero(p.P) + np.count_nonzero(p.C)
+    if entries > (LIMITS.sparse if p.is_sparse else LIMITS.dense):
+        return point
+    best = last_digits(problem, p, PrimalDual(point.x, point.y, point.z_box), tol)
+    return replace(point, **best._asdict(), residuals=residuals(p, *best))
+
+
+def _general_result(
+    problem: QPProblem, p: StandardQP, point: Point, history: tuple[Step, ...], path: str
+) -> QPResult:
+    """The answer, with residuals recomputed."""
+    xp, m = p.xp, problem.b.size
+    x, y, z, z_box = point.x, point.y[:m], point.y[m:], point.z_box
+    kkt = residuals_of(problem, x, y, z, z_box, p, point.residuals)
+    active = xp.where(x == p.lb, -1, xp.where(x == p.ub, 1, 0))
+    active = xp.where(p.lb == p.ub, xp.where(z_box < 0.0, -1, 1), active).astype(np.int8)
+    status = _status(problem, p.lb < p.ub, active, z_box)
+    steps, rows = point.iterations or len(history), xp.sign(z).astype(np.int8)
+    return QPResult(x, y, z, z_box, status, active, kkt, steps, history, rows, path)

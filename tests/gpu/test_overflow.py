@@ -11,8 +11,8 @@ from scipy import sparse
 from gpu import GpuError, NotConverged, QPFactor, RiccatiError, care, eigs, lqe, lqr, solve_qp, svds
 from gpu.eigenvalues.eigs import certify
 from gpu.eigenvalues.operator import as_matrix
-from gpu.qp.data.kkt import kkt_residuals
 from gpu.qp.data.qp_problem import check_problem
+from gpu.qp.data.qp_result import kkt_residuals
 from gpu.qp.data.standard_qp import residuals
 from gpu.riccati.problem.lqr_problem import check_lqr
 from gpu.riccati.proof.refinement import riccati_residual

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from gpu import QPFactor, eigs, lqe, lqr, solve_qp, svds
 from gpu.arrays.sparse_factor import PardisoFactor, SuperLUFactor
-from gpu.eigenvalues.krylov import device_steps
+from gpu.eigenvalues.krylov import arnoldi
 
 WORKERS = 8
 
@@ -113,7 +113,7 @@ def test_a_launch_is_granted_the_memory_it_asks_for(monkeypatch):
     refused = []
 
     class Kernel:
-        max_dynamic_shared_size_bytes = device_steps.SHARED
+        max_dynamic_shared_size_bytes = arnoldi.DEVICE.shared
 
         def __call__(self, grid, block, arguments, shared_mem):
             time.sleep(1e-4)
@@ -121,12 +121,12 @@ def test_a_launch_is_granted_the_memory_it_asks_for(monkeypatch):
                 refused.append(shared_mem)
 
     kernel = Kernel()
-    monkeypatch.setattr(device_steps, "_kernel", lambda name: kernel)
-    monkeypatch.setattr(device_steps, "_granted", {})
+    monkeypatch.setattr(arnoldi, "_kernel", lambda name: kernel)
+    monkeypatch.setattr(arnoldi, "_granted", {})
     barrier = threading.Barrier(WORKERS)
 
     def launches(size):
-        steps = object.__new__(device_steps.FusedSteps)
+        steps = object.__new__(arnoldi.FusedSteps)
         steps._device, steps._blocks, steps._arrived = 0, 1, 0
         barrier.wait()
         for _ in range(20):

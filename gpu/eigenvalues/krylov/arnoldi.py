@@ -3,19 +3,42 @@
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import dtrsm
 
+from gpu.cuda.arnoldi import SOURCE
+from gpu.errors import InputError
 from skfem_adini.ground.arrays import to_host
 
-ONE_LAUNCH = 10_000  # up to this order a sweep in one launch is faster than library products
-TINY = np.finfo(float).tiny  # avoids division by zero where a norm is zero
-# Mixed into seeds, so that random vectors differ from a caller's with the same seed.
-SALT = 0x6A09E667F3BCC908
+
+class _Device(NamedTuple):  # sizes of the launches of `FusedSteps`
+    threads: int = 1024
+    rows: int = 8  # least of a block: with fewer, blocks wait longer than they compute
+    line: int = 16  # numbers in a cache line of 128 bytes
+    shared: int = 48 * 1024  # bytes of shared memory of a block without a special request
+    sums: int = 2048  # numbers that `gpu.cuda.gram_schmidt` keeps in shared memory for its sums
+    own: int = sums // 2 - threads // 32  # most rows of a block whose sums fit there
+    cached: float = 0.5  # of the second-level cache for columns of A; the rest for vectors
+    scarce: float = 0.1  # if a lesser part of the columns fits, none is kept in shared memory
+
+
+DEVICE = _Device()
+
+
+class _Limits(NamedTuple):  # limits of Arnoldi steps on either side
+    one_launch: int = 10_000  # up to this order a sweep is faster than library products
+    tiny: float = float(np.finfo(float).tiny)  # avoids division by zero where a norm is zero
+    salt: int = 0x6A09E667F3BCC908  # mixed into seeds: no caller's with the same seed
+    slight: float = 1e-9  # entries of R below: I - R inverts I + R; a library would start threads
+    breakdown: float = 20 * float(np.finfo(float).eps)  # of |A v|: a lesser beta is rounding
+
+
+LIMITS = _Limits()
 
 
 class Arnoldi:
@@ -47,10 +70,10 @@ class Arnoldi:
         # See `ArnoldiSteps.of`.
         self._coefficients = xp.zeros((size, 2 if fused else 1, size + 2), dtype=dtype)
         if fused:
-            from gpu.eigenvalues.krylov.device_steps import FusedSteps
+            from gpu.eigenvalues.krylov.arnoldi import FusedSteps
 
             self._steps = FusedSteps(self.V, self._coefficients)
-            if matrix is not None and n <= ONE_LAUNCH and self._steps.multiplies(matrix):
+            if matrix is not None and n <= LIMITS.one_launch and self._steps.multiplies(matrix):
                 self._matrix = matrix
 
     def enlarge(self, size: int, rows: int) -> None:
@@ -89,7 +112,7 @@ class Arnoldi:
 
     @functools.cached_property
     def _rng(self) -> np.random.Generator:
-        return np.random.default_rng((SALT, self._seed))
+        return np.random.default_rng((LIMITS.salt, self._seed))
 
     def _products(self, w: Any, count: int) -> Any:
         """V^* w for the first `count` vectors; w is conjugated to avoid a conjugated copy of V."""
@@ -131,7 +154,7 @@ class Arnoldi:
         beta = xp.sqrt(xp.vdot(w, w).real)
         row[: j + 1] = h + again
         row[-1] = beta
-        V[j + 1] = w / xp.maximum(beta, TINY)
+        V[j + 1] = w / xp.maximum(beta, LIMITS.tiny)
 
     def rotate(self, Q: np.ndarray, residual: int, first: int = 0) -> None:
         """Replace the rows from `first` on by their combinations with the columns of Q. The row
@@ -152,12 +175,6 @@ class Arnoldi:
     def combine(self, Y: np.ndarray) -> Any:
         """``V^T Y``, combinations of the basis vectors, shape (n, k), for Y of shape (count, k)."""
         return (self.xp.asarray(np.ascontiguousarray(Y.T)) @ self.V[: len(Y)]).T
-
-
-# If all entries of R are below this, I - R is the inverse of I + R up to rounding; a library call
-# for a triangular solve would start threads.
-SLIGHT = 1e-9
-BREAKDOWN = 20 * np.finfo(float).eps  # a beta below this times |A v| is rounding: invariant space
 
 
 @dataclass(frozen=True)
@@ -189,7 +206,7 @@ class ArnoldiSteps:
     @property
     def ended(self) -> int | None:
         """Number of the first step after which the space is invariant, or None."""
-        small = (self.betas <= BREAKDOWN * self.norms).nonzero()[0]
+        small = (self.betas <= LIMITS.breakdown * self.norms).nonzero()[0]
         return int(small[0]) if small.size else None
 
     def project(self, S: np.ndarray, first: int, last: int, locked: int = 0) -> None:
@@ -206,9 +223,152 @@ class ArnoldiSteps:
             if first:
                 block -= S[:last, :first] @ R[:first]
             R = R[first:]
-            if np.abs(R).max() < SLIGHT:
+            if np.abs(R).max() < LIMITS.slight:
                 block -= block @ R
             else:
                 block = dtrsm(1.0, R, block, side=1, diag=1, overwrite_b=1)
         S[:last, first:last] = block
         S[last:, first:last] = 0.0
+
+
+_launching = threading.Lock()
+_granted: dict[tuple[int, str], int] = {}  # bytes of shared memory, by device and kernel
+
+
+class FusedSteps:
+    """Arnoldi steps in place on the rows of V, shape (size + 1, n), for real arrays of CuPy. Row
+    (j, 0) of `coefficients`, shape (size, 2, size + 2), gets those of step j, beta last; in a sweep
+    they are those of ``A (v + V r)`` with r in row (j, 1). They must fit into shared memory.
+
+    A step is a product, two projections, two updates and a norm. As separate library calls these
+    cost some twenty launches; for matrices of a few thousand rows the launches take longer than the
+    work. Here all blocks of one launch, one for each multiprocessor, own a range of rows each and
+    synchronise two or three times a step. Sums are taken in a fixed order, so repeated runs on one
+    device agree bit by bit.
+    """
+
+    def __init__(self, V: Any, coefficients: Any) -> None:
+        import cupy
+
+        self._V, self._rows = V, coefficients
+        self.size, self.n = len(coefficients), V.shape[1]
+        self._device = cupy.cuda.Device().id
+        processors, most_shared, cache = _limits(self._device)
+        self._blocks = min(processors, -(-self.n // DEVICE.rows))
+        numbers = DEVICE.sums + 2 * self.size + 4
+        self._shared = 8 * numbers
+        if self._shared > most_shared:
+            raise InputError(f"ncv={self.size} is too large for the shared memory of this device")
+        # A sweep also needs memory for the block's rows of the basis, the vector and columns of A.
+        own = -(-self.n // self._blocks)
+        numbers += (self.size + 1) * (own | 1) + own + self.n
+        room = most_shared // 8 - numbers
+        self._sweeps = room >= 0 and own <= DEVICE.own
+        self.near = max(0, min(self.n, room // own // DEVICE.line * DEVICE.line))
+        cached = int(DEVICE.cached * cache) // (8 * self.n) // DEVICE.line * DEVICE.line
+        if self.near < DEVICE.scarce * self.n:
+            self.near, self.stay, self.ahead = 0, 0, min(self.n, cached)
+        else:
+            self.stay, self.ahead = min(self.n - self.near, cached), 0
+        self._shared_by_sweep = 8 * (numbers + self.near * own)
+        self._u = cupy.empty(self.n)
+        self._parts = cupy.empty(3 * self._blocks * (self.size + 2))
+        self._gate = cupy.zeros(1, dtype=cupy.uint32)
+        self._arrived = 0
+
+    def __call__(self, w: Any, j: int) -> None:
+        """Orthogonalise w, which is ``A V[j]``, into row j + 1."""
+        import cupy
+
+        self._step(cupy.ascontiguousarray(w, dtype=float), 0, j)
+
+    def random_start(self, place: int, seed: int) -> None:
+        """Make row `place` a random unit vector orthogonal to the rows before it. The coefficients
+        of row `place` - 1 are overwritten.
+        """
+        self._step(np.uint64(0), seed, place - 1)
+
+    def _step(self, w: Any, seed: int, j: int) -> None:
+        self._launch(
+            "arnoldi_step",
+            3,
+            self._shared,
+            lambda goal: (
+                self._V,
+                self._rows,
+                w,
+                np.uint64(seed),
+                self._u,
+                self._parts,
+                self._gate,
+                goal,
+                np.int64(self.n),
+                np.int32(self.size),
+                np.int32(j),
+            ),
+        )
+
+    def multiplies(self, A: Any) -> bool:
+        """Whether `sweep` can use this matrix: real, dense, row-major, not too large."""
+        dense = hasattr(A, "flags") and A.dtype == np.float64 and A.flags.c_contiguous
+        return bool(dense and self._sweeps)
+
+    def sweep(self, A: Any, first: int, last: int) -> None:
+        """All steps from row `first` to row `last` with a dense A, shape (n, n), in one launch.
+        `multiplies` says whether A qualifies.
+        """
+        if first >= last:
+            return
+        self._launch(
+            "arnoldi_sweep",
+            3 * (last - first) + 1,
+            self._shared_by_sweep,
+            lambda goal: (
+                A,
+                self._V,
+                self._rows,
+                self._u,
+                self._parts,
+                self._gate,
+                goal,
+                np.int64(self.n),
+                np.int32(self.size),
+                np.int32(first),
+                np.int32(last),
+                np.int32(self.near),
+                np.int32(self.stay),
+                np.int32(self.ahead),
+            ),
+        )
+
+    def _launch(self, name: str, meetings: int, shared: int, arguments: Any) -> None:
+        goal = np.uint32(self._arrived % 2**32)
+        # The limit of shared memory is an attribute of the kernel, which all threads share. Without
+        # a lock, a launch between another thread's setting and its launch would be refused.
+        with _launching:
+            kernel, place = _kernel(name), (self._device, name)
+            if shared > _granted.get(place, DEVICE.shared):
+                kernel.max_dynamic_shared_size_bytes = _granted[place] = shared
+            kernel((self._blocks,), (DEVICE.threads,), arguments(goal), shared_mem=shared)
+        self._arrived += meetings * self._blocks
+
+
+@functools.cache
+def _limits(device: int) -> tuple[int, int, int]:
+    """Multiprocessors, most bytes of shared memory for a block, bytes of the second-level cache."""
+    import cupy
+
+    attributes = cupy.cuda.Device(device).attributes
+    names = "MultiProcessorCount", "MaxSharedMemoryPerBlockOptin", "L2CacheSize"
+    processors, shared, cache = (int(attributes[name]) for name in names)
+    return processors, shared, cache
+
+
+@functools.cache
+def _kernel(name: str) -> Any:
+    """The compiled kernel; CuPy compiles it anew for each device. A cooperative launch is refused
+    unless all blocks can run at once, as they must to synchronise.
+    """
+    import cupy
+
+    return cupy.RawKernel(SOURCE, name, options=("--std=c++17",), enable_cooperative_groups=True)

@@ -5,22 +5,27 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
 
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
-from gpu.eigenvalues.krylov.challenge import INSIDE, unbeaten
-from gpu.eigenvalues.krylov.restart import Limits, Look, Standing, Wanted, room_for, vectors_kept
-from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
+from gpu.eigenvalues.schur import Edge, Rank, ordered_schur, whole
 
-# Relative to |A|: rounding accumulates to about this in a basis of a hundred vectors.
-ROUNDING_RESIDUAL = 100 * np.finfo(float).eps
-# Largest residual of Schur vectors that a challenge leaves aside, relative to the gap between the
-# least wanted rank and the following ones: so small that the search does not find them again.
-SET_ASIDE = 1e-2
-RESTARTS_BEFORE_GROWTH = 6  # restarts before the space grows, if it may
+
+class _Limits(NamedTuple):  # tolerances of the iteration and of the challenge
+    residual: float = 100 * float(np.finfo(float).eps)  # of |A|, at a hundred vectors
+    aside: float = 1e-2  # of the gap of ranks: residual of vectors a challenge leaves aside
+    restarts: int = 6  # before the space grows, if it may
+    inside: float = 0.03  # of the gap of ranks: residual with which a newcomer counts as below
+    thick: float = 0.5  # fraction of the vectors of the search that is kept at a restart
+    first: int = 3  # products before the first test: few are enough for separated eigenvalues
+    sure: float = 0.01  # t: an eigenvalue is missed with a probability of at most .8 t
+    likely: float = 0.1  # t that is enough if the newcomer ranks below the wanted as well
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -116,14 +121,14 @@ class _Iteration:
             T, Q, values = ordered_schur(S[:size, :size], wanted.rank, leading)
             spike = beta * Q[size - 1]
             moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))
-            converged = _leading(T, values, moved, wanted.tol, ROUNDING_RESIDUAL * self.scale)
+            converged = _leading(T, values, moved, wanted.tol, LIMITS.residual * self.scale)
             if self.limits.challenge:  # leave room for the vectors of a challenge
                 converged = whole(T, min(converged, self.most_room - max(self.ncv // 2, 4)))
             if converged + 2 < leading:
                 break
         residual = float(moved[whole(T, min(wanted.k, size)) - 1])
         now = (basis.matvecs, residual / self.scale if self.scale else 0.0)
-        left = _products_left(self.past, now, max(wanted.tol, ROUNDING_RESIDUAL))
+        left = _products_left(self.past, now, max(wanted.tol, LIMITS.residual))
         self.past = now
         settled = T[:converged, :converged]
         return Look(T, Q, values, spike, moved, converged, settled, beta, ended, left)
@@ -131,7 +136,7 @@ class _Iteration:
     def stands(self, look: Look, meanwhile: Callable[..., Any] | None) -> bool:
         """Whether the converged eigenvalues are the wanted ones; then their vectors come first."""
         wanted, rank, converged = self.wanted, self.wanted.rank, look.converged
-        floor = ROUNDING_RESIDUAL * self.scale
+        floor = LIMITS.residual * self.scale
         found = look.values[:converged]
         ranks = np.sort(rank(found))[::-1][: wanted.k]
         if (
@@ -167,7 +172,7 @@ class _Iteration:
             wanted.rank,
             wanted.edge,
             tol=wanted.tol,
-            floor=ROUNDING_RESIDUAL * self.scale,
+            floor=LIMITS.residual * self.scale,
             restarts=self.limits.maxiter - self.count,
             patience=np.inf if wanted.inner else basis.matvecs,
             meanwhile=meanwhile and functools.partial(meanwhile, look.settled, basis),
@@ -204,7 +209,7 @@ class _Iteration:
             basis.rotate(look.Q[:, :keep], size)
             spike[: min(look.converged, keep)] = 0.0
         self.S[:] = 0.0
-        if self.count >= RESTARTS_BEFORE_GROWTH and self.ncv < self.limits.grown and not challenged:
+        if self.count >= LIMITS.restarts and self.ncv < self.limits.grown and not challenged:
             self._grow(keep)
         self.S[:keep, :keep], self.S[keep, :keep] = projected, spike
         self.kept, self.count, self.aside = keep, self.count + 1, None
@@ -246,7 +251,7 @@ def _aside(
         return converged
     counts = np.arange(converged + 1, min(whole(T, last), len(ranks) - 1) + 1)
     beyond = np.maximum.accumulate(ranks[::-1])[::-1]
-    close = moved[counts - 1] <= SET_ASIDE * (worst - beyond[counts])
+    close = moved[counts - 1] <= LIMITS.aside * (worst - beyond[counts])
     found = counts[close & (T[counts, counts - 1] == 0)]
     return int(found[-1]) if found.size else converged
 
@@ -305,13 +310,13 @@ def _unbeaten(
     worst: float,
 ) -> bool:
     """Whether the best eigenvalue not yet converged ranks below the wanted, by a gap that is far
-    larger than its residual (`INSIDE` of the challenge is the ratio).
+    larger than its residual (`LIMITS.inside` of the challenge is the ratio).
     """
     if converged > locked or converged == len(values):
         return True
     following = whole(T, converged + 1)
     moved = float(np.linalg.norm(spike[converged:following]))
-    return bool(moved < INSIDE * (worst - rank(values[converged : converged + 1])[0]))
+    return bool(moved < LIMITS.inside * (worst - rank(values[converged : converged + 1])[0]))
 
 
 Array = np.ndarray
@@ -340,3 +345,208 @@ def shifted_qr(H: Array, beta: float, values: Array, keep: int) -> tuple[Array, 
         H = np.triu(factor.conj().T @ H @ factor, -1)
         Q = Q @ factor
     return Q[:, :keep], H[:keep, :keep], beta * Q[m - 1, :keep]
+
+
+def unbeaten(
+    basis: Arnoldi,
+    locked: int,
+    worst: float,
+    rank: Rank,
+    edge: Edge | None,
+    *,
+    tol: float,
+    floor: float,
+    restarts: int,
+    patience: float,
+    meanwhile: Callable[[], Any] | None = None,
+) -> tuple[bool, int]:
+    r"""Whether no eigenvalue outside the `locked` rows ranks above `worst`; number of restarts.
+
+    If a better one is found, row `locked` (and for a pair the next) spans its space; rows beyond
+    are overwritten. A newcomer that has converged (residual below `tol` times its modulus, or
+    `floor`) and ranks below the wanted is locked, and the search begins again. After `patience`
+    products the search ends if the newcomer ranks below the wanted.
+
+    Let U be the locked rows and B the compression of A to their orthogonal complement. Arnoldi
+    steps from a random unit vector r orthogonal to U give norms :math:`\beta_j` with :math:`|p(B)
+    r| = \prod_j \beta_j`, p the monic polynomial whose roots are the Ritz values, including those
+    dropped by restarts. An eigenvalue :math:`\mu` of B with left unit eigenvector y has :math:`|y^*
+    p(B) r| = |p(\mu)|\,|y^* r|`, whence
+
+    .. math::
+        |y^* r| \le \prod_j \beta_j \,/\, |p(\mu)| .
+
+    Once the right-hand side is below :math:`t / \sqrt n` wherever an eigenvalue would be wanted, a
+    missed one requires :math:`|y^* r| \le t / \sqrt n`, which for a random r has the probability
+    :math:`\sqrt{2 / \pi}\,t`, however far from normal A is. As :math:`|p|` grows outwards from its
+    roots, it suffices to look at the edge of the wanted part of the plane.
+
+    The best Ritz value of the search is called the newcomer.
+    """
+    first, room, n, part = locked, basis.size - locked, basis.V.shape[1], LIMITS.inside
+    basis.start(locked)
+    S = np.zeros((room, room), dtype=basis.V.dtype)
+    kept, goal, made = 0, min(LIMITS.first, room), 0
+    begun = searched = basis.matvecs  # products before the search, and before this random vector
+    # Log of the product of the betas; Ritz values dropped; products and residual at the last test.
+    betas, dropped, past = 0.0, np.zeros(0, dtype=complex), (0, 1.0)
+    enough, likely = (0.5 * np.log(n) - np.log(chance) for chance in (LIMITS.sure, LIMITS.likely))
+    rounding = 1e-9 * abs(worst) + floor
+    while True:
+        aside = meanwhile if basis.matvecs == begun else None
+        steps = basis.sweep(locked + kept, locked + goal, aside)
+        if not steps.finite:
+            raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
+        ended = steps.ended
+        size = goal if ended is None else kept + ended + 1
+        steps.project(S, kept, size, locked)
+        beta = 0.0 if ended is not None else float(steps.betas[-1])
+        leading = int(LIMITS.thick * room) + 1 if size == room else 1
+        T, Q, values = ordered_schur(S[:size, :size], rank, leading)
+        best, products = whole(T, 1), basis.matvecs - searched
+        residual = beta * float(np.linalg.norm(Q[size - 1, :best]))
+        distance = worst - float(rank(values[:1])[0])
+        evidence = np.inf if distance >= -rounding else 0.0
+        if ended is None:
+            betas += float(np.log(steps.betas).sum())
+            roots = np.concatenate((values, dropped))
+            evidence = _evidence(worst, roots, edge) - betas if distance > 0 else 0.0
+        converged = residual <= max(tol * float(np.abs(values[0])), floor)
+        inside = residual < part * distance or (converged and distance >= -rounding)
+        tired = basis.matvecs - begun >= patience
+        copy = converged and distance <= 1e-6 * abs(worst) and patience < np.inf
+        if evidence >= enough or (inside and (evidence >= likely or tired or copy)):
+            return True, made
+        beaten = not inside and (converged or residual < -part * distance)
+        if beaten or made >= restarts:
+            basis.rotate(Q[:, :best], size, locked)
+            basis.V[first : first + best] = basis.V[locked : locked + best]
+            return False, made
+        if inside and converged and evidence <= 0.0 and 2 * (room - best) > basis.size - first:
+            # Converged below the wanted, without evidence on the rest: lock it and begin again.
+            basis.rotate(Q[:, :best], size, locked)
+            locked, room = locked + best, room - best
+            basis.start(locked)
+            S[:] = 0.0
+            kept, goal, made, searched = 0, min(LIMITS.first, room), made + 1, basis.matvecs
+            betas, dropped, past = 0.0, np.zeros(0, dtype=complex), (0, 1.0)
+            continue
+        need = _search_products_left(products, evidence, enough, past, residual, part * distance)
+        past = (products, residual)
+        if size < room:
+            S[size, size - 1] = beta
+            kept, goal = size, min(room, size + need)
+            continue
+        keep = whole(T, min(int(LIMITS.thick * room), room - 2))
+        basis.rotate(Q[:, :keep], size, locked)
+        dropped = np.concatenate((dropped, values[keep:]))
+        S[:] = 0.0
+        S[:keep, :keep], S[keep, :keep] = T[:keep, :keep], beta * Q[size - 1, :keep]
+        kept, made, goal = keep, made + 1, min(keep + need, room)
+
+
+def _evidence(worst: float, roots: np.ndarray, edge: Edge | None) -> float:
+    r"""Logarithm of the least \|p\| on the edge of the wanted part of the plane."""
+    if edge is None:
+        return np.inf
+    apart = np.abs(edge(worst, roots)[:, None] - roots)
+    with np.errstate(divide="ignore"):
+        return float(np.log(apart).sum(axis=1).min())
+
+
+def _search_products_left(
+    products: int,
+    evidence: float,
+    enough: float,
+    past: tuple[int, float],
+    residual: float,
+    target: float,
+) -> int:
+    """Estimated products until the search ends, by evidence or by residual, at the rates so far."""
+    needs: list[Any] = []
+    if evidence > 0:
+        needs.append((enough - evidence) * products / evidence)
+    if past[0] and past[1] > residual > target > 0:
+        rate = np.log(past[1] / residual) / (products - past[0])
+        needs.append(np.log(residual / target) / rate)
+    return max(3, int(np.ceil(min(min(needs, default=np.inf), 1e9))))
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which eigenvalues are wanted. Ranks change by at most |d| if the eigenvalue changes by d;
+    with `edge` a challenge ends as soon as a missed eigenvalue is improbable (see
+    `challenge.unbeaten`)."""
+
+    k: int
+    rank: Rank  # the larger, the more wanted
+    tol: float = 0.0  # residual relative to the modulus of the eigenvalue
+    edge: Edge | None = None  # of the wanted part of the plane, see `order.edge_of`
+    inner: bool = False  # inside the spectrum too, where only probability ends a challenge
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the dimension of the space and of the number of restarts, and their kind."""
+
+    ncv: int  # dimension, k + 3 to n - 1; after a challenge beside the vectors kept
+    grown: int = 0  # dimension after several restarts in which fewer than k have converged
+    maxiter: int = 1000  # most restarts
+    restart: str = "krylov-schur"  # or "implicit", before the first challenge
+    challenge: bool = True  # search outside the invariant subspace of the start vector
+
+
+@dataclass(frozen=True)
+class Look:
+    """A Krylov space in Schur form, the wanted eigenvalues first."""
+
+    T: np.ndarray  # Schur form of the projected matrix S = Q T Q^*, shape (size, size)
+    Q: np.ndarray
+    values: np.ndarray  # (size,): eigenvalues of T
+    spike: np.ndarray  # (size,): coefficients of the residual vector
+    moved: np.ndarray  # (size,): entry c - 1 is |b_{1..c}|, the residual of c Schur vectors
+    converged: int  # number of leading Schur vectors that have converged
+    settled: np.ndarray  # their block of T
+    beta: float  # norm of the residual vector before the rotation by Q
+    ended: bool  # the space is invariant
+    products_left: int  # estimate until the wanted converge, from the last rate
+
+    @property
+    def size(self) -> int:
+        """Dimension of the space."""
+        return len(self.Q)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """The state of the iteration on which `vectors_kept` depends."""
+
+    k: int
+    ncv: int
+    room: int  # present limit of the number of vectors
+    locked: int  # vectors kept at the last new start (lost challenge, invariant space)
+    challenged: bool  # there has been a challenge
+    lost: bool  # a challenge has just found a better eigenvalue
+
+
+def vectors_kept(look: Look, standing: Standing) -> int:
+    """How many leading Schur vectors are kept at a restart; conjugate pairs stay together. Of the
+    vectors not wanted half are kept, more as more have converged, but a third makes room; of an
+    invariant space, which says nothing of the rest of the spectrum, all are kept."""
+    k, ncv, room, converged = standing.k, standing.ncv, standing.room, look.converged
+    if standing.lost:
+        keep = min(converged, max(whole(look.T, k), ncv // 2))
+    elif look.ended:
+        keep = min(look.size, room - 1)
+    elif standing.challenged:
+        keep = max(k + converged // 2, (standing.locked + room) // 2)
+    else:
+        spare = ncv - k
+        new = max(spare // 3, min(spare, 4))
+        keep = k + min((spare + converged) // 2, spare - new)
+    return whole(look.T, min(keep, room - 2, look.size))
+
+
+def room_for(k: int, ncv: int) -> int:
+    """Largest dimension of the space in an iteration with challenges."""
+    return ncv + max(k + 1, ncv // 2) + 1

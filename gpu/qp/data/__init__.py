@@ -2,5 +2,5 @@
 
 In: the arguments of `solve_qp`.
 Out: a checked problem, a `StandardQP`, residuals (`KKT`), the `QPResult`.
-Start: `qp_problem`, then `standard_qp` and `kkt`.
+Start: `qp_problem`, then `standard_qp` and `qp_result`.
 """

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpu.qp.data.kkt import KKT, general_residuals, kkt_residuals
+from gpu.arrays.dense import symmetric_product
 from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem
-from gpu.qp.data.step import Step
+from gpu.qp.data.standard_qp import Residuals, StandardQP, largest, one_sided, residuals
+from skfem_adini.ground.arrays import namespace
 
 
 class Status(Enum):
@@ -128,9 +129,7 @@ class QPResult:
     ) -> KKT:
         """Residuals of this answer in a problem given like in `solve_qp`."""
         problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
-        if boxes_only(problem):
-            return kkt_residuals(problem, self.x, self.y, self.z_box)
-        return general_residuals(problem, self.x, self.y, self.z, self.z_box)
+        return residuals_of(problem, self.x, self.y, self.z, self.z_box)
 
     def moved(self, move: Callable[[Any], Any]) -> QPResult:
         """The same result with every array moved, to a device or to the host."""
@@ -138,11 +137,169 @@ class QPResult:
         return replace(self, **{name: move(getattr(self, name)) for name in names})
 
 
-def boxes_only(problem: QPProblem) -> bool:
-    """Whether it is strictly convex, on the host, with bounds and few equality rows."""
-    return (
-        not problem.row_low.size
-        and problem.b.size <= problem.q.size
-        and problem.factor.definite
-        and isinstance(problem.q, np.ndarray)
+class Step(NamedTuple):
+    """One active-set step: how many variables were held, how many were found violated.
+
+    Parameters
+    ----------
+    active : int
+        Variables and rows that are held at a bound.
+    violated : int
+        Variables and rows that pass a bound, or whose multiplier has the wrong sign.
+
+    Examples
+    --------
+    The last step of a solution violates nothing:
+
+    >>> import numpy as np
+    >>> from gpu import solve_qp
+    >>> solve_qp(np.eye(2), [1.0, -1.0], lb=0.0).history[-1]
+    Step(active=1, violated=0)
+    """
+
+    active: int
+    violated: int
+
+
+@dataclass(frozen=True)
+class KKT:
+    r"""Relative residuals of the optimality conditions, all zero at an exact solution.
+
+    Each is the largest error of one condition over the size of the terms that are added up in it,
+    so that rounding leaves about 1e-16 whatever the units of the problem are. The formulas below
+    hold for strictly convex problems on the host with bounds and equality rows only, in the
+    variables :math:`D^{-1}x`, :math:`D = \mathrm{diag}(P)^{-1/2}`. For all other problems
+    `stationarity` (there `dual`), `primal`, `complementarity` and `gap` are those of
+    `gpu.qp.data.standard_qp.Residuals`.
+
+    Attributes
+    ----------
+    stationarity : float
+        :math:`|D(Px + q + A^Ty + z_\mathrm{box})|_\infty` over the size of the terms that cancel,
+        :math:`\phi = |D(|P||x| + |q| + |A|^T|y|)|_\infty`.
+    primal : float
+        Largest violation of a row over :math:`|a_i||x| + |b_i|`, or of a bound over the largest
+        entry of :math:`D^{-1}x`. In rows, :math:`64\epsilon|a_i|D\phi` is not counted: so much
+        the rounding of the forces moves x.
+    sign : float
+        Largest multiplier that points to an infinite bound, over :math:`\phi`.
+    complementarity : float
+        Largest of ``min(multiplier, distance to its bound)``, the multiplier over :math:`\phi`,
+        the distance over the largest entry of :math:`D^{-1}x`.
+    gap : float
+        Difference of primal and dual objective,
+        :math:`|x^T(Px + q) + y^Tb + z_\mathrm{box}^Ts|`, s the bounds that the multipliers point
+        to, over :math:`|x|^T(|P||x| + |q| + |A|^T|y|) + |y|^T|b| + |z_\mathrm{box}|^T|s|`; what is
+        not counted in rows is not counted here, times :math:`|y|`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gpu import solve_qp
+    >>> kkt = solve_qp(np.eye(2), [1.0, -1.0], lb=0.0).kkt
+    >>> kkt.worst < 1e-15
+    True
+    """
+
+    stationarity: float
+    primal: float
+    sign: float
+    complementarity: float
+    gap: float = 0.0
+
+    @property
+    def worst(self) -> float:
+        """The largest of them; infinite where one is not a number."""
+        values = (self.stationarity, self.primal, self.sign, self.complementarity, self.gap)
+        return max(values) if all(np.isfinite(values)) else np.inf
+
+
+def residuals_of(
+    problem: QPProblem,
+    x: Any,
+    y: Any,
+    z: Any,
+    z_box: Any,
+    program: StandardQP | None = None,
+    known: Residuals | None = None,
+) -> KKT:
+    """Residuals by the formulas that hold for the problem, see `KKT`."""
+    if problem.boxes_only:
+        return kkt_residuals(problem, x, y, z_box)
+    return general_residuals(problem, x, y, z, z_box, program, known)
+
+
+@np.errstate(all="ignore")
+def general_residuals(
+    problem: QPProblem,
+    x: Any,
+    y: Any,
+    z: Any,
+    z_box: Any,
+    program: StandardQP | None = None,
+    known: Residuals | None = None,
+) -> KKT:
+    """Residuals with the rows ``low <= G x <= high`` as well, of either storage and namespace."""
+    p = program or problem.program
+    xp, multiplier = p.xp, namespace(x).concatenate([y, z])
+    r = known or residuals(p, x, multiplier, z_box)
+    outside = float(xp.maximum(xp.maximum(p.lb - x, x - p.ub), 0.0).max())
+    wrong = 0.0
+    for value, low, high in ((multiplier, p.row_low, p.row_high), (z_box, p.lb, p.ub)):
+        if value.size:
+            wrong = largest(wrong, float(xp.abs(value - one_sided(value, low, high)).max()))
+    if wrong:
+        terms = (p.q, p.P @ x, p.C.T @ multiplier, z_box)
+        wrong /= largest(*(float(xp.abs(a).max()) for a in terms))
+    return KKT(
+        stationarity=r.dual,
+        primal=largest(r.primal, outside / float(xp.abs(x).max()) if outside else 0.0),
+        sign=wrong,
+        complementarity=r.complementarity,
+        gap=r.gap if not wrong else 0.0,
     )
+
+
+@np.errstate(all="ignore")  # what overflows is not a number, or infinite, in the end
+def kkt_residuals(problem: QPProblem, x: np.ndarray, y: np.ndarray, z_box: np.ndarray) -> KKT:
+    """Residuals of ``Px + q + A'y + z_box = 0``, ``Ax = b``, ``lb <= x <= ub`` and of the signs."""
+    factor, q, A, b, lb, ub, *_ = problem
+    P, root = factor.P, np.sqrt(factor.P.diagonal())
+    length = root * np.abs(x)
+    used = np.flatnonzero(x)
+    terms = np.abs(x[used]) @ np.abs(P[used]) + np.abs(q) + np.abs(A.T) @ np.abs(y)
+    phi = np.max(terms / root)
+    Px = symmetric_product(P, x)
+    gradient = Px + q + A.T @ y
+
+    rounding = 64 * np.finfo(float).eps * (np.abs(A) @ (1.0 / root)) * phi
+    residual = np.maximum(np.abs(A @ x - b) - rounding, 0.0)
+    rows = _relative(residual, np.abs(A) @ np.abs(x) + np.abs(b))
+    outside = root * np.maximum(np.maximum(lb - x, x - ub), 0.0)
+    bounds = _relative(outside, largest(length.max(), outside.max()))
+
+    pushed = np.flatnonzero(z_box)
+    distance = root[pushed] * np.maximum(np.where(z_box < 0.0, x - lb, ub - x)[pushed], 0.0)
+    force = _relative((np.abs(z_box) / root)[pushed], phi)
+    side = np.where(z_box < 0.0, lb, ub)[pushed]
+    held = np.isfinite(side)
+    at, side = pushed[held], side[held]
+    parts = np.concatenate([x * (Px + q), y * b, z_box[at] * side])
+    size = np.abs(x) @ terms + np.abs(parts[x.size :]).sum()
+    unseen = np.abs(y) @ rounding  # the same shift of x, in the objective
+    distance = distance[held]
+    distance = _relative(distance, largest(length.max(), distance.max(initial=0.0)))
+    return KKT(
+        stationarity=float(_relative(np.abs(gradient + z_box) / root, phi).max()),
+        primal=largest(rows.max(initial=0.0), bounds.max()),
+        sign=float(force[~held].max(initial=0.0)),
+        complementarity=float(np.minimum(force[held], distance).max(initial=0.0)),
+        gap=float(_relative(np.maximum(np.abs(parts.sum(keepdims=True)) - unseen, 0.0), size)[0]),
+    )
+
+
+def _relative(value: np.ndarray, size: np.ndarray | float) -> np.ndarray:
+    """``value / size``, zero where both are; not a number where nothing has a finite size."""
+    nothing = (value == 0.0) & (np.asarray(size) == 0.0)
+    ratio = np.divide(value, size, out=np.zeros_like(value), where=~nothing)
+    return np.where(np.isfinite(size), ratio, np.nan)

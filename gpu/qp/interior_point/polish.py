@@ -14,21 +14,28 @@ turn out wrong change, all at once, as in the primal-dual active set method; the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
-from gpu.qp.data.standard_qp import Array, StandardQP
-from gpu.qp.interior_point.kkt_system import System
+from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, one_sided
+from gpu.qp.interior_point.equilibrate import Scaling, equilibrate
+from gpu.qp.interior_point.kkt_system import SparseSystem, System
 
-# A diagonal entry beside which entries of about one are rounding; no product with them overflows.
-HUGE = 1e20
-# Most steps: an interior point guesses nearly all sides, and each refinement gains the digits of
-# the regularisation.
-EXCHANGES, POLISH_REFINEMENTS = 6, 6
-# rho and delta, in scaled units, tried in turn: between rounding and what refinement takes back.
-POLISH_REGULARISATIONS = (1e-9, 1e-7, 1e-11)
+
+class _Limits(NamedTuple):  # limits of the steps, in scaled units
+    huge: float = 1e20  # a diagonal entry beside which one is rounding; no product overflows
+    exchanges: int = 6  # most: an interior point guesses nearly all sides
+    refinements: int = 6  # most: each gains the digits of the regularisation
+    regularisations: tuple[float, ...] = (1e-9, 1e-7, 1e-11)  # rho, delta, in turn
+    extended: tuple[float, ...] = (1e-9, 1e-12, 1e-14)  # less for dependent rows
+    stalled: int = 4  # steps without the correction becoming half as large
+    nothing: float = float(np.finfo(float).eps) / 16  # corrections lost in rounding
+
+
+LIMITS = _Limits()
 
 
 class Sides(NamedTuple):
@@ -49,9 +56,9 @@ def polish(
 ) -> tuple[Array, Array, float]:
     """The best (x, y) that active-set steps find; `measure` is what is made small."""
     best, error = (x, y), measure(x, y)
-    for regularisation in POLISH_REGULARISATIONS:
+    for regularisation in LIMITS.regularisations:
         state, point = sides, (x, y)
-        for _ in range(EXCHANGES):
+        for _ in range(LIMITS.exchanges):
             try:
                 found = _at(p, system, state, *point, regularisation, measure, target)
             except np.linalg.LinAlgError:
@@ -86,15 +93,15 @@ def _at(
     xp = p.xp
     held = state.bounds != 0
     used = (state.rows != 0) | p.equality
-    D = xp.where(held, HUGE, regularisation)
-    E = xp.where(used, regularisation, HUGE)
+    D = xp.where(held, LIMITS.huge, regularisation)
+    E = xp.where(used, regularisation, LIMITS.huge)
     system.factor(D, E)
     x = xp.where(state.bounds < 0, p.lb, xp.where(state.bounds > 0, p.ub, x))
     y = xp.where(used, y, 0.0)
     goal = xp.where(state.rows < 0, p.row_low, xp.where(state.rows > 0, p.row_high, p.row_low))
     goal = xp.where(used, goal, 0.0)
     best, found = np.inf, None
-    for _ in range(POLISH_REFINEMENTS):
+    for _ in range(LIMITS.refinements):
         rd = xp.where(held, 0.0, p.gradient(x, y))
         rp = xp.where(used, goal - p.C @ x, 0.0)
         dx, dy = system.solve(-rd, rp)
@@ -123,3 +130,105 @@ def _exchange(p: StandardQP, state: Sides, x: Array, y: Array) -> Sides:
     rows = xp.where((state.rows == 0) & (Cx > p.row_high), 1, rows)
     rows = xp.where(p.equality, 0, rows)
     return Sides(bounds.astype(np.int8), rows.astype(np.int8))
+
+
+# 64 bits of mantissa on x86, 113 on other Linux machines, and 53 where there is nothing longer.
+Long = np.longdouble
+
+
+class PrimalDual(NamedTuple):
+    """x and the multipliers of rows and bounds."""
+
+    x: Array
+    y: Array
+    z_box: Array
+
+
+def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
+    """Solutions of the active sets that t suggests, for a program on the host, rounded once.
+
+    Refinement whose residuals are computed, and whose solution is kept, with more digits than the
+    factorisation has (J. Demmel et al., Error bounds from extra-precise iterative refinement, ACM
+    Trans. Math. Softw. 32 (2006) 325-351). Where rows are all but dependent, a smaller
+    regularisation of the system makes it converge.
+    """
+    p = p.stored_sparsely()
+    scaled, scaling = equilibrate(p)
+    tight, loose = (_active(scaled, scaling, t, loose) for loose in (False, True))
+    same = all(np.array_equal(a, b) for a, b in zip(tight, loose, strict=True))
+    for active in (tight,) if same else (tight, loose):
+        for regularisation in LIMITS.extended:
+            try:
+                found, settled = _refined(p, scaled, scaling, t, active, regularisation)
+            except np.linalg.LinAlgError:
+                continue
+            yield found
+            if settled:
+                return
+
+
+def _active(p: StandardQP, scaling: Scaling, t: PrimalDual, loose: bool) -> Sides:
+    """Rows with a multiplier and variables at their bounds, in the scaled program p; if `loose`,
+    also those whose multiplier is larger than the distance to the side.
+    """
+    x, y = scaling.scaled_point(t.x, t.y)
+    z_box = t.z_box * scaling.variables * scaling.objective
+    low, high = x == p.lb, x == p.ub
+    rows = np.sign(y)
+    if loose:
+        low, high = low | (-z_box > x - p.lb), high | (z_box > p.ub - x)
+        Cx = p.C @ x
+        rows = np.where(np.where(y > 0.0, p.row_high - Cx, Cx - p.row_low) < np.abs(y), rows, 0.0)
+    bounds = np.where(low, -1, np.where(high, 1, 0))
+    return Sides(bounds, np.where(p.equality, 1, rows).astype(int))
+
+
+def _refined(
+    p: StandardQP,
+    scaled: StandardQP,
+    scaling: Scaling,
+    t: PrimalDual,
+    active: Sides,
+    regularisation: float,
+) -> tuple[PrimalDual, bool]:
+    """The solution of an active set, from t on, rounded once; and whether it has settled."""
+    x, y = scaling.scaled_point(t.x, t.y)
+    held, used = active.bounds != 0, active.rows != 0
+    bound = np.where(active.bounds < 0, scaled.lb, scaled.ub)
+    goal = np.where(active.rows < 0, scaled.row_low, np.where(used, scaled.row_high, 0.0))
+
+    system = SparseSystem(scaled)
+    huge = LIMITS.huge
+    system.factor(np.where(held, huge, regularisation), np.where(used, regularisation, huge))
+    P, C, Ct = _long(scaled.P), _long(scaled.C), _long(scaled.C.T)
+    x, y = np.where(held, bound, x).astype(Long), np.where(used, y, 0.0).astype(Long)
+    settled, last, stalled = False, np.inf, 0
+    while not settled and stalled < LIMITS.stalled:
+        rd = np.where(held, 0.0, P @ x + scaled.q + Ct @ y)
+        rp = np.where(used, goal - C @ x, 0.0)
+        dx, dy = system.solve(-rd.astype(float), rp.astype(float), thorough=True)
+        dx, dy = np.where(held, 0.0, dx), np.where(used, dy, 0.0)
+        x, y = x + dx, y + dy
+        steps = ((dx, x), (dy, y))
+        change = largest(*(_largest(step) / (_largest(whole) or 1.0) for step, whole in steps))
+        settled = bool(change <= LIMITS.nothing)
+        stalled = 0 if change < 0.5 * last else stalled + 1
+        last = min(last, change)
+    return _rounded(p, *scaling.point(x, y)), settled
+
+
+def _largest(a: Array) -> float:
+    return float(np.abs(a).max(initial=0.0))
+
+
+def _rounded(p: StandardQP, x: Array, y: Array) -> PrimalDual:
+    """The solution in double precision, with forces only at bounds and only of the right sign."""
+    x = np.clip(x.astype(float), p.lb, p.ub)
+    y = one_sided(y.astype(float), p.row_low, p.row_high)
+    force = -(_long(p.P) @ x.astype(Long) + p.q + _long(p.C.T) @ y.astype(Long)).astype(float)
+    at_side = ((force > 0.0) & (x == p.ub)) | ((force < 0.0) & (x == p.lb))
+    return PrimalDual(x, y, np.where(at_side, force, 0.0))
+
+
+def _long(M: Matrix) -> Matrix:
+    return sparse.csr_array(M).astype(Long)

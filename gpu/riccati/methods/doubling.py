@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,17 +13,24 @@ from gpu.arrays.denormals import filled
 from gpu.errors import NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found
-from gpu.riccati.problem.lqr_problem import LQRProblem
+from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem, scaled_hamiltonian
 from gpu.riccati.problem.lqr_problem import solve as solve_linear
-from gpu.riccati.problem.standard_form import DenseProblem, scaled_hamiltonian
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.lyapunov import cayley_shift
 from gpu.riccati.proof.refinement import finished, refine
 from skfem_adini.ground.arrays import namespace, to_host
 
-ITERATIONS = 60  # doublings: 2^60 steps of the transformed loop
-BEST_SHIFT = 100  # up to this order the shift is chosen from all eigenvalues of the Hamiltonian
-QZ = 600  # up to this order QZ is tried if doubling fails
+
+class _Limits(NamedTuple):  # limits of the method
+    iterations: int = 60  # doublings: 2^60 steps of the transformed loop
+    best_shift: int = 100  # order up to which the shift is chosen from all eigenvalues
+    qz: int = 600  # order up to which QZ is tried if doubling fails
+
+
+LIMITS = _Limits()
+
+
+Candidate = Callable[[LQRProblem, DenseProblem], tuple[Any, dict[str, Any]]]
 
 
 class Doubled(NamedTuple):
@@ -37,10 +46,10 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     residual. With `fallback`, failing a certified solution, try doubling of a stabilised problem,
     then QZ (on the host, up to 600 states) and Newton-Kleinman."""
     standard = problem.standard()
-    candidates = [_by_doubling]
+    candidates: list[Candidate] = [_by_doubling]
     if fallback:
-        candidates.append(_by_moved_doubling)
-        candidates += [_by_qz, _by_newton] if problem.n <= QZ else [_by_newton]
+        candidates.append(partial(_by_doubling, moved=True))
+        candidates += [_by_qz, _by_newton] if problem.n <= LIMITS.qz else [_by_newton]
     best: Found | None = None
     for candidate in candidates:
         try:
@@ -62,31 +71,23 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     return best
 
 
-def _by_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
-    unit = problem.unit
-    A, G, Q = scaled_hamiltonian(standard, unit)
+def _by_doubling(
+    problem: LQRProblem, standard: DenseProblem, moved: bool = False
+) -> tuple[Any, dict[str, Any]]:
+    """By `double`; if `moved`, for ``X - X_0``, where the feedback of X_0 stabilises: unstable
+    modes with a very small weight in Q would make the G_k grow without bound."""
+    A, G, Q = scaled_hamiltonian(standard, problem.unit)
+    X0 = 0.0
+    if moved:
+        X0 = newton_kleinman.stabilising_value(standard.scaled(problem.unit))
+        half = X0 @ A
+        left = half + half.T - X0 @ G @ X0 + Q
+        A, Q = A - G @ X0, (left + left.T) / 2
     found = double(A, G, Q)
     if not found.converged:
         raise np.linalg.LinAlgError("doubling did not converge")
-    X = found.X / unit / unit[:, None]
-    return problem.value_of(X), {"iterations": found.iterations, "path": "doubling"}
-
-
-def _by_moved_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
-    """Doubling for ``X - X_0``, where the feedback of X_0 stabilises. Unstable modes with a very
-    small weight in Q would make the G_k grow without bound.
-    """
-    unit = problem.unit
-    A, G, Q = scaled_hamiltonian(standard, unit)
-    B = standard.B / unit[:, None]
-    X0 = newton_kleinman.stabilising_value(DenseProblem(A, B, Q))
-    half = X0 @ A
-    left = half + half.T - X0 @ G @ X0 + Q
-    found = double(A - G @ X0, G, (left + left.T) / 2)
-    if not found.converged:
-        raise np.linalg.LinAlgError("doubling did not converge")
-    X = (X0 + found.X) / unit / unit[:, None]
-    return problem.value_of(X), {"iterations": found.iterations, "path": "moved doubling"}
+    info = {"iterations": found.iterations, "path": "moved doubling" if moved else "doubling"}
+    return problem.value_of(X0 + found.X), info
 
 
 def _by_qz(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
@@ -132,7 +133,7 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
     G, H = (G + G.T) / 2, (H + H.T) / 2
     del moved, inverse, reach, half
     converged, iteration = False, 0
-    while iteration < ITERATIONS and not converged:
+    while iteration < LIMITS.iterations and not converged:
         iteration += 1
         W = G @ H
         W[places, places] += 1.0
@@ -149,7 +150,7 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
         left = float(xp.linalg.norm(A))
         converged = float(xp.linalg.norm(step)) <= 4 * EPS * size and left < 1e-3
         # If G and H are semidefinite, the next step is at most |A|^2 times H.
-        converged |= n > BEST_SHIFT and left * left <= EPS
+        converged |= n > LIMITS.best_shift and left * left <= EPS
     return Doubled(H, iteration, converged)
 
 
@@ -157,7 +158,7 @@ def _shift(A: Any, G: Any, Q: Any) -> float:
     xp, n = namespace(A), len(A)
     H = xp.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, -G, -Q, -A.T
-    if n > BEST_SHIFT:
+    if n > LIMITS.best_shift:
         return cayley_shift(H)
     values = np.linalg.eigvals(to_host(H))
     values = values[values.real < 0.0]

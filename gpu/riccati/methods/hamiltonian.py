@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
 
-from gpu.eigenvalues.krylov.krylov_schur import krylov_schur
-from gpu.eigenvalues.krylov.restart import Limits, Wanted
-from gpu.eigenvalues.schur.order import best_first
+from gpu.eigenvalues.krylov.krylov_schur import Limits, Wanted, krylov_schur
+from gpu.eigenvalues.schur import best_first
 from gpu.errors import InputError, NotConverged, RiccatiError
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
 from gpu.riccati.problem.candidate import Found, LowRankValue
@@ -21,14 +20,17 @@ from gpu.riccati.problem.weights import Weight
 from skfem_adini.ground.arguments import choice, whole
 from skfem_adini.ground.arrays import namespace, to_host
 
-PI = ("printed", "symmetric")
-STARTS = ("random", "inputs")
-COPIES = 100  # most additional eigenvalues that are computed in place of ones no input reaches
-EXTRA = 6  # eigenvalues beyond those wanted, so that neither +- nor conjugate pairs are cut
-ALL_EIGENVALUES = 128  # up to this order of the Hamiltonian all of its eigenvalues are computed
-MOST_RESTARTS = 300  # of Krylov-Schur; if it converges, it takes a few dozen
-UNREACHED = 1e-8  # an eigenvector with a smaller |B^T y| / (|B| |y|) has no part in the gain
-SAME_MODULUS = 1e-6  # relative: eigenvalues whose moduli differ by less are taken together
+
+class _Limits(NamedTuple):  # limits of the method
+    copies: int = 100  # most eigenvalues computed in place of ones that no input reaches
+    extra: int = 6  # eigenvalues beyond those wanted: no +- or conjugate pair is cut
+    all: int = 128  # order of the Hamiltonian up to which all are computed
+    restarts: int = 300  # of Krylov-Schur; if it converges, it takes a few dozen
+    unreached: float = 1e-8  # |B^T y| / (|B| |y|) below: y has no part in the gain
+    same: float = 1e-6  # relative: eigenvalues of nearer moduli are taken together
+
+
+LIMITS = _Limits()
 
 
 def solve(
@@ -49,9 +51,9 @@ def solve(
     modes, or at "inputs".
     """
     state, B, weight = problem.state, problem.input, problem.weight
-    choice("pi", pi, PI)
+    choice("pi", pi, ("printed", "symmetric"))
     default = "random" if pi == "printed" else "inputs"
-    start = default if start is None else choice("start", start, STARTS)
+    start = default if start is None else choice("start", start, ("random", "inputs"))
     whole("modes", modes, 2)
     if inner is not None and pi != "printed":
         raise InputError('inner: only pi="printed" has an inner product')
@@ -72,19 +74,19 @@ def solve(
         solved = linalg.solve_triangular(to_host(T), to_host(Y.T @ B), trans="T")
         solved = linalg.solve((gram + gram.T) / 2, solved, assume_a="pos").T
         return Found(problem.gain(xp.asarray(solved) @ MU.T), None, info)
-    F = low_rank_value(state, V, Y)
-    gain = problem.gain((B.T @ F) @ state.mass_transposed(F).T)
-    return Found(gain, LowRankValue(F, xp.eye(F.shape[1])), info)
+    return of_subspace(problem, V, Y, info)
 
 
-def low_rank_value(state: StateMatrix, V: Any, Y: Any) -> Any:
-    """F with ``F F^T = Y (Y^T E V)^-1 Y^T``, without eigenvectors of Y^T E V whose eigenvalues are
-    rounding, below 1e-13 of the largest.
-    """
+def of_subspace(problem: LQRProblem, V: Any, Y: Any, info: dict[str, Any]) -> Found:
+    """The value ``F F^T = Y (Y^T E V)^-1 Y^T``, without eigenvectors of Y^T E V whose eigenvalues
+    are rounding, below 1e-13 of the largest, and its gain."""
+    state, xp = problem.state, problem.xp
     gram = to_host(Y.T @ state.mass(V))
     values, vectors = np.linalg.eigh((gram + gram.T) / 2)
     kept = values > 1e-13 * values.max(initial=0.0)
-    return Y @ state.xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+    F = Y @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+    gain = problem.gain((problem.input.T @ F) @ state.mass_transposed(F).T)
+    return Found(gain, LowRankValue(F, xp.eye(F.shape[1])), info)
 
 
 def stable_subspace(
@@ -100,7 +102,7 @@ def stable_subspace(
     state.explicit = True
     inverse = InverseHamiltonian(state, B, weight, scale=rho)
     n, xp = state.n, state.xp
-    wanted, limit = modes, min(modes + COPIES, 2 * n)
+    wanted, limit = modes, min(modes + LIMITS.copies, 2 * n)
     if start == "inputs" and state.kind == "dense":
         wanted = min(2 * modes, limit)
     while True:
@@ -111,11 +113,11 @@ def stable_subspace(
             break
         # Rounding brings in eigenvectors that no input reaches: they are kept, but not counted.
         more = wanted * (modes / max(counted, 1)) ** 1.5
-        wanted = min(limit, int(max(more, wanted)) + EXTRA)
+        wanted = min(limit, int(max(more, wanted)) + LIMITS.extra)
     size = np.abs(w)
     taken = np.ones(len(w), dtype=bool)
     if counted > modes:
-        taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - SAME_MODULUS)
+        taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - LIMITS.same)
     axis = np.abs(w.real) <= 1e-9 * size
     # Eigenvalues that are zero up to rounding: single ones, then double ones, which rounding splits
     # into a pair of the size of its square root. For an operator, whose size is NaN, no test.
@@ -146,7 +148,7 @@ def _reached(B: Any, Y: Any) -> np.ndarray:
     """A mask of the columns of Y that have a part in the gain ``B^T Y``."""
     norm = namespace(B).linalg.norm
     seen, size = norm(B.T @ Y, axis=0), float(norm(B)) * norm(Y, axis=0)
-    return np.asarray(to_host(seen > UNREACHED * size))
+    return np.asarray(to_host(seen > LIMITS.unreached * size))
 
 
 def _largest(
@@ -154,8 +156,8 @@ def _largest(
 ) -> tuple[Any, Any]:
     """Eigenvalues of largest modulus of the inverse and their vectors, a few more than `modes`."""
     n, xp = inverse.state.n, inverse.state.xp
-    wanted = min(modes + EXTRA, 2 * n)
-    if 2 * n <= max(ALL_EIGENVALUES, 2 * wanted + 23):
+    wanted = min(modes + LIMITS.extra, 2 * n)
+    if 2 * n <= max(LIMITS.all, 2 * wanted + 23):
         return _all(inverse)
     rng = np.random.default_rng(0)
     seed = xp.asarray(rng.standard_normal(2 * n))
@@ -166,7 +168,7 @@ def _largest(
         inverse.apply,
         2 * n,
         Wanted(wanted, np.abs, tol),
-        Limits(2 * wanted + 20, maxiter=MOST_RESTARTS, challenge=start == "random"),
+        Limits(2 * wanted + 20, maxiter=LIMITS.restarts, challenge=start == "random"),
         dtype=np.dtype(float),
         xp=xp,
         start=seed,

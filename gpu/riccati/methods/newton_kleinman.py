@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from gpu.eigenvalues.schur.ordered_schur import ordered_schur
+from gpu.eigenvalues.schur import ordered_schur
 from gpu.errors import InputError, NotConverged, NotSupported
 from gpu.riccati.problem.candidate import Found
-from gpu.riccati.problem.lqr_problem import LQRProblem
-from gpu.riccati.problem.standard_form import DenseProblem
+from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.closed_loop import ALL_POLES, DenseLoop
 from gpu.riccati.proof.lyapunov import lyapunov_solver
@@ -32,9 +31,7 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: floa
         )
     standard = problem.standard()
     unit = problem.unit
-    A, B, Q = standard
-    A, B, Q = A * unit / unit[:, None], B / unit[:, None], Q * unit * unit[:, None]
-    balanced = DenseProblem(A, B, Q)
+    balanced = A, B, _ = standard.scaled(unit)
     if start is None:
         K = stabilising_gain(balanced)
     else:
@@ -42,7 +39,7 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: floa
         if not DenseLoop(A - B @ K, _rounding(A, B, K)).is_stable():
             raise InputError("start does not stabilise: a pole of A - B start is not left of 0")
     X, history = _iterate(balanced, K, steps, tol)
-    S = problem.value_of(X / unit / unit[:, None])
+    S = problem.value_of(X)
     S, polished = refine(problem, S, 4)
     info = {"iterations": len(history), "history": tuple(history), "newton_steps": polished}
     return finished(problem, S, info)
@@ -165,10 +162,7 @@ def _given(problem: LQRProblem, start: Any) -> Any:
     m = problem.B.shape[1]
     if start.shape != (m, problem.n) or not bool(xp.isfinite(start).all()):
         raise InputError(f"start has shape {start.shape}: expected ({m}, {problem.n}), finite")
-    gain = xp.asarray(problem.root.T) @ start
-    if problem.N is not None:
-        gain = gain - xp.asarray(np.linalg.inv(problem.root)) @ problem.N.T
-    return gain
+    return problem.of_unit_cost(start)
 
 
 def _rounding(A: Any, B: Any, K: Any) -> float:

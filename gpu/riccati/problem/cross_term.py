@@ -14,12 +14,7 @@ from scipy import linalg
 from scipy.sparse.linalg import LinearOperator
 
 from gpu.errors import InputError, NotSupported
-from gpu.riccati.problem.lqr_problem import (
-    NOT_SEMIDEFINITE,
-    FactoredWeight,
-    LQRProblem,
-    semidefinite,
-)
+from gpu.riccati.problem.lqr_problem import NOT_SEMIDEFINITE, LQRProblem, semidefinite
 from gpu.riccati.problem.state_matrix import (
     Factors,
     StateMatrix,
@@ -70,35 +65,17 @@ class UpdatedMatrix(StateMatrix):
         return factor_bordered(self.A, join([self.U, U], axis=1), join([self.V, V], axis=1))
 
 
-class CrossedWeight(Weight):
-    """``Q - F F^T``, not formed but applied to vectors."""
-
-    def __init__(self, weight: Weight, F: Any) -> None:
-        self.state, self.Q, self.weight, self.F = weight.state, None, weight, F
-
-    def apply(self, x: Any) -> Any:
-        """``Q x - F F^T x``."""
-        return self.weight.apply(x) - self.F @ (self.F.T @ x)
-
-
 def without_cross_term(problem: LQRProblem) -> LQRProblem:
     """The problem in the inputs :math:`v = L^T u + F^T x` of unit cost, where it has no N. With
     :math:`R = L L^T`, :math:`F = N L^{-T}`, it has :math:`A - B L^{-T} F^T` for A, :math:`Q - F
     F^T` for Q, the same solution, and a gain that `LQRProblem.gain` converts."""
     state, B = problem.state, problem.input
     F = problem.N @ problem.xp.asarray(np.linalg.inv(problem.root).T)
-    weight, C = _weight(problem, F)
-    m = B.shape[1]
+    unit = np.eye(B.shape[1])
     return replace(
-        problem,
-        state=_state(state, B, F),
-        B=B,
-        root=np.eye(m),
-        R=np.eye(m),
-        N=None,
-        weight=weight,
-        C=C,
-    )
+        problem, state=_state(state, B, F), B=B, root=unit, R=unit, N=None,
+        weight=_weight(problem, F),
+    )  # fmt: skip
 
 
 def _state(state: StateMatrix, B: Any, F: Any) -> StateMatrix:
@@ -132,12 +109,12 @@ def _operator(state: StateMatrix, matvec: Any, rmatvec: Any) -> Any:
     return kind((state.n, state.n), matvec=matvec, rmatvec=rmatvec, dtype=float)
 
 
-def _weight(problem: LQRProblem, F: Any) -> tuple[Weight, Any]:
-    """The new weight and, if Q has low rank, its factor, else None."""
+def _weight(problem: LQRProblem, F: Any) -> Weight:
+    """The new weight, by a factor if Q has low rank."""
     C = low_rank_factor(problem.weight)
     if C is None:
         _check(problem, F)
-        return CrossedWeight(problem.weight, F), None
+        return problem.weight.less(F)
     # A semidefinite joint weight has N in the range of Q: F = C^T Y with |Y| <= 1.
     Y = problem.xp.linalg.lstsq(C.T, F, rcond=None)[0]
     if float(abs(C.T @ Y - F).max()) > OUTSIDE_RANGE * float(abs(F).max()):
@@ -146,8 +123,7 @@ def _weight(problem: LQRProblem, F: Any) -> tuple[Weight, Any]:
     if values[-1] > 1.0 + NEGATIVE_COST:
         raise InputError(NOT_SEMIDEFINITE)
     root = vectors * np.sqrt(np.maximum(1.0 - values, 0.0)) @ vectors.T
-    C = problem.xp.asarray(root) @ C
-    return FactoredWeight(problem.state, C), C
+    return Weight(problem.state, C=problem.xp.asarray(root) @ C)
 
 
 def _check(problem: LQRProblem, F: Any) -> None:
@@ -157,8 +133,8 @@ def _check(problem: LQRProblem, F: Any) -> None:
     if problem.dense:
         good = semidefinite(problem)
     else:
-        Q = problem.weight.Q
-        factors = None if Q is None or hasattr(Q, "matvec") else factor(Q)
+        Q = problem.weight.entries
+        factors = None if Q is None else factor(Q)
         if factors is None:
             return
         good = linalg.eigvalsh(to_host(F.T @ factors.solve(F)))[-1] <= 1.0 + OUTSIDE_RANGE

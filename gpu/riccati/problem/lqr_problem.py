@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg, sparse
@@ -12,18 +12,19 @@ from scipy import linalg, sparse
 from gpu.arrays.device_lu import device_solver
 from gpu.arrays.sparse_factor import is_positive_definite, structurally_regular
 from gpu.errors import InputError
-from gpu.riccati.problem.standard_form import DenseProblem, balance
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.riccati.problem.weights import Weight
 from skfem_adini.ground.arguments import is_finite_number, shown, unmasked
 from skfem_adini.ground.arrays import namespace, to_host
 
-# Asymmetry of R or Q, relative to the largest entry, that counts as rounding.
-WEIGHT_ASYMMETRY = 1e-12
-# Q counts as semidefinite if so large a shift, relative to its diagonal, makes it definite.
-DEFINITENESS = 1e-12
-# Squares of larger entries, and their sums, leave the range of double precision.
-LARGEST = 1e150
+
+class _Limits(NamedTuple):  # tolerances of the arguments
+    asymmetry: float = 1e-12  # of R or Q, over the largest entry: rounding
+    definiteness: float = 1e-12  # shift over the diagonal that makes Q definite
+    largest: float = 1e150  # squares of larger entries, and sums, leave the range
+
+
+LIMITS = _Limits()
 
 
 NOT_SEMIDEFINITE = (
@@ -32,17 +33,6 @@ NOT_SEMIDEFINITE = (
 )
 
 SINGULAR_MASS = "E is singular: descriptor systems are not solved here"
-
-
-class FactoredWeight(Weight):
-    """``Q = C^T C``, not formed but applied by its factor C of shape (p, n)."""
-
-    def __init__(self, state: StateMatrix, C: Any) -> None:
-        self.state, self.Q, self.C = state, None, C
-
-    def apply(self, x: Any) -> Any:
-        """``C^T C x``."""
-        return self.C.T @ (self.C @ x)
 
 
 @dataclass(frozen=True)
@@ -54,7 +44,6 @@ class LQRProblem:
     input: Any  # (n, m): B L^-T, for inputs of unit cost (the sum of their squares)
     root: np.ndarray  # (m, m): L, the Cholesky factor of R = L L^T
     weight: Weight  # Q
-    C: Any  # (p, n): factor of Q = C^T C if Q was given by it, else None
     N: Any  # (n, m) or None
     R: np.ndarray  # (m, m)
     units: Any = None  # `Units` of the numbers, if not those of the arguments
@@ -77,7 +66,7 @@ class LQRProblem:
     @property
     def squares_fit(self) -> bool:
         """Whether squares of the entries of a dense A and of B stay in range."""
-        return max(float(abs(M).max()) for M in (self.state.A, self.B)) <= LARGEST
+        return max(float(abs(M).max()) for M in (self.state.A, self.B)) <= LIMITS.largest
 
     @cached_property
     def unit(self) -> Any:
@@ -96,6 +85,13 @@ class LQRProblem:
         if not hasattr(value, "shape"):
             value = self.xp.asarray(value)
         return self.gain(self.state.mass_transposed(value.T @ self.input).T)
+
+    def of_unit_cost(self, gain: Any) -> Any:
+        """The gain K~ for inputs of unit cost, where the standard form has fed R^-1 N^T back."""
+        gain = self.xp.asarray(self.root.T) @ gain
+        if self.N is not None:
+            gain = gain - self.xp.asarray(np.linalg.inv(self.root)) @ self.N.T
+        return gain
 
     def _inverse_root(self) -> np.ndarray:
         eye = np.eye(len(self.root))
@@ -117,12 +113,11 @@ class LQRProblem:
     def full(self) -> tuple[Any, Any, Any, Any]:
         """A, E, Q, N as dense arrays; E and N may be None."""
         A, E = _full(self.state.A), None if self.state.E is None else _full(self.state.E)
-        if self.C is not None:
-            Q = self.C.T @ self.C
-        elif self.weight.Q is None or hasattr(self.weight.Q, "matvec"):
-            Q = self.weight.apply(self.xp.eye(self.n))
+        C, Q = self.weight.C, self.weight.entries
+        if C is not None:
+            Q = C.T @ C
         else:
-            Q = _full(self.weight.Q)
+            Q = self.weight.apply(self.xp.eye(self.n)) if Q is None else _full(Q)
         return A, E, (Q + Q.T) / 2, self.N
 
     def standard(self) -> DenseProblem:
@@ -144,7 +139,8 @@ class LQRProblem:
         return DenseProblem(A, B, (Q + Q.T) / 2)
 
     def value_of(self, standard: Any) -> Any:
-        """The value ``S = E^-T X E^-1`` from the solution X of the standard form."""
+        """The value ``S = E^-T X E^-1`` from the solution X of the balanced standard form."""
+        standard = standard / self.unit / self.unit[:, None]
         if self.state.E is None:
             return standard
         E = _full(self.state.E)
@@ -170,9 +166,9 @@ def check_lqr(
     B = columns("B", B, n, xp)
     m = B.shape[1]
     scaled = state.kind == "dense" and not (hasattr(Q, "matvec") and not hasattr(Q, "tocsr"))
-    if not scaled and state.kind != "operator" and float(abs(state.A).max()) > LARGEST:
+    if not scaled and state.kind != "operator" and float(abs(state.A).max()) > LIMITS.largest:
         raise InputError("A is too large, its squares overflow: measure time in other units")
-    if not scaled and float(abs(B).max()) > LARGEST:
+    if not scaled and float(abs(B).max()) > LIMITS.largest:
         raise InputError("B is too large, its squares overflow: measure inputs in other units")
     R_host = _input_cost(R, m)
     try:
@@ -188,11 +184,10 @@ def check_lqr(
     if N is not None and not bool(xp.any(N)):
         N = None
     if factored:
-        C = _factor("Q", Q, n, xp)
-        weight: Weight = FactoredWeight(state, C)
+        weight = Weight(state, C=_factor("Q", Q, n, xp))
     else:
-        C, weight = None, Weight(state, _weight_argument(Q, n))
-    problem = LQRProblem(state, B, B @ xp.asarray(unit.T), root, weight, C, N, R_host)
+        weight = Weight(state, _weight_argument(Q, n))
+    problem = LQRProblem(state, B, B @ xp.asarray(unit.T), root, weight, N, R_host)
     known = problem.dense or (state.E is not None and state.E.ndim == 1) or sparse.issparse(state.E)
     if state.E is not None and known and not _regular(state.E, xp, problem.dense):
         raise InputError(SINGULAR_MASS)
@@ -316,7 +311,7 @@ def _weight_argument(Q: Any, n: int) -> Any:
 
 def _check_symmetric(name: str, M: Any) -> None:
     wrong = abs(M - M.T).max()
-    if float(wrong) > WEIGHT_ASYMMETRY * float(abs(M).max()):
+    if float(wrong) > LIMITS.asymmetry * float(abs(M).max()):
         raise InputError(
             f"{name} is not symmetric, |{name} - {name}'| reaches {float(wrong):.1e}: pass "
             f"({name} + {name}.T) / 2 if that is what is meant"
@@ -327,9 +322,9 @@ def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
     """Whether no state and input has a negative cost, as far as stored entries tell. If `always`,
     raise `InputError` where some have.
     """
-    Q, xp = problem.weight.Q, problem.xp
+    Q, xp = problem.weight.entries, problem.xp
     good = True
-    if Q is not None and not hasattr(Q, "matvec"):
+    if Q is not None:
         diagonal = Q if Q.ndim == 1 else Q.diagonal()
         good = bool((diagonal >= 0.0).all())
         if good and Q.ndim == 2:
@@ -349,7 +344,7 @@ def _semidefinite(M: Any, xp: Any) -> bool:
     unit = xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0))
     scaled = M / unit / unit[:, None]
     places = xp.arange(len(M))
-    scaled[places, places] += DEFINITENESS * max(1.0, len(M))
+    scaled[places, places] += LIMITS.definiteness * max(1.0, len(M))
     factor = xp.linalg.cholesky if xp is not np else np.linalg.cholesky
     try:
         L = factor(scaled)
@@ -363,7 +358,7 @@ def _sparse_semidefinite(Q: Any) -> bool:
     diagonal = Q.diagonal()
     unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = sparse.csc_array(Q.multiply(unit).multiply(unit[:, None]))
-    shift = DEFINITENESS * max(1.0, Q.shape[0])
+    shift = LIMITS.definiteness * max(1.0, Q.shape[0])
     return is_positive_definite(scaled + shift * sparse.eye_array(Q.shape[0], format="csc"))
 
 
@@ -380,3 +375,44 @@ def _regular(E: Any, xp: Any, dense: bool) -> bool:
     lapack: Any = linalg.lapack
     pivots = np.abs(np.diag(lapack.dgetrf(full)[0]))
     return bool(pivots.min() > 0.0)
+
+
+class DenseProblem(NamedTuple):
+    r"""The standard form :math:`A^T X + X A - X B B^T X + Q = 0`, dense."""
+
+    A: Any
+    B: Any
+    Q: Any
+
+    def scaled(self, unit: Any) -> DenseProblem:
+        """The same in states x' with ``x = diag(unit) x'``."""
+        A, B, Q = self
+        return DenseProblem(A * unit / unit[:, None], B / unit[:, None], Q * unit * unit[:, None])
+
+
+def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
+    r"""Powers of two s, shape (n,), that balance the Hamiltonian (James, Langou and Lowery 2014).
+
+    :math:`x = \mathrm{diag}(s) x'` is a symplectic similarity: the blocks become :math:`a_{ij} s_j
+    / s_i`, :math:`g_{ij} / (s_i s_j)`, :math:`q_{ij} s_i s_j`, with nearly equal sums of moduli of
+    rows and columns. The sums include the diagonal, so that much smaller entries, mostly rounding,
+    do not count.
+    """
+    A, B, Q = standard
+    xp = namespace(A)
+    inner, G, Q = abs(A), abs(B @ B.T), abs(Q)
+    log = xp.zeros(len(A))
+    for _ in range(sweeps):
+        s = xp.exp2(log)
+        rising = (inner.T @ (1.0 / s)) * s + (Q @ s) * s
+        falling = (inner @ s) / s + (G @ (1.0 / s)) / s
+        known = (rising > 0.0) & (falling > 0.0)
+        ratio = xp.where(known, falling, 1.0) / xp.where(known, rising, 1.0)
+        log = xp.clip(log + 0.25 * xp.log2(ratio), -300.0, 300.0)
+    return xp.exp2(xp.round(log))
+
+
+def scaled_hamiltonian(standard: DenseProblem, unit: Any) -> tuple[Any, Any, Any]:
+    """The blocks A, G, Q of the Hamiltonian balanced with the scale factors `unit`."""
+    A, B, Q = standard.scaled(unit)
+    return A, B @ B.T, Q

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.riccati.problem.lqr_problem import FactoredWeight, LQRProblem
+from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.state_matrix import StateMatrix
 from gpu.riccati.problem.weights import Weight
 from skfem_adini.ground.arrays import namespace
@@ -55,7 +55,8 @@ def in_moderate_units(problem: LQRProblem) -> LQRProblem:
     if problem.units is not None or not problem.dense or hasattr(problem.weight.Q, "matvec"):
         return problem
     state, B, R = problem.state, problem.B, problem.R
-    Q = problem.weight.Q if problem.C is None else problem.C
+    C = problem.weight.C
+    Q = problem.weight.Q if C is None else C
     sizes = [_exponent(M) for M in (state.A, state.E, B, Q, R, problem.N)]
     if all(size is None or abs(size) <= MODERATE for size in sizes):
         return problem
@@ -63,11 +64,10 @@ def in_moderate_units(problem: LQRProblem) -> LQRProblem:
     cost = units.q + 2 * units.b - 2 * units.a
     E = None if state.E is None else power_of_two(state.E, -units.e)
     state = StateMatrix(power_of_two(state.A, -units.a), E)
-    if problem.C is None:
-        C, weight = None, Weight(state, power_of_two(problem.weight.Q, -units.q))
+    if C is None:
+        weight = Weight(state, power_of_two(Q, -units.q))
     else:
-        C = power_of_two(problem.C, -units.q // 2)
-        weight = FactoredWeight(state, C)
+        weight = Weight(state, C=power_of_two(C, -units.q // 2))
     root, R = power_of_two(problem.root, -cost // 2), power_of_two(R, -cost)
     B = power_of_two(B, -units.b)
     N = problem.N
@@ -78,7 +78,6 @@ def in_moderate_units(problem: LQRProblem) -> LQRProblem:
         input=_of_unit_cost(B, root),
         root=root,
         weight=weight,
-        C=C,
         N=None if N is None else power_of_two(N, units.a - units.b - units.q),
         R=R,
         units=units,
@@ -93,7 +92,7 @@ def _units(
     unit_cost = _of_unit_cost(power_of_two(problem.B, -b), power_of_two(problem.root, -r // 2))
     reach = _exponent(unit_cost)
     effect = None if reach is None else 2 * (b + reach - e) - r
-    if Q is not None and problem.C is not None:
+    if Q is not None and problem.weight.C is not None:
         Q = 2 * Q
     sizes = [] if A is None else [A - e]
     if effect is not None and Q is not None:

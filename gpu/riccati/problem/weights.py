@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -16,15 +17,16 @@ LOW_RANK = 64  # up to so many rows of a factor of Q the value is computed as a 
 
 
 class Weight:
-    """Q, symmetric, applied to vectors and columns: a number (times the identity), a diagonal
-    (1-D), a dense or sparse matrix, or a LinearOperator.
+    """``Q - F F^T``, symmetric, applied to vectors and columns. Q is a number (times the identity),
+    a diagonal (1-D), a dense or sparse matrix, a LinearOperator, or ``C^T C``; F is None or
+    the cross term's part.
     """
 
-    C: Any = None  # the factor, if Q = C^T C is given by it
-
-    def __init__(self, state: StateMatrix, Q: Any) -> None:
+    def __init__(self, state: StateMatrix, Q: Any = None, *, C: Any = None) -> None:
         n, xp = state.n, state.xp
-        self.state = state
+        self.state, self.Q, self._C, self._F = state, None, C, None
+        if C is not None:
+            return
         if hasattr(Q, "matvec") and not hasattr(Q, "tocsr"):
             self.Q, shape = Q, Q.shape
         else:
@@ -39,9 +41,26 @@ class Weight:
         if tuple(shape) not in ((n,), (n, n)):
             raise InputError(f"Q has shape {tuple(shape)}: expected ({n},) or ({n}, {n})")
 
+    @property
+    def C(self) -> Any:
+        """The factor C where all is ``C^T C``, else None."""
+        return self._C if self._F is None else None
+
+    @property
+    def entries(self) -> Any:
+        """Q where it is stored and all there is, else None."""
+        return None if self._F is not None or hasattr(self.Q, "matvec") else self.Q
+
+    def less(self, F: Any) -> Weight:
+        """This weight less ``F F^T``."""
+        other = copy(self)
+        other._F = F
+        return other
+
     def apply(self, x: Any) -> Any:
-        """``Q x`` for a vector or a matrix of columns."""
-        return times(self.Q, x)
+        """The product with a vector or a matrix of columns."""
+        product = times(self.Q, x) if self._C is None else self._C.T @ (self._C @ x)
+        return product if self._F is None else product - self._F @ (self._F.T @ x)
 
     def scale(self) -> float:
         """A lower estimate of the spectral norm of Q, by three steps of the power method."""
@@ -59,11 +78,11 @@ def low_rank_factor(weight: Weight) -> Any:
     """C with at most `LOW_RANK` rows and ``Q = C^T C``, or None: the given factor, or one computed
     if only few rows of Q are not zero.
     """
-    n, xp, Q = weight.state.n, weight.state.xp, weight.Q
+    n, xp, Q = weight.state.n, weight.state.xp, weight.entries
     few = min(LOW_RANK, n // 2)
     if weight.C is not None:
         return weight.C if len(weight.C) <= few else None
-    if Q is None or hasattr(Q, "matvec"):
+    if Q is None:
         return None
     if Q.ndim == 1:
         places = np.flatnonzero(to_host(Q))

@@ -8,7 +8,7 @@ from scipy import sparse
 
 from gpu import solve_qp
 from gpu.qp.data.qp_problem import check_problem
-from gpu.qp.interior_point.extended_precision import PrimalDual, extended
+from gpu.qp.interior_point.polish import PrimalDual, extended
 from gpu.qp.last_digits import absolute, closed, last_digits, least_multipliers
 
 

@@ -18,7 +18,7 @@ def cupy():
 
 
 def start(cupy, A, size, seed=0):
-    from gpu.eigenvalues.krylov.device_steps import FusedSteps
+    from gpu.eigenvalues.krylov.arnoldi import FusedSteps
 
     V = cupy.full((size + 1, len(A)), np.nan)
     v = np.random.default_rng(seed).standard_normal(len(A))
@@ -116,7 +116,7 @@ def test_invariant_space_leaves_a_beta_of_round_off(cupy):
 @pytest.mark.parametrize("n", [300, 70001])
 def test_random_start(cupy, n):
     """Unit vectors orthogonal to those before them; normal entries, another seed another vector."""
-    from gpu.eigenvalues.krylov.device_steps import FusedSteps
+    from gpu.eigenvalues.krylov.arnoldi import FusedSteps
 
     V, rows = cupy.full((6, n), np.nan), cupy.full((5, 2, 7), np.nan)
     fused = FusedSteps(V, rows)

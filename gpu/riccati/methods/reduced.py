@@ -3,31 +3,49 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import Any
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
 
+from gpu.arrays.sparse_factor import SuperLUFactor
 from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
-from gpu.riccati.methods.hamiltonian import low_rank_value
+from gpu.riccati.methods.hamiltonian import of_subspace
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
-from gpu.riccati.methods.reduced.galerkin_riccati import Projected
-from gpu.riccati.methods.reduced.stability_proof import proves_stable
 from gpu.riccati.problem.candidate import Found, LowRankValue
 from gpu.riccati.problem.cross_term import without_cross_term
 from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
-from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, factor, stored, symmetric
-from gpu.riccati.problem.weights import Weight, low_rank_factor
+from gpu.riccati.problem.state_matrix import (
+    EPS,
+    Factors,
+    StateMatrix,
+    factor,
+    sparse_of,
+    stored,
+    symmetric,
+    times,
+    vanishing,
+)
+from gpu.riccati.problem.weights import low_rank_factor
 from skfem_adini.ground.arguments import choice
 from skfem_adini.ground.arrays import namespace, to_host
 
-COMPRESSIONS = ("galerkin", "printed")
-START = 8  # blocks in the basis before the first Newton step
-STEPS = 30  # most Newton steps on the gain; after the first few they converge quadratically
-MISSES = 16  # most successive bases on which the projected equation has no stabilising solution
-STRIDE = 2  # blocks added between two solutions of the projected equation
-SHIFTS = 6  # of the Krylov space for values of low rank; each is factored once
-QUADRATIC = 1e-6  # after a Newton step of this relative size the error is about its square
+
+class _Limits(NamedTuple):  # limits of the method
+    start: int = 8  # blocks in the basis before the first Newton step
+    steps: int = 30  # most Newton steps on the gain, which converge quadratically
+    misses: int = 16  # most successive bases on which there is no stabilising solution
+    stride: int = 2  # blocks added between two solutions of the projected equation
+    shifts: int = 6  # of the Krylov space for values of low rank; each is factored once
+    quadratic: float = 1e-6  # relative size of a Newton step whose error is its square
+    condition: float = 1e8  # from here on half of the digits or more are lost
+    drop: float = 1e-11  # part of a unit vector outside the space: less is rounding
+    margin: float = 1e-2  # least eigenvalue in `proves_stable`, one for the exact P
+
+
+LIMITS = _Limits()
 
 
 def solve(
@@ -46,7 +64,7 @@ def solve(
     symmetric and Q a multiple of E, Newton steps on the gain follow. "printed" takes eigenvectors
     of the projected inverse Hamiltonian (dissertation, Algorithm 7): far less accurate.
     """
-    choice("compression", compression, COMPRESSIONS)
+    choice("compression", compression, ("galerkin", "printed"))
     if not 0.0 < tol < 1.0:
         raise InputError(f"tol={tol}: expected a number between 0 and 1")
     if compression == "printed" and basis is None:
@@ -104,21 +122,18 @@ def _printed(problem: LQRProblem, W: Any) -> Found:
     if stable != r:
         raise RiccatiError(f"the compressed Hamiltonian has {stable} stable eigenvalues, not {r}")
     V, Y = W @ xp.asarray(Z[:r, :r]), W @ xp.asarray(Z[r:, :r])
-    F = low_rank_value(state, V, Y)
-    gain = problem.gain((problem.input.T @ F) @ state.mass_transposed(F).T)
-    info = {"rank": r, "solves": inverse.solves}
-    return Found(gain, LowRankValue(F, xp.eye(F.shape[1])), info)
+    return of_subspace(problem, V, Y, {"rank": r, "solves": inverse.solves})
 
 
 def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
     state, xp = problem.state, problem.xp
-    shifts, moved = _shifts(problem, C.T, SHIFTS)
+    shifts, moved = _shifts(problem, C.T, LIMITS.shifts)
     # The value is that of A E^-1 and C E^-1; a feedback that makes A regular must lie in its space.
     seed = xp.concatenate([_mass(state).solve_transposed(C.T), *moved], axis=1)
     space = RationalKrylov(state, seed, shifts, transposed=True)
     projected, residual, history, misses = None, np.inf, [], 0
     while True:
-        for _ in range(2 * STRIDE):
+        for _ in range(2 * LIMITS.stride):
             space.grow()
         projected = Projected.of(problem, space.W, projected)
         try:
@@ -127,7 +142,8 @@ def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
         except RiccatiError:
             # The projected problem need not be stabilisable even if the whole one is.
             misses += 1
-            if space.exhausted or space.rank >= limit or (misses > MISSES and limit < problem.n):
+            stuck = misses > LIMITS.misses and limit < problem.n
+            if space.exhausted or space.rank >= limit or stuck:
                 raise
             continue
         misses = 0
@@ -173,7 +189,7 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
                 f"the gain still changes by {change:.1e} with {space.rank} basis vectors: raise "
                 "rank, loosen tol, or set refine=True"
             )
-        for _ in range(STRIDE):
+        for _ in range(LIMITS.stride):
             space.grow()
         projected = Projected.of(problem, space.W, projected)
         try:
@@ -206,7 +222,7 @@ def _newton(problem: LQRProblem, space: RationalKrylov, tol: float, limit: int) 
     xp, factored, history = problem.xp, 0, []
     K, before, change = None, None, np.inf
     while True:
-        for _ in range(START if before is None else 2 * STRIDE):
+        for _ in range(LIMITS.start if before is None else 2 * LIMITS.stride):
             space.grow()
         if K is None:
             try:
@@ -222,12 +238,12 @@ def _newton(problem: LQRProblem, space: RationalKrylov, tol: float, limit: int) 
                 if K is None:
                     continue
             factored += space.rank
-        for _ in range(STEPS):
+        for _ in range(LIMITS.steps):
             following, _ = kleinman(problem, space.W, K)
             factored += space.rank
             step, K = _difference(following, K), following
             history.append((space.rank, step))
-            if step <= QUADRATIC:
+            if step <= LIMITS.quadratic:
                 break
         else:
             raise NotConverged(f"Newton steps on the gain still change it by {step:.1e}")
@@ -268,7 +284,7 @@ def _difference(new: Any, old: Any) -> float:
 
 def _multiple(problem: LQRProblem) -> float | None:
     """q if A and E are symmetric and ``Q = q E``: the space of A and B suffices then. Else None."""
-    state, Q = problem.state, problem.weight.Q
+    state, Q = problem.state, problem.weight.entries
     n, xp = state.n, state.xp
     probe = xp.asarray(np.random.default_rng(4).standard_normal((n, 2)))
     if state.kind == "operator":
@@ -278,9 +294,9 @@ def _multiple(problem: LQRProblem) -> float | None:
         alike = alike and (state.E is None or symmetric(state.E))
     else:
         alike = state.is_symmetric()
-    if not alike or Q is None or hasattr(Q, "matvec"):
+    if not alike or Q is None:
         return None
-    cost, mass = Weight(state, Q).apply(probe), state.mass(probe)
+    cost, mass = times(Q, probe), state.mass(probe)
     ratio = float((cost * mass).sum() / (mass * mass).sum())
     apart = float(xp.linalg.norm(cost - ratio * mass))
     return ratio if apart <= 1e-10 * float(xp.linalg.norm(cost)) else None
@@ -317,9 +333,6 @@ def _shifts(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], 
                 shifts.append(factors)
                 break
     return shifts, inverse.moved
-
-
-NEARLY_SINGULAR = 1e8  # from this condition number on half of the digits or more are lost
 
 
 def kleinman(problem: LQRProblem, W: Any, K: Any) -> tuple[Any, Any]:
@@ -361,7 +374,7 @@ def _solve(state: StateMatrix, shift: complex, B: Any, Kt: Any, right: Any) -> A
         u, G = solved[:, 0], solved[:, 1:]
         # By Sherman, Morrison and Woodbury.
         small = np.eye(B.shape[1]) - to_host(B.T @ G)
-        if np.isfinite(small).all() and np.linalg.cond(small) < NEARLY_SINGULAR:
+        if np.isfinite(small).all() and np.linalg.cond(small) < LIMITS.condition:
             return u + G @ xp.asarray(np.linalg.solve(small, to_host(B.T @ u)))
     # The optimal feedback mirrors an unstable mode of A without cost at the imaginary axis; then
     # the shift is an eigenvalue of A itself.
@@ -371,9 +384,6 @@ def _solve(state: StateMatrix, shift: complex, B: Any, Kt: Any, right: Any) -> A
     if factors is None:
         raise RiccatiError(f"A - B K - s E is singular at s = {shift}, the mirror of a pole")
     return factors.solve_transposed(right)
-
-
-DROP = 1e-11  # a new unit vector whose part outside the space is smaller counts as rounding
 
 
 class RationalKrylov:
@@ -424,7 +434,7 @@ class RationalKrylov:
         if block.shape[1]:
             gram = to_host(block.T @ block)
             values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-            kept = values > DROP**2 + EPS * values.max()
+            kept = values > LIMITS.drop**2 + EPS * values.max()
             block = block @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
         if block.shape[1]:
             block = xp.linalg.qr(self._projected(block))[0]
@@ -440,3 +450,215 @@ class RationalKrylov:
         self._kept[:, self.rank : rank] = block
         self.rank = rank
         self.exhausted = block.shape[1] in (0, room)
+
+
+def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: float) -> bool:
+    r"""Whether Lyapunov's inequality holds for ``A - B K`` with an S near the Riccati solution. P,
+    shape (r, r), solves the projected problem, which has no cross term, and gave the gain; q > 0.
+
+    It needs A = A^T, E = E^T and Q = q E. Let :math:`A_s = A - \delta E Z Z^T E` be negative
+    definite, Z of few columns. Then :math:`S_0 = -\frac q2 A_s^{-1}` solves the equation without
+    the quadratic term and without :math:`\delta`. Its difference to the Riccati solution has low
+    rank, and the Galerkin solution P on the basis W gives it:
+
+    .. math:: S = S_0 + W Y W^T,\qquad Y = P + \tfrac q2 (W^T A_s W)^{-1}.
+
+    S is positive definite if P is. In
+
+    .. math:: M = -(A - B K)^T S E - E S (A - B K)
+
+    the terms of :math:`S_0` give :math:`q E` up to terms in :math:`\delta`, and all other terms
+    have low rank: :math:`M = q E + U D U^T`, whose definiteness is that of a matrix of the order of
+    D. No poles are computed or estimated.
+    """
+    state, xp, W = problem.state, problem.xp, projected.W
+    found = _shifted(problem)
+    if found is None or not _definite(P):
+        return False
+    Z, delta, solve = found
+    EW, EZ, AW = state.mass(W), state.mass(Z), state.apply(W)
+    ZW = to_host(EZ.T @ W)
+    inner = projected.A - delta * ZW.T @ ZW
+    Y = P + q / 2.0 * np.linalg.inv((inner + inner.T) / 2.0)
+    BZ = solve(xp.concatenate([problem.input, EZ], axis=1))
+    S0BZ = -q / 2.0 * state.mass(BZ)
+    K = projected.gain(P)
+    m, d, r = problem.input.shape[1], Z.shape[1], len(P)
+    U = xp.concatenate([AW, EW, K.T, S0BZ, EZ], axis=1)
+    size = xp.linalg.norm(U, axis=0)
+    U = U / xp.where(size > 0.0, size, 1.0)
+    D = np.zeros((U.shape[1],) * 2)
+    at = np.cumsum([0, r, r, m, m, d, d])
+    aw, ew, k, b, z, e = (slice(*pair) for pair in pairwise(at))
+    D[aw, ew] = -Y
+    D[k, ew] = projected.B.T @ Y
+    D[k, b] = np.eye(m)
+    D[z, e] = -delta * np.eye(d)
+    lengths = to_host(size)
+    D = (D + D.T) * lengths * lengths[:, None] / q
+    gram = to_host(U.T @ _mass(state).solve(U))
+    values, vectors = np.linalg.eigh((gram + gram.T) / 2.0)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    small = root.T @ D @ root
+    if not np.isfinite(small).all():
+        return False
+    return bool(1.0 + np.linalg.eigvalsh((small + small.T) / 2.0)[0] >= LIMITS.margin)
+
+
+def _shifted(problem: LQRProblem) -> Any:
+    """Z, delta, and solves with ``A - delta E Z Z^T E`` where that is negative definite."""
+    state, xp = problem.state, problem.xp
+    n, unit = state.n, state.size() or 1.0
+    if state.kind == "diagonal":
+        E = xp.ones(n) if state.E is None else state.E
+        if not bool((E > 0.0).all()):
+            return None
+        places = xp.flatnonzero(vanishing(state.A) | (state.A > 0.0))
+        if len(places) > 16:  # Z must have few columns
+            return None
+        Z = xp.zeros((n, len(places)))
+        Z[places, xp.arange(len(places))] = 1.0 / xp.sqrt(E[places])
+        ratio = float((xp.abs(state.A) / E).max())
+        A = state.A.copy()
+        A[places] -= ratio * E[places]
+        return (Z, ratio, lambda x: x / A[:, None]) if bool((A < 0.0).all()) else None
+    if state.kind != "sparse" or xp is not np:
+        return None
+    Z = np.zeros((n, 0))
+    if _inertia(-state.A, Z, 1.0) != 0:
+        constant = np.ones((n, 1))
+        # Only constants are tried as null vector, the most frequent one; otherwise no proof.
+        if float(abs(state.A @ constant).max()) > 1e-10 * unit:
+            return None
+        Z = constant / np.sqrt(float((constant * state.mass(constant)).sum()))
+    EZ = state.mass(Z)
+    delta = unit / max(1e-300, float(abs(EZ).max()) ** 2) if EZ.size else 1.0
+    if state.E is not None and _inertia(state.E, np.zeros((n, 0)), 1.0) != 0:
+        return None
+    if EZ.size and _inertia(-state.A, EZ, delta) != EZ.shape[1]:
+        return None
+    factors = state.factor_updated(delta * EZ, EZ) if EZ.size else factor(state.A)
+    return None if factors is None else (Z, delta, factors.solve)
+
+
+def _inertia(H: Any, V: Any, delta: float) -> int:
+    """Number of pivots of ``[[H, V], [V^T, -I / delta]]`` that are not positive; -1 if it fails. It
+    is the number of columns of V if and only if ``H + delta V V^T`` is positive definite
+    (Haynsworth 1968)."""
+    block = sparse_of(np)
+    if V.shape[1]:
+        H = block.bmat([[H, block.csr_matrix(V)], [V.T, -block.identity(V.shape[1]) / delta]])
+    H = block.csc_array(H)
+    lu, diagonal = SuperLUFactor(H), H.diagonal()
+    # Shift the diagonal down by more than the rounding errors of the factors, so that a positive
+    # pivot is not positive by rounding.
+    rounding = max(1e-12, 4 * H.shape[0] * EPS)
+    try:
+        lu.factor(diagonal - rounding * np.abs(diagonal))
+    except np.linalg.LinAlgError:
+        return -1
+    return int((~(lu.pivots() > 0.0)).sum())
+
+
+def _definite(P: np.ndarray) -> bool:
+    values = np.linalg.eigvalsh(P)
+    return bool(values[0] > 1e-13 * values[-1])  # above the rounding of P
+
+
+@dataclass(frozen=True)
+class Projected:
+    """The problem on a basis W: :math:`W^T E W, W^T A W, W^T B, W^T Q W`, on the host."""
+
+    problem: LQRProblem
+    W: Any  # shape (n, r)
+    E: np.ndarray  # shape (r, r), as A and Q
+    A: np.ndarray
+    B: np.ndarray  # shape (r, m)
+    Q: np.ndarray
+
+    @classmethod
+    def of(cls, problem: LQRProblem, W: Any, before: Projected | None = None) -> Projected:
+        """Project; if `before` is a projection on the first columns of W, only extend it."""
+        state = problem.state
+        known = 0 if before is None else before.W.shape[1]
+        old, new = W[:, :known], W[:, known:]
+
+        def grown(small: Any, right: Any, left: Any = None) -> np.ndarray:
+            right = to_host(W.T @ right)
+            if small is None:
+                return right
+            left = right[:known].T if left is None else to_host(left.T @ old)
+            return np.block([[small, right[:known]], [left, right[known:]]])
+
+        A, E, Q, B = (None,) * 4 if before is None else (before.A, before.E, before.Q, before.B)
+        A = grown(A, state.apply(new), state.apply_transposed(new) if known else None)
+        if state.E is None:
+            E = np.eye(W.shape[1])
+        else:
+            E = grown(E, state.mass(new), state.mass_transposed(new) if known else None)
+        Q = grown(Q, problem.weight.apply(new))
+        fresh = to_host(new.T @ problem.input)
+        B = fresh if B is None else np.concatenate([B, fresh])
+        return cls(problem, W, E, A, B, (Q + Q.T) / 2)
+
+    def solve(self) -> np.ndarray:
+        """P of the projected equation, shape (r, r): the value is ``W P W^T``."""
+        # Scale B and Q to equal size; P scales with rho.
+        reach, cost = float(np.linalg.norm(self.B)), float(np.linalg.norm(self.Q))
+        if cost == 0.0:
+            cost = reach = 1.0
+        rho = cost**0.5 / reach if reach > 0.0 else 1.0
+        unit = np.eye(self.B.shape[1])
+        try:
+            # SciPy's argument e loses digits if it is not symmetric: solve for E^T P E instead.
+            moved = np.linalg.solve(self.E, np.hstack([self.A, self.B * np.sqrt(rho)]))
+            A, B = moved[:, : len(self.A)], moved[:, len(self.A) :]
+            P = linalg.solve_continuous_are(A, B, self.Q / rho, unit)
+            # One Newton step reduces the residual of SciPy's result (by QZ) to rounding.
+            half = P @ A - P @ B @ (B.T @ P) / 2
+            step = linalg.solve_continuous_lyapunov(
+                (A - B @ (B.T @ P)).T, -(half + half.T + self.Q / rho)
+            )
+            P = P + (step + step.T) / 2
+            P = np.linalg.solve(self.E.T, np.linalg.solve(self.E.T, P).T)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            raise RiccatiError(
+                f"the problem on {len(self.A)} basis vectors has no stabilising solution "
+                f"({error}); method='doubling' stores all entries and needs no projection"
+            ) from error
+        return rho * (P + P.T) / 2
+
+    def gain(self, P: np.ndarray) -> Any:
+        """The gain ``B^T W P W^T E`` for the inputs of unit cost, shape (m, n)."""
+        return self.problem.xp.asarray(self.B.T @ P) @ self._EtW().T
+
+    def change(self, P: np.ndarray, before: np.ndarray) -> float:
+        """Relative change of the gain from the P of the first columns of W to this one."""
+        new = self.B.T @ P
+        moved = new.copy()
+        moved[:, : len(before)] -= self.B[: len(before)].T @ before
+        norm = np.linalg.norm
+        if self.problem.state.E is not None:
+            # The columns of E^T W are not orthonormal: measure the products with them.
+            xp, EtW = self.problem.xp, self._EtW()
+            new, moved = (EtW @ xp.asarray(D.T) for D in (new, moved))
+            norm = xp.linalg.norm
+        return float(norm(moved)) / (float(norm(new)) or 1.0)
+
+    def _EtW(self) -> Any:
+        return self.problem.state.mass_transposed(self.W)
+
+    def residual(self, P: np.ndarray, C: Any) -> float:
+        """``|A^T X E + E^T X A - E^T X B B^T X E + C^T C| / |C^T C|`` of ``X = W P W^T``, exactly,
+        because the columns of :math:`A^T W, E^T W, C^T` span the range of all terms.
+        """
+        state, xp = self.problem.state, self.problem.xp
+        AtW, EtW = state.apply_transposed(self.W), self._EtW()
+        R = to_host(xp.linalg.qr(xp.concatenate([AtW, EtW, C.T], axis=1), mode="r"))
+        r, p = len(P), C.shape[0]
+        core = np.zeros((2 * r + p,) * 2)
+        core[:r, r : 2 * r] = core[r : 2 * r, :r] = P
+        core[r : 2 * r, r : 2 * r] = -P @ self.B @ self.B.T @ P
+        core[2 * r :, 2 * r :] = np.eye(p)
+        cost = np.linalg.norm(R[:, 2 * r :] @ R[:, 2 * r :].T)
+        return float(np.linalg.norm(R @ core @ R.T) / (cost or 1.0))
