@@ -33,8 +33,8 @@ from typing import Any
 
 import numpy as np
 
-from skfem_adini.ground.arrays import namespace
 from contact.laws.friction import Coulomb, Friction, lengths, project
+from skfem_adini.ground.arrays import namespace
 
 Array = Any  # of NumPy or CuPy: (...) of points, (dim - 1, ...) of their tangential vectors
 
