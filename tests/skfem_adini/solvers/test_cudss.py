@@ -17,7 +17,7 @@ import pytest
 from fake_cudss import FakeCudss
 from scipy import sparse
 
-from skfem_adini import InputError, MissingDependency, factorize
+from skfem_adini import AdiniError, InputError, MissingDependency, factorize
 from skfem_adini.errors import SolverError
 from skfem_adini.solvers import cudss, cudss_handles, cudss_library
 from skfem_adini.solvers.cudss import DeviceProduct
@@ -331,7 +331,7 @@ def test_factors_are_gone_after_an_interrupt_and_come_again(fake, ctrl_c):
     fake.during[8] = lambda: interrupted(fake)
     with pytest.raises(KeyboardInterrupt):
         factors.refactor(A)
-    with pytest.raises(cudss_library.AdiniError, match="did not end; call refactor"):
+    with pytest.raises(AdiniError, match="did not end; call refactor"):
         factors.solve(np.ones(5))
     fake.during.clear()
     factors.refactor(A)
@@ -476,7 +476,7 @@ def test_a_forked_process_is_refused(fake, monkeypatch):
     factors = cudss.Cudss(matrix(5, True), True)
     parent = os.getpid()
     monkeypatch.setattr(cudss_handles.os, "getpid", lambda: parent + 1)
-    with pytest.raises(cudss_library.AdiniError, match="forked"):
+    with pytest.raises(AdiniError, match="forked"):
         factors.solve(np.ones(5))
     del factors
     gc.collect()
