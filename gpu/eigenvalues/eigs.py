@@ -13,9 +13,8 @@ from scipy import linalg, sparse
 from gpu.arguments import choice, flag, is_finite_number, shown, unmasked, whole
 from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
+from gpu.eigenvalues.krylov.krylov_schur import LIMITS as KRYLOV
 from gpu.eigenvalues.krylov.krylov_schur import (
-    RESTART_KINDS,
-    ROUNDING_RESIDUAL,
     Limits,
     Wanted,
     krylov_schur,
@@ -33,12 +32,20 @@ from gpu.eigenvalues.operator import (
 from gpu.eigenvalues.schur.ordered_schur import ORDERS, Rank, best_first, edge_of, rank_of
 from gpu.errors import GpuError, InputError, NotConverged
 
+
+class _Limits(NamedTuple):  # orders up to which all eigenvalues are computed, and tolerances
+    dense: int = 256  # up to this order all eigenvalues are computed: none can be missed
+    products: int = 128  # the same for operators: a product for each column of entries
+    fallback: int = 4096  # the same if the iteration fails and the entries are stored
+    visible: float = 1e-3  # of the distance of the wanted from sigma: what a warning is worth
+    pair: float = 1e-11  # |A x - lambda M x| over |A| + |lambda| |M|: 4e4 roundings
+
+
+LIMITS = _Limits()
+
+
 logger = logging.getLogger(__name__)
-DENSE = 256  # up to this order all eigenvalues are computed: it is fast, and none can be missed
-PRODUCTS = 128  # the same for operators, whose entries cost a product for each column
 EPS = np.finfo(float).eps
-VISIBLE = 1e-3  # of the distance of the wanted values from sigma: what a warning is worth
-FALLBACK = 4096  # up to this order they are if the iteration fails and the entries are stored
 
 
 def eigs(
@@ -151,7 +158,7 @@ def eigs(
         if mass.explicit is not None:
             _ = mass.magnitude  # raises InputError if entries are not finite
     start = None if v0 is None else start_vector(v0, n, xp)
-    choice("restart", restart, RESTART_KINDS)
+    choice("restart", restart, ("krylov-schur", "implicit"))
     choice("which", which, ORDERS)
     return_eigenvectors = flag("return_eigenvectors", return_eigenvectors)
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
@@ -178,7 +185,7 @@ def eigs(
         raise InputError("v0 is complex, but A, M and sigma are real: pass its real part")
     # Whether all eigenvalues may be computed if the iteration does not find the wanted ones.
     spare = maxiter is None and task.decomposable
-    small = DENSE if _stored(matrix, mass) else PRODUCTS
+    small = LIMITS.dense if _stored(matrix, mass) else LIMITS.products
     scale = 0.0
     if n <= max(small, room_for(k, size)) or (task.inner and task.decomposable):
         pairs = _decomposed(task)
@@ -251,7 +258,7 @@ class _Task:
     @property
     def decomposable(self) -> bool:
         """Whether computing all eigenvalues from stored entries takes reasonable time."""
-        return self.matrix.n <= FALLBACK and _stored(self.matrix, self.mass)
+        return self.matrix.n <= LIMITS.fallback and _stored(self.matrix, self.mass)
 
 
 def _by_iteration(
@@ -330,7 +337,7 @@ def _iterated(
                     return found, pairs, None
                 theta = found.values[:k]
                 away = np.abs(problem.values(theta) - sigma)
-            if told_apart(theta, ROUNDING_RESIDUAL * found.scale, away, abs(shift - sigma)):
+            if told_apart(theta, KRYLOV.residual * found.scale, away, abs(shift - sigma)):
                 return found, pairs, None
             reason = NotConverged(
                 f"sigma={sigma} lies too close to an eigenvalue to tell the next {k} apart, or "
@@ -391,7 +398,7 @@ def _warn_of(condition: np.ndarray, values: np.ndarray, sigma: Any, full: np.nda
     size, reach = float(np.linalg.norm(full)), float(np.abs(values - sigma).max())
     moved = min(float(condition.max()) * EPS, 1.0) * size
     # Values that are sigma itself have no other digits.
-    if moved > VISIBLE * reach > VISIBLE * 1e-10 * size:
+    if moved > LIMITS.visible * reach > LIMITS.visible * 1e-10 * size:
         warnings.warn(
             f"A is far from normal: its eigenvalues have condition numbers up to "
             f"{condition.max():.0e}, and its rounding alone moves them by up to {moved:.0e}; trust "
@@ -478,11 +485,6 @@ class Eigenpairs:
         )
 
 
-# Largest |A x - lambda M x| over |A| + |lambda| |M| of a certified pair: 4e4 machine epsilons,
-# above the rounding of products of any order, far below the residual of a wrong pair.
-CERTIFIED_PAIR = 1e-11
-
-
 def certify(
     matrix: Matrix,
     mass: Matrix | None,
@@ -508,14 +510,14 @@ def certify(
         error, size = np.sqrt(to_host(squares))
     modulus = np.abs(values) * unit
     allowed = (
-        CERTIFIED_PAIR
+        LIMITS.pair
         * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else mass.norm))
         + 10 * tol * modulus
     )
     good = np.isfinite(allowed) & (error <= allowed)
     if not good.all():
         with np.errstate(invalid="ignore"):  # some may be NaN
-            worst = CERTIFIED_PAIR * float((error[~good] / allowed[~good]).max())
+            worst = LIMITS.pair * float((error[~good] / allowed[~good]).max())
         kept = np.flatnonzero(good)
         raise NotConverged(
             f"{int((~good).sum())} of {len(values)} pairs fail their certificate: |A x - lambda x| "

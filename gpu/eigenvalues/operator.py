@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg, sparse
@@ -20,9 +20,18 @@ from gpu.arrays.sparse_factor import structurally_regular
 from gpu.cuda.catalogue import MODULUS
 from gpu.errors import InputError
 
-MOST_COUNTED = 1 << 30  # most entries for one call: the library counts them in 32 bits
-# Relative to the largest entry of a product: smaller imaginary parts are rounding of zero.
-IMAGINARY_ROUNDING = 1e-10
+
+class _Limits(NamedTuple):  # tolerances of operators and of shifts
+    counted: int = 1 << 30  # most entries for one call: the library counts them in 32 bits
+    imaginary: float = 1e-10  # of the largest entry of a product: less is rounding
+    drowned: float = 1e-6  # rounding of the inverse over its least wanted value: order unreliable
+    apart: float = 1e3  # times: shift nearer to sigma than the wanted, or farther; see `told_apart`
+    uneven: float = 1e-6  # base 2 logarithm: moduli that count as different
+    unit: float = 400.0  # base 2 logarithm of the largest unit
+    parts: int = 100  # without connection, for which units are sought
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -136,7 +145,8 @@ def _magnitude(entries: Any, xp: Any) -> float:
         return 0.0
     if xp is np:
         parts = entries.reshape(-1).view(float)
-        total = sum(dasum(parts[i : i + MOST_COUNTED]) for i in range(0, parts.size, MOST_COUNTED))
+        most = LIMITS.counted
+        total = sum(dasum(parts[i : i + most]) for i in range(0, parts.size, most))
         return total if np.isfinite(total) else float(np.abs(entries).max())
     if entries.dtype.kind == "c":
         return float(xp.abs(entries).max())
@@ -168,7 +178,7 @@ def real_products(name: str, apply: Callable[[Any], Any], xp: Any) -> Callable[[
         if getattr(y, "dtype", np.dtype(float)).kind != "c" or x.dtype.kind == "c":
             return y
         # A transform and its inverse leave rounding in the imaginary part.
-        if not float(abs(y.imag).max()) <= IMAGINARY_ROUNDING * float(abs(y).max()):
+        if not float(abs(y.imag).max()) <= LIMITS.imaginary * float(abs(y).max()):
             raise InputError(
                 f"{name} says that it is real, and maps a real vector to a complex one: give the "
                 "operator dtype=complex"
@@ -217,18 +227,6 @@ def _singular(pivots: np.ndarray, columns: np.ndarray) -> bool:
     """Whether a pivot is rounding relative to its column of U, so that solves are meaningless."""
     limit = len(pivots) * np.finfo(float).eps * columns
     return not bool(np.all(np.abs(pivots) > limit))
-
-
-# Rounding error of the inverse relative to its least wanted eigenvalue: above this value the order
-# of its eigenvalues is not reliable.
-DROWNED = 1e-6
-# The shift must be this many times nearer to sigma than the farthest wanted eigenvalue, or this
-# many times farther away; otherwise eigenvalues nearest to the shift need not be nearest to sigma.
-APART = 1e3
-# Logarithms to base 2, of moduli that count as different, and of the largest unit.
-UNEVEN, MOST_UNEVEN = 1e-6, 400.0
-# Parts without connection for which units are sought.
-MOST_PARTS = 100
 
 
 def shifts(matrix: Matrix, mass: Matrix | None, sigma: Any) -> Iterator[Any]:
@@ -301,11 +299,11 @@ def even_units(matrix: Matrix) -> Any:
     if not np.array_equal(A.indptr, twin.indptr) or not np.array_equal(A.indices, twin.indices):
         return None
     half = sparse.csr_array((0.5 * np.log2(A.data / twin.data), A.indices, A.indptr), A.shape)
-    if not np.abs(half.data).max(initial=0.0) > UNEVEN:
+    if not np.abs(half.data).max(initial=0.0) > LIMITS.uneven:
         return None
     log = np.zeros(matrix.n)
     count, label = csgraph.connected_components(A, directed=False)
-    for first in np.unique(label, return_index=True)[1] if count <= MOST_PARTS else ():
+    for first in np.unique(label, return_index=True)[1] if count <= LIMITS.parts else ():
         order, before = csgraph.breadth_first_order(A, first)
         step = half[order[1:], before[order[1:]]]
         for i, j, change in zip(order[1:].tolist(), before[order[1:]].tolist(), step, strict=True):
@@ -313,7 +311,7 @@ def even_units(matrix: Matrix) -> Any:
         log[order] -= (log[order].max() + log[order].min()) / 2.0
     rows = np.repeat(np.arange(matrix.n), np.diff(A.indptr))
     wrong = np.abs(log[rows] - log[A.indices] - half.data).max()
-    if not wrong <= UNEVEN or not 1.0 <= np.abs(log).max() <= MOST_UNEVEN:
+    if not wrong <= LIMITS.uneven or not 1.0 <= np.abs(log).max() <= LIMITS.unit:
         return None
     return np.exp2(np.round(log))
 
@@ -324,8 +322,8 @@ def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: floa
     sigma, `moved` that of the shift."""
     reach = float(away.max())
     return bool(
-        rounding <= DROWNED * np.abs(theta).min()
-        and not (moved and moved < APART * reach < APART**2 * moved)
+        rounding <= LIMITS.drowned * np.abs(theta).min()
+        and not (moved and moved < LIMITS.apart * reach < LIMITS.apart**2 * moved)
     )
 
 

@@ -9,7 +9,7 @@ from scipy import sparse
 
 from gpu.arguments import choice, flag, unmasked, whole
 from gpu.arrays.namespace import cupy, namespace, to_host
-from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
+from gpu.eigenvalues.eigs import LIMITS, eigs, start_vector
 from gpu.eigenvalues.operator import real_products
 from gpu.errors import InputError, NotConverged
 
@@ -100,8 +100,8 @@ def svds(
         raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
     v0 = None if v0 is None else start_vector(v0, small, factors.xp)
     explicit = factors.explicit is not None
-    if small <= (DENSE if explicit else PRODUCTS) or (
-        explicit and which == "SM" and small <= FALLBACK
+    if small <= (LIMITS.dense if explicit else LIMITS.products) or (
+        explicit and which == "SM" and small <= LIMITS.fallback
     ):
         triplets = _decomposed(factors, k, which)
         _certify(factors, *triplets)
@@ -110,7 +110,7 @@ def svds(
             triplets = _iterated(factors, k, ncv, tol, which, v0, maxiter)
             _certify(factors, *triplets)
         except NotConverged:
-            if not explicit or small > FALLBACK or maxiter is not None:
+            if not explicit or small > LIMITS.fallback or maxiter is not None:
                 raise
             triplets = _decomposed(factors, k, which)
             _certify(factors, *triplets)

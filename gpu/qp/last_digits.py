@@ -25,16 +25,19 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, residual
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, minimise
 from gpu.qp.interior_point.polish import PrimalDual, extended
 
-# Average relative rounding error of a number.
-MEAN_ROUNDING = np.finfo(float).eps / 4
-# Rounding errors may cancel: factor by which residuals may be below the expected rounding.
-LUCK = 8.0
-# Unknowns and rows up to which least multipliers are sought: they cost a solution.
-LARGEST_LEAST = 10_000
-# Numbers that are tried to close the gap, passes over them, and fractions of the gap for each.
-TRIALS, PASSES, PARTS = 60, 3, (1.0, 0.5)
-# Relative to the tolerance: limit of the other residuals while the gap is closed.
-SHARE = 0.9
+
+class _Limits(NamedTuple):  # limits of what is tried
+    rounding: float = float(np.finfo(float).eps) / 4  # average, relative, of a number
+    luck: float = 8.0  # by which residuals may be below the rounding expected, as errors cancel
+    least: int = 10_000  # unknowns and rows for least multipliers, which cost a solution
+    trials: int = 60  # numbers that are tried to close the gap
+    passes: int = 3  # over them
+    parts: tuple[float, ...] = (1.0, 0.5)  # of the gap, for each
+    share: float = 0.9  # of the tolerance: limit of the other residuals while the gap is closed
+    side: float = 1e-12  # of a row's terms: distance from its side at which it is active
+
+
+LIMITS = _Limits()
 
 
 class Absolute(NamedTuple):
@@ -102,11 +105,11 @@ def _candidates(
 
     def hopeless(y: Array) -> bool:
         """Whether the rounding of y alone is too much."""
-        return bool((np.abs(y) * row_sizes).max(initial=0.0) * MEAN_ROUNDING > LUCK * tol)
+        return bool((np.abs(y) * row_sizes).max(initial=0.0) * LIMITS.rounding > LIMITS.luck * tol)
 
     if not hopeless(t.y):
         yield from _sharper(problem, p, t, tol)
-    if t.x.size + t.y.size <= LARGEST_LEAST:
+    if t.x.size + t.y.size <= LIMITS.least:
         smaller = least_multipliers(p, t.x, t.y, tol)
         if smaller is not None and not hopeless(smaller[0]):
             t = PrimalDual(t.x, *smaller)
@@ -133,14 +136,14 @@ def closed(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> Prim
     effect = np.concatenate([np.where(inside, 2.0 * (p.P @ t.x) + p.q, 0.0), row, bound])
     cost = np.concatenate([np.maximum(_columns(p.P), _columns(p.C)), _columns(p.C.T), np.ones(n)])
     order = np.argsort(-np.abs(effect) / np.where(cost > 0.0, cost, 1.0))
-    order = order[effect[order] != 0.0][:TRIALS]
+    order = order[effect[order] != 0.0][: LIMITS.trials]
 
-    value, goal = np.concatenate(t), SHARE * tol
+    value, goal = np.concatenate(t), LIMITS.share * tol
     limit = max(goal, error.primal, error.dual)
-    for _ in range(PASSES):
+    for _ in range(LIMITS.passes):
         before = error
         for k in order:
-            for part in PARTS:
+            for part in LIMITS.parts:
                 tried = value.copy()
                 tried[k] -= part * error.gap / effect[k]
                 if tried[k] == value[k] or tried[k] * value[k] < 0.0:
@@ -162,10 +165,6 @@ def _columns(M: Matrix) -> Array:
     return abs(sparse.csc_array(M)).max(axis=0).toarray().ravel()
 
 
-# Relative to the sum of a row's terms: distance from its side at which it counts as active.
-SIDE_ROUNDING = 1e-12
-
-
 def least_multipliers(p: StandardQP, x: Array, y: Array, tol: float) -> tuple[Array, Array] | None:
     r"""The least multipliers of rows and bounds at a solution x, or None if they are not found.
 
@@ -176,7 +175,7 @@ def least_multipliers(p: StandardQP, x: Array, y: Array, tol: float) -> tuple[Ar
     the least rounding to the residual.
     """
     n, Cx = x.size, p.C @ x
-    slack = SIDE_ROUNDING * (abs(p.C) @ np.abs(x))
+    slack = LIMITS.side * (abs(p.C) @ np.abs(x))
     high = p.equality | (np.abs(p.row_high - Cx) <= slack) | (y > 0.0)
     low = p.equality | (np.abs(Cx - p.row_low) <= slack) | (y < 0.0)
     rows, held = np.flatnonzero(high | low), np.flatnonzero((x == p.lb) | (x == p.ub))

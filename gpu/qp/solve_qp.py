@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,14 +28,21 @@ from gpu.qp.data.standard_qp import StandardQP, residuals
 from gpu.qp.interior_point.equilibrate import largest_side
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, Point, certified, minimise, polished
 from gpu.qp.interior_point.polish import PrimalDual, Sides
-from gpu.qp.interior_point.presolve import ACTIVITY_ROUNDING, nonempty
+from gpu.qp.interior_point.presolve import PRESOLVE, nonempty
 from gpu.qp.last_digits import last_digits
 
+
+class _Limits(NamedTuple):  # limits of proximal points and of absolute residuals
+    proximity: float = 1e-6  # of the diagonal of P: enough for a Cholesky factor
+    steps: int = 60  # proximal points: where there is a solution, few are the rule
+    sparse: int = 300_000  # most nonzeros of P and C for absolute residuals
+    dense: int = 30_000  # the same in dense storage: a few sparse factorisations
+
+
+LIMITS = _Limits()
+
+
 logger = logging.getLogger(__name__)
-# Relative to the diagonal of P: enough for a Cholesky factor, tiny beside the curvature.
-PROXIMITY = 1e-6
-# Proximal points that are tried: where there is a solution, few are the rule.
-PROXIMAL_STEPS = 60
 
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
@@ -158,7 +165,7 @@ def solve_qp(
         zero = ~nonempty(rows)
         if not bool(zero.any()):
             continue
-        rounding = ACTIVITY_ROUNDING * largest_side(low, high)
+        rounding = PRESOLVE.activity * largest_side(low, high)
         for wrong, sign in ((zero & (low > rounding), 1.0), (zero & (high < -rounding), -1.0)):
             if bool(wrong.any()):
                 i = int(wrong.argmax())
@@ -194,12 +201,12 @@ def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
         return None
     if problem.b.size > problem.q.size:
         return None
-    weight = PROXIMITY / problem.factor.scale**2
+    weight = LIMITS.proximity / problem.factor.scale**2
     factor = QPFactor(problem.factor.P + np.diag(weight))
     if not factor.definite:
         return None
     x, last = np.clip(np.zeros_like(problem.q), problem.lb, problem.ub), None
-    for _ in range(PROXIMAL_STEPS):
+    for _ in range(LIMITS.steps):
         near = problem._replace(factor=factor, q=problem.q - weight * x)
         try:
             last = _boxes(near, last, tol)
@@ -343,11 +350,6 @@ def _status(problem: QPProblem, loose: Any, active: Any, z_box: Any) -> Status:
     return Status.DEGENERATE if degenerate else Status.OPTIMAL
 
 
-# Most nonzeros of P and C, in sparse and in dense storage, for absolute residuals: they take a few
-# sparse factorisations.
-SHARPENED_SPARSE, SHARPENED_DENSE = 300_000, 30_000
-
-
 def _general(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
     """The result of any checked problem, or the errors of `solve_qp`."""
     p = problem.program
@@ -432,7 +434,7 @@ def _sharpened(problem: QPProblem, p: StandardQP, point: Point, tol: float) -> P
     if p.xp is not np or not point.residuals.worst <= tol:
         return point
     entries = p.P.nnz + p.C.nnz if p.is_sparse else np.count_nonzero(p.P) + np.count_nonzero(p.C)
-    if entries > (SHARPENED_SPARSE if p.is_sparse else SHARPENED_DENSE):
+    if entries > (LIMITS.sparse if p.is_sparse else LIMITS.dense):
         return point
     best = last_digits(problem, p, PrimalDual(point.x, point.y, point.z_box), tol)
     return replace(point, **best._asdict(), residuals=residuals(p, *best))

@@ -113,7 +113,7 @@ def test_a_launch_is_granted_the_memory_it_asks_for(monkeypatch):
     refused = []
 
     class Kernel:
-        max_dynamic_shared_size_bytes = arnoldi.SHARED
+        max_dynamic_shared_size_bytes = arnoldi.DEVICE.shared
 
         def __call__(self, grid, block, arguments, shared_mem):
             time.sleep(1e-4)

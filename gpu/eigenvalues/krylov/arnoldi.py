@@ -6,7 +6,7 @@ import functools
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import dtrsm
@@ -15,10 +15,30 @@ from gpu.arrays.namespace import to_host
 from gpu.cuda.arnoldi import SOURCE
 from gpu.errors import InputError
 
-ONE_LAUNCH = 10_000  # up to this order a sweep in one launch is faster than library products
-TINY = np.finfo(float).tiny  # avoids division by zero where a norm is zero
-# Mixed into seeds, so that random vectors differ from a caller's with the same seed.
-SALT = 0x6A09E667F3BCC908
+
+class _Device(NamedTuple):  # sizes of the launches of `FusedSteps`
+    threads: int = 1024
+    rows: int = 8  # least of a block: with fewer, blocks wait longer than they compute
+    line: int = 16  # numbers in a cache line of 128 bytes
+    shared: int = 48 * 1024  # bytes of shared memory of a block without a special request
+    sums: int = 2048  # numbers that `gpu.cuda.gram_schmidt` keeps in shared memory for its sums
+    own: int = sums // 2 - threads // 32  # most rows of a block whose sums fit there
+    cached: float = 0.5  # of the second-level cache for columns of A; the rest for vectors
+    scarce: float = 0.1  # if a lesser part of the columns fits, none is kept in shared memory
+
+
+DEVICE = _Device()
+
+
+class _Limits(NamedTuple):  # limits of Arnoldi steps on either side
+    one_launch: int = 10_000  # up to this order a sweep is faster than library products
+    tiny: float = float(np.finfo(float).tiny)  # avoids division by zero where a norm is zero
+    salt: int = 0x6A09E667F3BCC908  # mixed into seeds: no caller's with the same seed
+    slight: float = 1e-9  # entries of R below: I - R inverts I + R; a library would start threads
+    breakdown: float = 20 * float(np.finfo(float).eps)  # of |A v|: a lesser beta is rounding
+
+
+LIMITS = _Limits()
 
 
 class Arnoldi:
@@ -53,7 +73,7 @@ class Arnoldi:
             from gpu.eigenvalues.krylov.arnoldi import FusedSteps
 
             self._steps = FusedSteps(self.V, self._coefficients)
-            if matrix is not None and n <= ONE_LAUNCH and self._steps.multiplies(matrix):
+            if matrix is not None and n <= LIMITS.one_launch and self._steps.multiplies(matrix):
                 self._matrix = matrix
 
     def enlarge(self, size: int, rows: int) -> None:
@@ -92,7 +112,7 @@ class Arnoldi:
 
     @functools.cached_property
     def _rng(self) -> np.random.Generator:
-        return np.random.default_rng((SALT, self._seed))
+        return np.random.default_rng((LIMITS.salt, self._seed))
 
     def _products(self, w: Any, count: int) -> Any:
         """V^* w for the first `count` vectors; w is conjugated to avoid a conjugated copy of V."""
@@ -134,7 +154,7 @@ class Arnoldi:
         beta = xp.sqrt(xp.vdot(w, w).real)
         row[: j + 1] = h + again
         row[-1] = beta
-        V[j + 1] = w / xp.maximum(beta, TINY)
+        V[j + 1] = w / xp.maximum(beta, LIMITS.tiny)
 
     def rotate(self, Q: np.ndarray, residual: int, first: int = 0) -> None:
         """Replace the rows from `first` on by their combinations with the columns of Q. The row
@@ -155,12 +175,6 @@ class Arnoldi:
     def combine(self, Y: np.ndarray) -> Any:
         """``V^T Y``, combinations of the basis vectors, shape (n, k), for Y of shape (count, k)."""
         return (self.xp.asarray(np.ascontiguousarray(Y.T)) @ self.V[: len(Y)]).T
-
-
-# If all entries of R are below this, I - R is the inverse of I + R up to rounding; a library call
-# for a triangular solve would start threads.
-SLIGHT = 1e-9
-BREAKDOWN = 20 * np.finfo(float).eps  # a beta below this times |A v| is rounding: invariant space
 
 
 @dataclass(frozen=True)
@@ -192,7 +206,7 @@ class ArnoldiSteps:
     @property
     def ended(self) -> int | None:
         """Number of the first step after which the space is invariant, or None."""
-        small = (self.betas <= BREAKDOWN * self.norms).nonzero()[0]
+        small = (self.betas <= LIMITS.breakdown * self.norms).nonzero()[0]
         return int(small[0]) if small.size else None
 
     def project(self, S: np.ndarray, first: int, last: int, locked: int = 0) -> None:
@@ -209,7 +223,7 @@ class ArnoldiSteps:
             if first:
                 block -= S[:last, :first] @ R[:first]
             R = R[first:]
-            if np.abs(R).max() < SLIGHT:
+            if np.abs(R).max() < LIMITS.slight:
                 block -= block @ R
             else:
                 block = dtrsm(1.0, R, block, side=1, diag=1, overwrite_b=1)
@@ -217,14 +231,6 @@ class ArnoldiSteps:
         S[last:, first:last] = 0.0
 
 
-THREADS = 1024
-ROWS = 8  # least number of rows of a block: with fewer, blocks wait longer than they compute
-CACHE_LINE = 16  # numbers in a cache line of 128 bytes
-SHARED = 48 * 1024  # bytes of shared memory that a block may use without a special request
-SUMS = 2048  # numbers that `gpu.cuda.gram_schmidt` keeps in shared memory for its sums
-OWN = SUMS // 2 - THREADS // 32  # most rows of a block whose sums fit there
-CACHE_SHARE = 0.5  # fraction of the second-level cache for columns of A; the rest is for vectors
-SCARCE = 0.1  # if less than this fraction of the columns fits, none is kept in shared memory
 _launching = threading.Lock()
 _granted: dict[tuple[int, str], int] = {}  # bytes of shared memory, by device and kernel
 
@@ -248,8 +254,8 @@ class FusedSteps:
         self.size, self.n = len(coefficients), V.shape[1]
         self._device = cupy.cuda.Device().id
         processors, most_shared, cache = _limits(self._device)
-        self._blocks = min(processors, -(-self.n // ROWS))
-        numbers = SUMS + 2 * self.size + 4
+        self._blocks = min(processors, -(-self.n // DEVICE.rows))
+        numbers = DEVICE.sums + 2 * self.size + 4
         self._shared = 8 * numbers
         if self._shared > most_shared:
             raise InputError(f"ncv={self.size} is too large for the shared memory of this device")
@@ -257,10 +263,10 @@ class FusedSteps:
         own = -(-self.n // self._blocks)
         numbers += (self.size + 1) * (own | 1) + own + self.n
         room = most_shared // 8 - numbers
-        self._sweeps = room >= 0 and own <= OWN
-        self.near = max(0, min(self.n, room // own // CACHE_LINE * CACHE_LINE))
-        cached = int(CACHE_SHARE * cache) // (8 * self.n) // CACHE_LINE * CACHE_LINE
-        if self.near < SCARCE * self.n:
+        self._sweeps = room >= 0 and own <= DEVICE.own
+        self.near = max(0, min(self.n, room // own // DEVICE.line * DEVICE.line))
+        cached = int(DEVICE.cached * cache) // (8 * self.n) // DEVICE.line * DEVICE.line
+        if self.near < DEVICE.scarce * self.n:
             self.near, self.stay, self.ahead = 0, 0, min(self.n, cached)
         else:
             self.stay, self.ahead = min(self.n - self.near, cached), 0
@@ -341,9 +347,9 @@ class FusedSteps:
         # a lock, a launch between another thread's setting and its launch would be refused.
         with _launching:
             kernel, place = _kernel(name), (self._device, name)
-            if shared > _granted.get(place, SHARED):
+            if shared > _granted.get(place, DEVICE.shared):
                 kernel.max_dynamic_shared_size_bytes = _granted[place] = shared
-            kernel((self._blocks,), (THREADS,), arguments(goal), shared_mem=shared)
+            kernel((self._blocks,), (DEVICE.threads,), arguments(goal), shared_mem=shared)
         self._arrived += meetings * self._blocks
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -13,12 +13,19 @@ from scipy import linalg
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
 from gpu.eigenvalues.schur.ordered_schur import Edge, Rank, ordered_schur, whole
 
-# Relative to |A|: rounding accumulates to about this in a basis of a hundred vectors.
-ROUNDING_RESIDUAL = 100 * np.finfo(float).eps
-# Largest residual of Schur vectors that a challenge leaves aside, relative to the gap between the
-# least wanted rank and the following ones: so small that the search does not find them again.
-SET_ASIDE = 1e-2
-RESTARTS_BEFORE_GROWTH = 6  # restarts before the space grows, if it may
+
+class _Limits(NamedTuple):  # tolerances of the iteration and of the challenge
+    residual: float = 100 * float(np.finfo(float).eps)  # of |A|, at a hundred vectors
+    aside: float = 1e-2  # of the gap of ranks: residual of vectors a challenge leaves aside
+    restarts: int = 6  # before the space grows, if it may
+    inside: float = 0.03  # of the gap of ranks: residual with which a newcomer counts as below
+    thick: float = 0.5  # fraction of the vectors of the search that is kept at a restart
+    first: int = 3  # products before the first test: few are enough for separated eigenvalues
+    sure: float = 0.01  # t: an eigenvalue is missed with a probability of at most .8 t
+    likely: float = 0.1  # t that is enough if the newcomer ranks below the wanted as well
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -114,14 +121,14 @@ class _Iteration:
             T, Q, values = ordered_schur(S[:size, :size], wanted.rank, leading)
             spike = beta * Q[size - 1]
             moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))
-            converged = _leading(T, values, moved, wanted.tol, ROUNDING_RESIDUAL * self.scale)
+            converged = _leading(T, values, moved, wanted.tol, LIMITS.residual * self.scale)
             if self.limits.challenge:  # leave room for the vectors of a challenge
                 converged = whole(T, min(converged, self.most_room - max(self.ncv // 2, 4)))
             if converged + 2 < leading:
                 break
         residual = float(moved[whole(T, min(wanted.k, size)) - 1])
         now = (basis.matvecs, residual / self.scale if self.scale else 0.0)
-        left = _products_left(self.past, now, max(wanted.tol, ROUNDING_RESIDUAL))
+        left = _products_left(self.past, now, max(wanted.tol, LIMITS.residual))
         self.past = now
         settled = T[:converged, :converged]
         return Look(T, Q, values, spike, moved, converged, settled, beta, ended, left)
@@ -129,7 +136,7 @@ class _Iteration:
     def stands(self, look: Look, meanwhile: Callable[..., Any] | None) -> bool:
         """Whether the converged eigenvalues are the wanted ones; then their vectors come first."""
         wanted, rank, converged = self.wanted, self.wanted.rank, look.converged
-        floor = ROUNDING_RESIDUAL * self.scale
+        floor = LIMITS.residual * self.scale
         found = look.values[:converged]
         ranks = np.sort(rank(found))[::-1][: wanted.k]
         if (
@@ -165,7 +172,7 @@ class _Iteration:
             wanted.rank,
             wanted.edge,
             tol=wanted.tol,
-            floor=ROUNDING_RESIDUAL * self.scale,
+            floor=LIMITS.residual * self.scale,
             restarts=self.limits.maxiter - self.count,
             patience=np.inf if wanted.inner else basis.matvecs,
             meanwhile=meanwhile and functools.partial(meanwhile, look.settled, basis),
@@ -202,7 +209,7 @@ class _Iteration:
             basis.rotate(look.Q[:, :keep], size)
             spike[: min(look.converged, keep)] = 0.0
         self.S[:] = 0.0
-        if self.count >= RESTARTS_BEFORE_GROWTH and self.ncv < self.limits.grown and not challenged:
+        if self.count >= LIMITS.restarts and self.ncv < self.limits.grown and not challenged:
             self._grow(keep)
         self.S[:keep, :keep], self.S[keep, :keep] = projected, spike
         self.kept, self.count, self.aside = keep, self.count + 1, None
@@ -244,7 +251,7 @@ def _aside(
         return converged
     counts = np.arange(converged + 1, min(whole(T, last), len(ranks) - 1) + 1)
     beyond = np.maximum.accumulate(ranks[::-1])[::-1]
-    close = moved[counts - 1] <= SET_ASIDE * (worst - beyond[counts])
+    close = moved[counts - 1] <= LIMITS.aside * (worst - beyond[counts])
     found = counts[close & (T[counts, counts - 1] == 0)]
     return int(found[-1]) if found.size else converged
 
@@ -303,13 +310,13 @@ def _unbeaten(
     worst: float,
 ) -> bool:
     """Whether the best eigenvalue not yet converged ranks below the wanted, by a gap that is far
-    larger than its residual (`INSIDE` of the challenge is the ratio).
+    larger than its residual (`LIMITS.inside` of the challenge is the ratio).
     """
     if converged > locked or converged == len(values):
         return True
     following = whole(T, converged + 1)
     moved = float(np.linalg.norm(spike[converged:following]))
-    return bool(moved < INSIDE * (worst - rank(values[converged : converged + 1])[0]))
+    return bool(moved < LIMITS.inside * (worst - rank(values[converged : converged + 1])[0]))
 
 
 Array = np.ndarray
@@ -338,16 +345,6 @@ def shifted_qr(H: Array, beta: float, values: Array, keep: int) -> tuple[Array, 
         H = np.triu(factor.conj().T @ H @ factor, -1)
         Q = Q @ factor
     return Q[:, :keep], H[:keep, :keep], beta * Q[m - 1, :keep]
-
-
-# The newcomer counts as ranking below the wanted if its residual is below this times the gap
-# between its rank and that of the least wanted.
-INSIDE = 0.03
-THICK = 0.5  # fraction of the vectors of the search that is kept at a restart
-FIRST = 3  # products before the first test: few are enough if the wanted are well separated
-# Numbers t: an eigenvalue is missed with a probability of at most .8 t. The second is enough if the
-# newcomer ranks below the wanted as well.
-SURE, LIKELY = 0.01, 0.1
 
 
 def unbeaten(
@@ -386,14 +383,14 @@ def unbeaten(
 
     The best Ritz value of the search is called the newcomer.
     """
-    first, room, n = locked, basis.size - locked, basis.V.shape[1]
+    first, room, n, part = locked, basis.size - locked, basis.V.shape[1], LIMITS.inside
     basis.start(locked)
     S = np.zeros((room, room), dtype=basis.V.dtype)
-    kept, goal, made = 0, min(FIRST, room), 0
+    kept, goal, made = 0, min(LIMITS.first, room), 0
     begun = searched = basis.matvecs  # products before the search, and before this random vector
     # Log of the product of the betas; Ritz values dropped; products and residual at the last test.
     betas, dropped, past = 0.0, np.zeros(0, dtype=complex), (0, 1.0)
-    enough, likely = (0.5 * np.log(n) - np.log(chance) for chance in (SURE, LIKELY))
+    enough, likely = (0.5 * np.log(n) - np.log(chance) for chance in (LIMITS.sure, LIMITS.likely))
     rounding = 1e-9 * abs(worst) + floor
     while True:
         aside = meanwhile if basis.matvecs == begun else None
@@ -404,7 +401,7 @@ def unbeaten(
         size = goal if ended is None else kept + ended + 1
         steps.project(S, kept, size, locked)
         beta = 0.0 if ended is not None else float(steps.betas[-1])
-        leading = int(THICK * room) + 1 if size == room else 1
+        leading = int(LIMITS.thick * room) + 1 if size == room else 1
         T, Q, values = ordered_schur(S[:size, :size], rank, leading)
         best, products = whole(T, 1), basis.matvecs - searched
         residual = beta * float(np.linalg.norm(Q[size - 1, :best]))
@@ -415,12 +412,12 @@ def unbeaten(
             roots = np.concatenate((values, dropped))
             evidence = _evidence(worst, roots, edge) - betas if distance > 0 else 0.0
         converged = residual <= max(tol * float(np.abs(values[0])), floor)
-        inside = residual < INSIDE * distance or (converged and distance >= -rounding)
+        inside = residual < part * distance or (converged and distance >= -rounding)
         tired = basis.matvecs - begun >= patience
         copy = converged and distance <= 1e-6 * abs(worst) and patience < np.inf
         if evidence >= enough or (inside and (evidence >= likely or tired or copy)):
             return True, made
-        beaten = not inside and (converged or residual < -INSIDE * distance)
+        beaten = not inside and (converged or residual < -part * distance)
         if beaten or made >= restarts:
             basis.rotate(Q[:, :best], size, locked)
             basis.V[first : first + best] = basis.V[locked : locked + best]
@@ -431,16 +428,16 @@ def unbeaten(
             locked, room = locked + best, room - best
             basis.start(locked)
             S[:] = 0.0
-            kept, goal, made, searched = 0, min(FIRST, room), made + 1, basis.matvecs
+            kept, goal, made, searched = 0, min(LIMITS.first, room), made + 1, basis.matvecs
             betas, dropped, past = 0.0, np.zeros(0, dtype=complex), (0, 1.0)
             continue
-        need = _search_products_left(products, evidence, enough, past, residual, INSIDE * distance)
+        need = _search_products_left(products, evidence, enough, past, residual, part * distance)
         past = (products, residual)
         if size < room:
             S[size, size - 1] = beta
             kept, goal = size, min(room, size + need)
             continue
-        keep = whole(T, min(int(THICK * room), room - 2))
+        keep = whole(T, min(int(LIMITS.thick * room), room - 2))
         basis.rotate(Q[:, :keep], size, locked)
         dropped = np.concatenate((dropped, values[keep:]))
         S[:] = 0.0
@@ -473,9 +470,6 @@ def _search_products_left(
         rate = np.log(past[1] / residual) / (products - past[0])
         needs.append(np.log(residual / target) / rate)
     return max(3, int(np.ceil(min(min(needs, default=np.inf), 1e9))))
-
-
-RESTART_KINDS = ("krylov-schur", "implicit")
 
 
 @dataclass(frozen=True)

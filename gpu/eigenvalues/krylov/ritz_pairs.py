@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gpu.arrays.device_blas import ONE, ZERO, DeviceBlas
 from gpu.cuda.catalogue import RITZ
 
-TURN_THREADS, TURN_COLUMNS = 256, 32  # threads of a block of `ritz_rotate`, and columns it rotates
-MOST_TURNED = 192  # most vectors whose columns fit into the 48 KiB that every block may use
+
+class _Turn(NamedTuple):  # sizes of a launch of `ritz_rotate`
+    threads: int = 256  # of a block
+    columns: int = 32  # that a block rotates
+    vectors: int = 192  # most whose columns fit into the 48 KiB that every block may use
+
+
+TURN = _Turn()
 
 
 def turns(count: int) -> bool:
     """Whether `rotate` can take so many vectors."""
-    return count <= MOST_TURNED
+    return count <= TURN.vectors
 
 
 def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
     """Replace the first rows of V by combinations with Q's columns, the next by row `residual`."""
     n, (count, kept) = V.shape[1], Q.shape
     turned = _moved(np.ascontiguousarray(Q.T))
-    blocks = -(-n // TURN_COLUMNS)
+    blocks = -(-n // TURN.columns)
     sizes = np.int64(n), np.int32(count), np.int32(kept), np.int32(residual)
     _kernel("ritz_rotate")(
-        (blocks,), (TURN_THREADS,), (V, turned, *sizes), shared_mem=8 * TURN_COLUMNS * count
+        (blocks,), (TURN.threads,), (V, turned, *sizes), shared_mem=8 * TURN.columns * count
     )
 
 

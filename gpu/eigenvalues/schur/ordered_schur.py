@@ -79,10 +79,7 @@ def _block(T: Array, place: int) -> int:
 # Maps a rank and values of lower rank to points of the curve of this rank: see `edge_of`.
 Edge = Callable[[float, np.ndarray], np.ndarray]
 
-EVENLY = 32  # number of equidistant points on the curve, which do not depend on the values
 RANK_ROUNDING = 1e-14  # relative: ranks that differ by less count as equal
-CIRCLE = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
-ALONG = np.linspace(-1.0, 1.0, EVENLY + 1)
 ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
 
 
@@ -104,15 +101,17 @@ def rank_of(which: str, real: bool) -> Rank:
 
 def edge_of(which: str, real: bool) -> Edge:
     """A function (worst, values) -> points of the curve of all numbers of rank `worst`: those
-    nearest to the values, which rank lower, and `EVENLY` equidistant ones. Unbounded curves end at
+    nearest to the values, which rank lower, and 32 equidistant ones. Unbounded curves end at
     the largest modulus of the values."""
     sign = 1.0 if which[0] == "L" else -1.0
+    circle = np.exp(2j * np.pi * np.arange(32) / 32)
+    line = np.linspace(-1.0, 1.0, 33)
 
     def edge(worst: float, values: np.ndarray) -> np.ndarray:
         size = np.abs(values)
         if which[1] == "M":
-            return abs(worst) * np.concatenate((values[size > 0] / size[size > 0], CIRCLE))
-        along = ALONG * size.max(initial=0.0)
+            return abs(worst) * np.concatenate((values[size > 0] / size[size > 0], circle))
+        along = line * size.max(initial=0.0)
         if which[1] == "R":
             return sign * worst + 1j * np.concatenate((values.imag, along))
         along = np.concatenate((values.real, along))

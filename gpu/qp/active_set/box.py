@@ -5,7 +5,7 @@ A state determines x and the multipliers by one linear system. Violated are a fr
 outside its bounds and a held one whose multiplier has the wrong sign; they change their state, all
 at once. This full exchange ([1]_, [2]_; as a semismooth Newton method [3]_) takes few steps but may
 cycle. When the number of violated indices has not fallen below its best value in
-`STALLED_EXCHANGES` steps (the count of [4]_), the rest of the way is a path [5]_: bounds and
+`LIMITS.stalled` steps (the count of [4]_), the rest of the way is a path [5]_: bounds and
 multipliers are shifted until the best state so far solves the problem, and the shift is taken back
 continuously. On it x is continuous and piecewise linear, one variable changes its state at each
 kink, and as P is positive definite no state returns, so that it ends (ties go to the last index).
@@ -46,6 +46,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,15 +54,16 @@ from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve, symmetric_pr
 from gpu.errors import Infeasible, NotConverged
 from gpu.qp.data.qp_result import Step
 
-# Steps without fewer violations after which a full exchange may cycle; the path cannot.
-STALLED_EXCHANGES = 5
-# Proximal centres of the equality rows: two or three are the rule, more where rows almost depend.
-MAX_CENTRES = 100
-# Relative to the sum of moduli of the terms: a smaller violation is rounding.
-SUM_ROUNDING = 64 * np.finfo(float).eps
-# Relative to the largest compliance a'P^-1 a of a row: far below that of a few free variables, far
-# above the rounding of the Schur complement.
-RHO, RHO_MIN = 1e-8, 1e-13
+
+class _Limits(NamedTuple):  # limits of the exchange
+    stalled: int = 5  # steps without fewer violations: an exchange may cycle, no path
+    centres: int = 100  # proximal, of equality rows: two or three unless rows almost depend
+    rounding: float = 64 * float(np.finfo(float).eps)  # of the moduli of terms, violation
+    rho: float = 1e-8  # over the largest a'P^-1 a of a row: far below that of free variables
+    least_rho: float = 1e-13  # the same: far above the rounding of the Schur complement
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class BoxQP:
 
     def row_rounding(self) -> np.ndarray:
         """Rounding error of ``Ax`` for an x of the size of q."""
-        return SUM_ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
+        return LIMITS.rounding * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
 
     def row_errors(self, x: np.ndarray) -> tuple[float, float]:
         """Largest residual of a row relative to its terms: whole, and beyond the rounding of q."""
@@ -116,10 +118,10 @@ class BoxQP:
         sought next to the given y, where ``A'y`` vanishes on the free variables.
         """
         U, size, _ = np.linalg.svd(self.A[:, state == 0], full_matrices=False)
-        U = U[:, size > SUM_ROUNDING * size.max(initial=0.0)]
+        U = U[:, size > LIMITS.rounding * size.max(initial=0.0)]
         y = y - U @ (U.T @ y)
         c = self.A.T @ y
-        c[np.abs(c) <= SUM_ROUNDING * (np.abs(self.A.T) @ np.abs(y))] = 0.0
+        c[np.abs(c) <= LIMITS.rounding * (np.abs(self.A.T) @ np.abs(y))] = 0.0
         corner = np.where(c > 0, self.ub, np.where(c < 0, self.lb, 0.0))
         margin = y @ self.b - c @ corner
         terms = np.abs(y) @ np.abs(self.b) + np.abs(c) @ np.abs(corner)
@@ -159,7 +161,7 @@ class ActiveSet:
         self.x = x
         self.y = y
         self.compliance = float(np.max(lower_solve(L, problem.A.T) ** 2, initial=0.0)) or 1.0
-        self.rho = RHO * self.compliance
+        self.rho = LIMITS.rho * self.compliance
         self.history: list[Step] = []
         self.block: FreeBlock | None = None
 
@@ -192,10 +194,10 @@ class ActiveSet:
         """Full exchanges until nothing is violated, or until they stall; then single ones."""
         centre = self.y
         fewest, stalled = self.state.size + 1, 0
-        while stalled < STALLED_EXCHANGES:
+        while stalled < LIMITS.stalled:
             self.x, self.y = self.point(self.problem, centre)
             slack = self.problem.slack(self.state, self.x, self.y)
-            wrong = self.violated(slack, SUM_ROUNDING)
+            wrong = self.violated(slack, LIMITS.rounding)
             self.record(wrong, max_steps)
             if not wrong.size:
                 return
@@ -224,7 +226,7 @@ class ActiveSet:
             here = easier.slack(self.state, *self.point(easier, centre))
             self.x, self.y = self.point(p, centre)
             there = p.slack(self.state, self.x, self.y)
-            wrong = self.violated(there, max(SUM_ROUNDING, 0.1 * tol))
+            wrong = self.violated(there, max(LIMITS.rounding, 0.1 * tol))
             self.record(wrong, max_steps)
             if not wrong.size:
                 return
@@ -253,13 +255,13 @@ class ActiveSet:
             self.x, self.y = self.point(p, self.y)
             return
         error, refined = np.inf, False
-        for _ in range(MAX_CENTRES):
+        for _ in range(LIMITS.centres):
             centre = self.y
             self.settle(tol, max_steps)
             before, (whole, error) = error, p.row_errors(self.x)
-            if error <= SUM_ROUNDING / 16:
+            if error <= LIMITS.rounding / 16:
                 # A bound of rounding may hide what one more centre removes.
-                if refined or whole <= SUM_ROUNDING / 16:
+                if refined or whole <= LIMITS.rounding / 16:
                     return
                 refined = True
                 continue
@@ -269,7 +271,8 @@ class ActiveSet:
             if separator is not None:
                 raise Infeasible("no point of the box satisfies A x = b", separator)
             if error > 0.01 * before:
-                self.rho, self.block = max(0.01 * self.rho, RHO_MIN * self.compliance), None
+                self.rho = max(0.01 * self.rho, LIMITS.least_rho * self.compliance)
+                self.block = None
         if error <= tol:
             return
         raise NotConverged(

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,18 +35,17 @@ from gpu.arrays.namespace import to_host
 from gpu.qp.data.qp_result import Step
 from gpu.qp.data.standard_qp import Array, StandardQP
 
-# Steps without fewer violations, and all steps, before the interior point takes over, which costs
-# about fifteen factorisations of n x n; an exchange costs one of the active rows.
-HOPELESS_EXCHANGES, MOST_EXCHANGES = 3, 60
-# Relative to the sum of moduli of the terms: a smaller violation is rounding.
-SUM_ROUNDING = 64 * np.finfo(float).eps
-# Relative to the forces, in units where P has a diagonal of one: a smaller x may be their rounding.
-ORIGIN = 1e-10
-# Relative to the largest diagonal entry of W: added to W, so that dependent rows share a
-# multiplier.
-SOFTNESS = 1e-12
-# Largest number of active rows, relative to the unknowns: W is singular with as many.
-ROOM = 0.9
+
+class _Limits(NamedTuple):  # limits of the exchange
+    hopeless: int = 3  # steps without fewer violations before the interior point
+    most: int = 60  # all steps; an interior point costs fifteen factorisations of n x n
+    rounding: float = 64 * float(np.finfo(float).eps)  # of the moduli of terms, violation
+    origin: float = 1e-10  # of the forces where diag(P) = 1: a smaller x may be their rounding
+    softness: float = 1e-12  # of the largest W_ii, added to W: dependent rows share multipliers
+    room: float = 0.9  # most active rows over the unknowns: W is singular with as many
+
+
+LIMITS = _Limits()
 
 
 class GaveUp(Exception):
@@ -119,7 +119,7 @@ class WhitenedActiveSet:
         self.WA = self.W[self.at[:, None], self.at] if self.at.size else self.W[:0, :0]
         soft = self.WA.copy()
         if self.at.size:
-            soft.ravel()[:: len(soft) + 1] += SOFTNESS * soft.diagonal().max()
+            soft.ravel()[:: len(soft) + 1] += LIMITS.softness * soft.diagonal().max()
         S, self.check = cholesky_begun(soft)
         self.solve_soft: Callable[[Array], Array] = (
             functools.partial(cholesky_solve, S)
@@ -177,8 +177,8 @@ class WhitenedActiveSet:
             multiplier[self.active] = self.to_host(mu)
             length = float(np.abs(value[self.m :]).max())
             # Where x is nothing but rounding of the forces, it has their size: P has a diagonal one
-            unit = self.force if length <= ORIGIN * self.force else min(1.0, self.force)
-            size = SUM_ROUNDING * (unit + np.abs(value) + length)
+            unit = self.force if length <= LIMITS.origin * self.force else min(1.0, self.force)
+            size = LIMITS.rounding * (unit + np.abs(value) + length)
             below, above = self.low - value, value - self.high
             off = (state == 0) & ~self.equal
             add = off & ((below > size) | (above > size))
@@ -189,7 +189,7 @@ class WhitenedActiveSet:
                 break
             stalled = 0 if wrong < fewest else stalled + 1
             fewest = min(fewest, wrong)
-            if stalled >= HOPELESS_EXCHANGES or len(self.history) >= MOST_EXCHANGES:
+            if stalled >= LIMITS.hopeless or len(self.history) >= LIMITS.most:
                 raise GaveUp("the full exchange stalls")
             state = self._next(state, add, drop, below, above)
         x, mu = self.refine(x, mu)
@@ -208,7 +208,7 @@ class WhitenedActiveSet:
         below: np.ndarray,
         above: np.ndarray,
     ) -> np.ndarray:
-        room = int(ROOM * self.n) - self.active.size + np.count_nonzero(drop)
+        room = int(LIMITS.room * self.n) - self.active.size + np.count_nonzero(drop)
         if room <= 0:
             raise GaveUp("too many rows are active")
         if np.count_nonzero(add) > room:

@@ -15,14 +15,15 @@ from gpu.arrays.sparse_factor import is_positive_definite
 from gpu.errors import InputError, NotSupported
 from gpu.qp.data.standard_qp import StandardQP, is_sparse
 
-# Largest |P_ij - P_ji| / sqrt(P_ii P_jj) that is taken for rounding of whoever computed P.
-HESSIAN_ASYMMETRY = 1e-10
-# Largest shift of the scaled P, for a thousand unknowns, that is taken for rounding of its entries.
-CONVEXITY = 1e-10
-# The same for entries written with some five digits, as of measured covariances.
-NEARLY = 3e-5
-# Numbers from here on stand for infinity, as in the file formats of the field.
-INFINITE = 1e20
+
+class _Limits(NamedTuple):  # what counts as rounding of P, and as infinite
+    asymmetry: float = 1e-10  # largest |P_ij - P_ji| / sqrt(P_ii P_jj)
+    convexity: float = 1e-10  # largest shift of the scaled P, for a thousand unknowns
+    nearly: float = 3e-5  # the same for entries of five digits, as of measured covariances
+    infinite: float = 1e20  # numbers from here on are, as in the file formats of the field
+
+
+LIMITS = _Limits()
 
 
 class QPFactor:
@@ -137,7 +138,7 @@ def _symmetric(matrix: Any, scaled: Any) -> Any:
             return np.array(matrix, order="C")
         half = matrix / 2.0 + matrix.T / 2.0  # a sum of the whole may overflow
         error = float(abs(scaled(matrix - half)).max())
-    if not error <= HESSIAN_ASYMMETRY:
+    if not error <= LIMITS.asymmetry:
         raise InputError(
             f"P is not symmetric, |P - P'| reaches {2 * error:.1e} of its diagonal: "
             "only x'Px matters, so pass (P + P.T) / 2 if that is what is meant"
@@ -147,9 +148,9 @@ def _symmetric(matrix: Any, scaled: Any) -> Any:
 
 def _nearly_convex(scaled: Any, n: int) -> bool:
     """Whether a scaled matrix is semidefinite but for a few digits; `InputError` if not even so."""
-    if _definite_when_shifted(scaled, CONVEXITY * max(1.0, 1e-3 * n)):
+    if _definite_when_shifted(scaled, LIMITS.convexity * max(1.0, 1e-3 * n)):
         return False
-    if _definite_when_shifted(scaled, NEARLY):
+    if _definite_when_shifted(scaled, LIMITS.nearly):
         return True
     raise InputError(
         "P is not positive semidefinite: the objective is not convex, and a minimum found "
@@ -281,11 +282,11 @@ def _bound(name: str, value: ArrayLike | None, n: int, missing: float, xp: Any) 
         bound = xp.full(n, float(bound))
     bound = _shaped(name, bound, (n,), xp)
     given = bound
-    bound = xp.where(xp.abs(bound) >= INFINITE, xp.copysign(xp.inf, bound), bound)
+    bound = xp.where(xp.abs(bound) >= LIMITS.infinite, xp.copysign(xp.inf, bound), bound)
     wrong = xp.isnan(bound) | (bound == -missing)
     if bool(wrong.any()):
         i = int(wrong.argmax())
-        infinite = f", and from {INFINITE:.0e} on one counts as infinite"
+        infinite = f", and from {LIMITS.infinite:.0e} on one counts as infinite"
         raise InputError(
             f"{name}[{i}] is {given[i]}: it must be a number or {missing}"
             f"{infinite if bool(xp.isfinite(given[i])) else ''}"

@@ -13,12 +13,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
 
 from gpu.arrays.namespace import namespace, to_host
+
+
+class _Rounding(NamedTuple):  # what residuals are measured against
+    cancellation: float = 1e-3  # part of the terms of a sum that cancels, at least
+    product: float = 16 * float(np.finfo(float).eps)  # allowed in x'Px
+    sharp: float = 1e-13  # residuals below this are not examined more closely
+    least: float = 1e-6  # of `StandardQP.lengths`: a smaller x is rounding of the forces
+    side: float = 1e-14  # of these lengths: smaller sides may be left by a difference
+
+
+ROUNDING = _Rounding()
+
 
 Array = Any  # numpy.ndarray or cupy.ndarray
 Matrix = Any  # the same, or a SciPy sparse array
@@ -141,12 +153,12 @@ class StandardQP:
                 counts = xp.isfinite(side) & (units > 0.0)
                 if bool(counts.any()):
                     sides = max(sides, float((xp.abs(side[counts]) / units[counts]).max()))
-        return D * (sides if SIDE_ROUNDING * size < sides < size else size)
+        return D * (sides if ROUNDING.side * size < sides < size else size)
 
     @cached_property
     def least_sizes(self) -> tuple[float, float, float]:
         """Least sizes of rows, of the objective and of x that residuals are measured against."""
-        near = LEAST_SIZE * self.lengths
+        near = ROUNDING.least * self.lengths
         rows = abs(self.C) @ near
         return (
             float(rows.max()) if rows.size else 0.0,
@@ -169,18 +181,6 @@ def one_sided(value: Array, low: Array, high: Array) -> Array:
 def largest(*values: float) -> float:
     """The largest number; not a number where one of them is not, which `max` may lose."""
     return float(np.max(values)) if values else 0.0
-
-
-# Sums whose terms cancel are measured against at least this part of their terms.
-CANCELLATION = 1e-3
-# Relative rounding error allowed in x'Px.
-PRODUCT_ROUNDING = 16 * np.finfo(float).eps
-# Residuals below this are not examined more closely.
-SHARP_RESIDUAL = 1e-13
-# Least size given to x, relative to `StandardQP.lengths`: a smaller x is rounding of the forces.
-LEAST_SIZE = 1e-6
-# Relative to `StandardQP.lengths`: smaller sides may be rounding left by a difference.
-SIDE_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ def residuals(
     """Residuals of `x` within its bounds and of multipliers with the right signs. `products` are P
     x and C'y, if they are known already.
     """
-    xp = p.xp
+    xp, part = p.xp, ROUNDING.cancellation
 
     def size_of(*arrays: Array) -> float:
         return largest(*(float(xp.abs(a).max()) if a.size else 0.0 for a in arrays))
@@ -232,36 +232,36 @@ def residuals(
     primal = _over(
         largest(float(outside.max()) if outside.size else 0.0, 0.0),
         size_of(Cx, near),
-        lambda: largest(CANCELLATION * size_of(abs(p.C) @ size[0]), p.least_sizes[0]),
+        lambda: largest(part * size_of(abs(p.C) @ size[0]), p.least_sizes[0]),
     )
     dual = _over(
         size_of(Px + p.q + Cy + z_box),
         size_of(Px, p.q, Cy, z_box),
-        lambda: CANCELLATION * size_of(abs(p.P) @ size[0] + abs(p.C).T @ size[1]),
+        lambda: part * size_of(abs(p.P) @ size[0] + abs(p.C).T @ size[1]),
     )
     row = xp.where(y > 0, p.row_high, xp.where(y < 0, p.row_low, 0.0))
     bound = xp.where(z_box > 0, p.ub, xp.where(z_box < 0, p.lb, 0.0))
-    parts = [float(x @ Px), float(p.q @ x), float(y @ row), float(z_box @ bound)]
-    error = abs(sum(parts))
-    if bool(p.q.any()) and error > SHARP_RESIDUAL * largest(*(abs(part) for part in parts[:2])):
+    terms = [float(x @ Px), float(p.q @ x), float(y @ row), float(z_box @ bound)]
+    error = abs(sum(terms))
+    if bool(p.q.any()) and error > ROUNDING.sharp * largest(*(abs(term) for term in terms[:2])):
         near = xp.where(p.bounded, size[0], 0.0)
-        error -= min(error, PRODUCT_ROUNDING * float(near @ (abs(p.P) @ near)))
+        error -= min(error, ROUNDING.product * float(near @ (abs(p.P) @ near)))
     gap = _over(
         error,
-        largest(*(abs(part) for part in parts[:2])),
+        largest(*(abs(term) for term in terms[:2])),
         lambda: largest(
             # Without q nothing else has a size where Px = 0, and no x runs away.
-            CANCELLATION * float(size[0] @ (xp.abs(Px) if bool(p.q.any()) else abs(p.P) @ size[0])),
-            CANCELLATION * float(xp.abs(p.q) @ size[0]),
-            CANCELLATION * float(size[1] @ xp.abs(row)),
-            CANCELLATION * float(xp.abs(z_box * bound).sum()),
+            part * float(size[0] @ (xp.abs(Px) if bool(p.q.any()) else abs(p.P) @ size[0])),
+            part * float(xp.abs(p.q) @ size[0]),
+            part * float(size[1] @ xp.abs(row)),
+            part * float(xp.abs(z_box * bound).sum()),
             p.least_sizes[1],
         ),
     )
     force, length = size_of(Px, p.q, Cy, z_box), size_of(x)
     sizes = largest(length, size_of(Cx)), length
     product, lesser = _pairs(p, y, z_box, Cx, x, force, sizes)
-    if largest(product, lesser) > SHARP_RESIDUAL and length <= p.least_sizes[2]:
+    if largest(product, lesser) > ROUNDING.sharp and length <= p.least_sizes[2]:
         least = p.least_sizes
         sizes = largest(sizes[0], least[0], least[2]), least[2]
         product, lesser = _pairs(p, y, z_box, Cx, x, force, sizes)
@@ -300,7 +300,7 @@ def _over(value: float, size: float, terms: Callable[[], float]) -> float:
     """`value` over the larger of `size` and `terms`, which are computed only if it matters."""
     if not np.isfinite(size):
         return np.nan
-    if not value or value <= SHARP_RESIDUAL * size:
+    if not value or value <= ROUNDING.sharp * size:
         return value / size if value else 0.0
     size = largest(size, terms())
     if not np.isfinite(size):

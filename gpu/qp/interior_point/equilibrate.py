@@ -12,19 +12,21 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
 
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
-# Each takes about the square root of all sizes: twelve turn sixteen decades into 16 / 2^12.
-SCALING_ROUNDS = 12
-# Relative to the largest: only larger curvatures c count where |q| / c gives the length of x.
-SMALL_CURVATURE = 1e-6
-# Lengths up to which iterates go without another unit.
-MODERATE = 1e3
+
+class _Limits(NamedTuple):  # limits of the scaling
+    rounds: int = 12  # square roots of all sizes: sixteen decades become 16 / 2^12
+    curvature: float = 1e-6  # of the largest: less gives x no length |q| / c
+    moderate: float = 1e3  # lengths up to which iterates go without another unit
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
     xp = p.xp
     D, E = xp.ones(p.q.size), xp.ones(p.row_low.size)
     sizes = _Sizes(p.P, xp), _Sizes(p.C, xp)
-    for _ in range(SCALING_ROUNDS):
+    for _ in range(LIMITS.rounds):
         column = xp.maximum(sizes[0].columns(D, D), sizes[1].columns(E, D))
         row = sizes[1].rows(E, D)
         D = D / xp.sqrt(xp.where(column > 0, column, 1.0))
@@ -72,15 +74,15 @@ def _length(p: StandardQP, D: Array, E: Array, curvature: _Sizes) -> Any:
     xp = p.xp
     side = largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D)
     columns, force = curvature.columns(D, D), 0.0
-    curved = columns > SMALL_CURVATURE * (float(columns.max()) if D.size else 0.0)
+    curved = columns > LIMITS.curvature * (float(columns.max()) if D.size else 0.0)
     if bool(curved.any()):
         force = float((xp.abs(D * p.q)[curved] / columns[curved]).max())
     if side == 0.0 and force > 1.0:  # no side confines what curvature makes
-        return xp.asarray(max(force / MODERATE, 1.0))
+        return xp.asarray(max(force / LIMITS.moderate, 1.0))
     if side < 1.0:
         return xp.asarray(min(max(side, force), 1.0) or 1.0)
     # A side may be far from the solution: only what curvature makes as long is taken whole.
-    whole = max(min(side, force) / MODERATE, 1.0)
+    whole = max(min(side, force) / LIMITS.moderate, 1.0)
     return xp.asarray(whole * np.sqrt(side / whole))
 
 

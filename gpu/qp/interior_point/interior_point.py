@@ -26,36 +26,37 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from gpu.qp.data.standard_qp import SHARP_RESIDUAL, Array, StandardQP, largest
+from gpu.qp.data.standard_qp import ROUNDING, Array, StandardQP, largest
 from gpu.qp.interior_point.kkt_system import System
 
-logger = logging.getLogger(__name__)
 
-# A few dozen are usual; what goes on for longer but improves is rare, and may end so.
-MOST_INTERIOR_STEPS = 200
-# Steps in which neither the residual nor the merit falls by a tenth; progress may pause for long.
-STALLED_INTERIOR_STEPS = 40
-# The same once products are as small as they may be and residuals below `NEAR_RESIDUAL`: what
-# Newton's steps change then is rounding.
-STALLED_STEPS_AT_FLOOR = 10
-# Relative: below this, extended precision can find the solution from the active set.
-NEAR_RESIDUAL = 1e-4
-# Below its target a point is still improved while steps help, down to what rounding leaves.
-STALLED_STEPS_BELOW_TARGET = 2
-# First proximal terms, in scaled units (matrices about one): small beside the entries, large beside
-# the rounding of a factorisation. They fall with the average product.
-FIRST_PROXIMAL = 1e-6
-# Most corrections of Gondzio's, each of which costs one solve with the same factors.
-CORRECTIONS = 2
-# Relative to the average product: a step is shortened until no product is below this.
-CENTRAL = 1e-4
-# Proximal terms stay within these: below, pivots are rounding; above, steps hardly move.
-LEAST_PROXIMAL, MOST_PROXIMAL = 1e-14, 1e-3
-# Relative residual of an accurate solve; how much the proximal terms may grow to reach it.
-SOLVED_RESIDUAL, MOST_BOOST = 1e-8, 1e8
+class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to about one
+    steps: int = 200  # a few dozen are usual
+    stalled: int = 40  # in which neither residual nor merit falls by a tenth
+    at_floor: int = 10  # the same at the least products: the rest is rounding
+    near: float = 1e-4  # relative: below, extended precision can end from the active set
+    below_target: int = 2  # a point is improved while steps help
+    proximal: float = 1e-6  # first proximal terms; they fall with the average product
+    corrections: int = 2  # most of Gondzio's, each of which costs one solve
+    central: float = 1e-4  # of the average product: no product is below after a step
+    least_proximal: float = 1e-14  # below, pivots are rounding
+    most_proximal: float = 1e-3  # above, steps hardly move
+    solved: float = 1e-8  # relative residual of an accurate solve
+    boost: float = 1e8  # how much the proximal terms may grow to reach it
+    multiplier: float = 1e3  # at the start, over their size: for tiny distances
+    regularisation: float = 1e-10  # at the start: pivots with six digits
+    loose: float = 1e-6  # diagonal of variables without a bound at the start; of others 1
+    firm: float = 1e-8  # minus that of equality rows: too small to move what is determined
+
+
+LIMITS = _Limits()
+
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass
@@ -87,7 +88,7 @@ class InteriorPoint:
         low = xp.concatenate([program.lb, program.row_low[self.rows]])
         high = xp.concatenate([program.ub, program.row_high[self.rows]])
         self.count = int(xp.isfinite(low).sum() + xp.isfinite(high).sum())
-        self.reg, self.boost, self.last, self.floor = FIRST_PROXIMAL, 1.0, 1.0, 0.0
+        self.reg, self.boost, self.last, self.floor = LIMITS.proximal, 1.0, 1.0, 0.0
         begin = (program, system, self.rows, low, high)
         self.v, self.y, self.s = inside(*begin, spread) if spread else balanced(*begin)
 
@@ -131,9 +132,8 @@ class InteriorPoint:
         xp, n = self.xp, self.n
         self.sigma = self.s.curvature()
         sizes = [max(1.0, float(xp.abs(a).max())) if a.size else 1.0 for a in (self.v, self.y)]
-        rho, delta = (
-            min(self.boost * max(self.reg / size, LEAST_PROXIMAL), MOST_PROXIMAL) for size in sizes
-        )
+        low, high = LIMITS.least_proximal, LIMITS.most_proximal
+        rho, delta = (min(self.boost * max(self.reg / size, low), high) for size in sizes)
         E = xp.full(self.y.size, delta)
         self.slack = self.sigma[n:] + rho
         E[self.rows] += 1.0 / self.slack
@@ -180,7 +180,7 @@ class InteriorPoint:
                 float(xp.where(s.has_low, low, xp.inf).min()),
                 float(xp.where(s.has_high, high, xp.inf).min()),
             )
-            if least >= CENTRAL * mu:
+            if least >= LIMITS.central * mu:
                 break
             ap, ad = 0.9 * ap, 0.9 * ad
         return ap, ad
@@ -189,7 +189,7 @@ class InteriorPoint:
         """One predictor-corrector step; its two lengths."""
         xp, s = self.xp, self.s
         mu = self.mu
-        self.reg = max(min(self.reg, 1e-1 * FIRST_PROXIMAL * mu), LEAST_REGULARISATION)
+        self.reg = max(min(self.reg, 1e-1 * LIMITS.proximal * mu), LIMITS.regularisation)
         self.boost = max(1.0, 0.2 * self.boost)
         right = -(self._dual(self.v[: self.n], self.y) - s.z_low + s.z_high), self._primal()
         self.off_low = xp.where(s.has_low, self.v - xp.where(s.has_low, s.low, 0.0) - s.t_low, 0.0)
@@ -216,10 +216,10 @@ class InteriorPoint:
             try:
                 self.factor()
                 d = self.direction(*right, -(s.z_low * s.t_low), -(s.z_high * s.t_high))
-                if self.system.accuracy <= SOLVED_RESIDUAL or self.boost > MOST_BOOST:
+                if self.system.accuracy <= LIMITS.solved or self.boost > LIMITS.boost:
                     return d
             except np.linalg.LinAlgError:
-                if self.boost > MOST_BOOST:
+                if self.boost > LIMITS.boost:
                     raise
             self.boost *= 10.0
 
@@ -250,7 +250,7 @@ class InteriorPoint:
         c_high = s.has_high * (target - s.z_high * s.t_high - second * dt_high * d.z_high)
         d = self.direction(*right, c_low, c_high)
         ap, ad = self.lengths(d)
-        for _ in range(CORRECTIONS):
+        for _ in range(LIMITS.corrections):
             if min(ap, ad) > 0.95 or target <= 0:
                 break
             e_low, e_high = self._off_centre(d, ap, ad, target)
@@ -302,11 +302,11 @@ def interior_point(
 
     def patience() -> int:
         if best <= target:
-            return STALLED_STEPS_BELOW_TARGET
-        at_floor = best <= NEAR_RESIDUAL and iterate.mu <= 2.0 * iterate.floor
-        return STALLED_STEPS_AT_FLOOR if hurried and at_floor else STALLED_INTERIOR_STEPS
+            return LIMITS.below_target
+        at_floor = best <= LIMITS.near and iterate.mu <= 2.0 * iterate.floor
+        return LIMITS.at_floor if hurried and at_floor else LIMITS.stalled
 
-    while steps < MOST_INTERIOR_STEPS and best > SHARP_RESIDUAL and stalled < patience():
+    while steps < LIMITS.steps and best > ROUNDING.sharp and stalled < patience():
         try:
             iterate.step()
         except np.linalg.LinAlgError:
@@ -326,15 +326,6 @@ def interior_point(
             best, x, y = value, iterate.v[: iterate.n], iterate.y
             sides = iterate.sides()
     return x, y, sides, steps
-
-
-# Largest multiplier at the start, relative to their common size: limits those of tiny distances.
-LARGEST_MULTIPLIER = 1e3
-# Least proximal term, in scaled units: pivots of that size still have six digits.
-LEAST_REGULARISATION = 1e-10
-# Diagonal entries of variables without a bound (others: 1) in the system of the first point, and
-# minus those of equality rows: too small to move what is determined.
-LOOSE, FIRM = 1e-6, 1e-8
 
 
 @dataclass
@@ -363,7 +354,7 @@ def balanced(p: StandardQP, system: System, rows: Array, low: Array, high: Array
     xp, n = p.xp, p.q.size
     has_low, has_high = xp.isfinite(low), xp.isfinite(high)
     bounded = (has_low | has_high)[:n]
-    _factor(p, system, rows, xp.where(bounded, 1.0, LOOSE), FIRM)
+    _factor(p, system, rows, xp.where(bounded, 1.0, LIMITS.loose), LIMITS.firm)
     goal = xp.where(bounded, xp.clip(xp.zeros_like(p.q), p.lb, p.ub), 0.0)
     x, y = system.solve(goal - p.q, xp.clip(xp.zeros_like(p.row_low), p.row_low, p.row_high))
     v = xp.concatenate([x, (p.C @ x)[rows]])
@@ -394,7 +385,7 @@ def inside(
     """A point well inside its bounds, with multipliers of at least the size `spread`."""
     xp, n = p.xp, p.q.size
     has_low, has_high = xp.isfinite(low), xp.isfinite(high)
-    _factor(p, system, rows, xp.ones(n), LEAST_REGULARISATION)
+    _factor(p, system, rows, xp.ones(n), LIMITS.regularisation)
     target = xp.clip(xp.zeros_like(p.row_low), p.row_low, p.row_high)
     goal = xp.clip(xp.zeros_like(p.q), p.lb, p.ub)
     x, y = system.solve(goal - p.q, target)
@@ -414,9 +405,9 @@ def inside(
     wrong = xp.where(has_low | has_high, wrong, 0.0)
     dual_push = max(spread, float(wrong.max()) if wrong.size else 1.0)
     product = dual_push * (float(push.max()) if push.size else 1.0)
-    z_low = xp.where(has_low, up + xp.minimum(product / t_low, LARGEST_MULTIPLIER * dual_push), 0.0)
+    z_low = xp.where(has_low, up + xp.minimum(product / t_low, LIMITS.multiplier * dual_push), 0.0)
     z_high = xp.where(
-        has_high, down + xp.minimum(product / t_high, LARGEST_MULTIPLIER * dual_push), 0.0
+        has_high, down + xp.minimum(product / t_high, LIMITS.multiplier * dual_push), 0.0
     )
     return v, y, Sides(low, high, has_low, has_high, t_low, t_high, z_low, z_high)
 

@@ -18,6 +18,8 @@ References
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy import sparse
 from scipy.linalg.lapack import dsytrf, dsytrs
@@ -26,15 +28,15 @@ from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve
 from gpu.arrays.sparse_factor import quasidefinite
 from gpu.qp.data.standard_qp import Array, StandardQP, largest
 
-# Most steps; refinement ends when a step does not halve the residual.
-SYSTEM_REFINEMENTS = 3
-# Relative residual above which refinement has failed.
-POOR_RESIDUAL = 1e-9
-# Most directions of GMRES, all kept: one for each perturbed pivot, which are few.
-GMRES_DIRECTIONS = 20
-# Most unknowns and rows of a sparse system that is factored again with symmetric pivoting if its
-# fixed order with perturbed pivots fails.
-MOST_STORED_DENSELY = 600
+
+class _Limits(NamedTuple):  # limits of refinement
+    refinements: int = 3  # most; they end when a step does not halve the residual
+    poor: float = 1e-9  # relative residual above which refinement has failed
+    directions: int = 20  # of GMRES, all kept: one for each perturbed pivot
+    dense: int = 600  # most unknowns and rows for symmetric pivoting, if need be
+
+
+LIMITS = _Limits()
 
 
 class SparseSystem:
@@ -64,14 +66,14 @@ class SparseSystem:
         size = float(np.abs(right).max())
         w, best = self.factors.solve(right), np.inf
         kept = w
-        for _ in range(SYSTEM_REFINEMENTS + 1):
+        for _ in range(LIMITS.refinements + 1):
             left = right - self._product(w)
             error = float(np.abs(left).max())
             if not error < 0.5 * best:
                 break
             kept, best = w, error
             w = w + self.factors.solve(left)
-        if thorough and best > POOR_RESIDUAL * size and np.isfinite(kept).all():
+        if thorough and best > LIMITS.poor * size and np.isfinite(kept).all():
             w = self._minimal_residual(right, kept)
             error = float(np.abs(right - self._product(w)).max())
             if error < best:
@@ -92,10 +94,10 @@ class SparseSystem:
         if not 0.0 < length < np.inf:
             return w
         basis[0] /= length
-        H = np.zeros((GMRES_DIRECTIONS + 1, GMRES_DIRECTIONS))
-        goal = np.zeros(GMRES_DIRECTIONS + 1)
+        H = np.zeros((LIMITS.directions + 1, LIMITS.directions))
+        goal = np.zeros(LIMITS.directions + 1)
         goal[0] = length
-        for j in range(GMRES_DIRECTIONS):
+        for j in range(LIMITS.directions):
             q = self.factors.solve(self._product(basis[j]))
             for _ in range(2):
                 for i, b in enumerate(basis):
@@ -161,7 +163,7 @@ class DenseSystem:
         p = self.program
         u, v = self._once(r, s)
         kept, best = (u, v), np.inf
-        for _ in range(SYSTEM_REFINEMENTS + 1):
+        for _ in range(LIMITS.refinements + 1):
             top = r - p.P @ u - self.D * u - p.C.T @ v
             low = s - p.C @ u + self.E * v
             error = largest(float(abs(top).max()), float(abs(low).max() if low.size else 0.0))
@@ -207,7 +209,7 @@ class IndefiniteSystem:
         right = np.concatenate([r, s])
         w = kept = self._once(right)
         best = np.inf
-        for _ in range(SYSTEM_REFINEMENTS + 1):
+        for _ in range(LIMITS.refinements + 1):
             left = right - self.K @ w
             error = float(np.abs(left).max())
             if not error < 0.5 * best:
@@ -234,7 +236,7 @@ def kkt_system(program: StandardQP, solver: str = "auto") -> System:
 
 def safe_system(program: StandardQP) -> IndefiniteSystem | None:
     """The slower, safer system if that of `kkt_system` failed; None if it is too large."""
-    few = program.q.size + program.row_low.size <= MOST_STORED_DENSELY
+    few = program.q.size + program.row_low.size <= LIMITS.dense
     if program.xp is np and (few or not program.is_sparse):
         return IndefiniteSystem(program)
     return None

@@ -6,7 +6,7 @@ import functools
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -22,31 +22,52 @@ from gpu.qp.data.standard_qp import (
     residuals,
 )
 from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
-from gpu.qp.interior_point.interior_point import NEAR_RESIDUAL, interior_point
+from gpu.qp.interior_point.interior_point import LIMITS as INTERIOR
+from gpu.qp.interior_point.interior_point import interior_point
 from gpu.qp.interior_point.kkt_system import System, kkt_system, safe_system
 from gpu.qp.interior_point.polish import PrimalDual, Sides, extended, polish
 from gpu.qp.interior_point.presolve import contradiction, presolve
 
+
+class _Proof(NamedTuple):  # tolerances of `farkas` and `ray`
+    zero: float = 1e-12  # part of the terms of a sum: rounding of a few thousand reaches it
+    margin: float = 1e-9  # of the inequality, over its terms: above what is taken for zero
+    term: float = 64 * float(np.finfo(float).eps)  # of the largest q: other differences
+    farther: float = 1e4  # times the largest side: points that a component taken for zero admits
+    ray: float = 1e-10  # violation of a row by a ray, over the terms
+    entry: float = 1e-16  # the same over the largest entry, for terms that vanish
+    negligible: tuple[float, ...] = (1e-12, 1e-9, 1e-7, 1e-5)  # entries taken for zero, tried
+    vanishing: float = 1e-8  # components of C'y taken for zero if the largest y is one
+    held: float = 1e-4  # relative size of rows of a ray taken for equalities
+    projection: int = 4_000_000  # most entries of its dense block: 32 MB
+    dependent: float = 1e-13  # singular values of that block, over the largest: rounding
+
+
+PROOF = _Proof()
+
+
+class _Limits(NamedTuple):  # residuals and sizes that decide what is tried
+    # Whether x and multipliers step apart, and the size of the first ones (zero: from the data).
+    attempts: tuple[tuple[bool, float], ...] = (
+        (True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0)
+    )  # fmt: skip
+    near_origin: float = 1e-6  # of x = 0, which may replace a point that tends to it
+    target: float = 1e-14  # of the polish: the accuracy of the arithmetic
+    clean: float = 1e-12  # below, no other multipliers are tried: no digit would be gained
+    plausible: float = 1e-7  # below, no proof is sought: other multipliers may help
+    feasible: float = 1e-9  # of the point that shows that there are feasible ones
+    lost: float = 1e-13  # objective over the terms of x'Px: less is rounding of P
+    runaway: float = 1e20  # no condition number in double precision takes x so far off
+    extended: int = 30_000  # unknowns and rows: extended precision is worth the time
+    linear: float = 1e-4  # beside P of one: q has lost four of sixteen digits
+    unknowns: int = 500  # for all eigenvectors of P
+    eigenvalue: float = 4 * float(np.finfo(float).eps)  # of the largest, an unknown
+
+
+LIMITS = _Limits()
+
+
 logger = logging.getLogger(__name__)
-# Whether x and multipliers take separate steps, and the size of the first multipliers (zero: from
-# the data).
-ATTEMPTS = ((True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0))
-# Largest residual of x = 0 for which it may replace a point that tends to it.
-NEAR_ORIGIN = 1e-6
-# Target of the polish: the accuracy of the arithmetic.
-POLISH_TARGET = 1e-14
-# Below this residual no other choice of multipliers is tried: it would gain no digit that counts.
-CLEAN_RESIDUAL = 1e-12
-# No proof is sought if all residuals are below this: other multipliers are more likely to help.
-PLAUSIBLE_RESIDUAL = 1e-7
-# Residual of the point that shows that there are feasible ones.
-FEASIBLE = 1e-9
-# The objective over the terms of x'Px: less is rounding of P's entries.
-LOST_CURVATURE = 1e-13
-# No condition number that double precision can bear takes x so far beyond the data.
-RUNAWAY = 1e20
-# Unknowns and rows up to which extended precision takes less time than another attempt.
-LARGEST_EXTENDED = 30_000
 
 
 @dataclass(frozen=True)
@@ -81,14 +102,14 @@ def certified(p: StandardQP, x: Array, y: Array) -> Point:
     q = 0) and x = 0 (if feasible) are tried too: residuals relative to a sequence that converges to
     zero are never small."""
     point = _certified(p, x, y)
-    if point.residuals.sharp <= CLEAN_RESIDUAL:
+    if point.residuals.sharp <= LIMITS.clean:
         return point
     if not bool(p.q.any()):
         free = _certified(p, x, p.xp.zeros_like(y))
         return min(point, free, key=lambda found: found.residuals.worst)
     if p.holds_at_origin:
         origin = _certified(p, p.xp.zeros_like(x), p.sided(y))
-        if origin.residuals.worst <= min(NEAR_ORIGIN, point.residuals.worst):
+        if origin.residuals.worst <= min(LIMITS.near_origin, point.residuals.worst):
             return origin
     return point
 
@@ -102,7 +123,7 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
     at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
     held = xp.where(at_side, force, 0.0)
     clean = Point(x, y, held, residuals(p, x, y, held, products), 0)
-    if clean.residuals.sharp <= CLEAN_RESIDUAL or bool((held == force).all()):
+    if clean.residuals.sharp <= LIMITS.clean or bool((held == force).all()):
         return clean
     full = Point(x, y, force, residuals(p, x, y, force, products), 0)
     return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
@@ -143,7 +164,7 @@ def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = Tru
     if proofs and _lost_in_rounding(p, best.x):
         _prove_unbounded(p, solver, best.x if float(p.q @ best.x) < 0.0 else -best.x)
         far = float(p.xp.abs(best.x[small.free] / scaling.variables).max())
-        if far > RUNAWAY * max(1.0, _size(search.scaled)):
+        if far > LIMITS.runaway * max(1.0, _size(search.scaled)):
             raise NotConverged(
                 f"the iterates run away to {far:.0e} times the size of the data, and no ray was "
                 "found along which the objective falls for ever: bound the variables"
@@ -168,10 +189,10 @@ class _Search:
         """
         p, tol, proofs = self.p, self.tol, self.proofs
         system = kkt_system(self.scaled, self.solver)
-        small_enough = p.q.size + p.row_low.size <= LARGEST_EXTENDED
+        small_enough = p.q.size + p.row_low.size <= LIMITS.extended
         sharpen = proofs and p.xp is np and p.is_sparse and small_enough
         best, steps = None, 0
-        for attempt in range(len(ATTEMPTS) if proofs else 2):
+        for attempt in range(len(LIMITS.attempts) if proofs else 2):
             if attempt == 1:
                 system = safe_system(self.scaled) or system
             found, count = self._attempt(attempt, system, sharpen)
@@ -180,7 +201,7 @@ class _Search:
             steps += count
             # Where the active set is not unique, the polish may end worse than it began.
             best = min(found if best is None else [best, *found], key=self._rank)
-            if sharpen and tol < best.residuals.worst <= NEAR_RESIDUAL:
+            if sharpen and tol < best.residuals.worst <= INTERIOR.near:
                 best = self._sharpened(best)
             if attempt == 0 and proofs and unproved and best.residuals.primal <= tol:
                 _prove_unbounded(p, self.solver)
@@ -206,7 +227,7 @@ class _Search:
         """The points where the interior point and the polish end, and the steps. No points if even
         the first cannot be computed: another attempt has another system.
         """
-        separate, spread = ATTEMPTS[attempt]
+        separate, spread = LIMITS.attempts[attempt]
         aim = (0.1 if attempt == 0 else 1e-3) * self.tol
         try:
             x, y, sides, count = interior_point(
@@ -228,7 +249,7 @@ class _Search:
             x,
             y,
             lambda x, y: self.whole(x, y).residuals.sharp,
-            POLISH_TARGET,
+            LIMITS.target,
         )
         found.append(self.whole(x, y))
         logger.debug(
@@ -267,7 +288,7 @@ def polished(p: StandardQP, sides: Sides, x: Array, y: Array) -> Point | None:
     bounds = p.xp.where(sides.bounds == 0, at, sides.bounds)
     part = Sides(bounds[small.free], sides.rows[small.rows])
     try:
-        x, y, _ = polish(scaled, kkt_system(scaled), part, *begin, sharp, POLISH_TARGET)
+        x, y, _ = polish(scaled, kkt_system(scaled), part, *begin, sharp, LIMITS.target)
     except np.linalg.LinAlgError:
         return None
     return whole(x, y)
@@ -276,11 +297,11 @@ def polished(p: StandardQP, sides: Sides, x: Array, y: Array) -> Point | None:
 def _prove(p: StandardQP, best: Point, solver: str) -> None:
     """Raise with a certificate if there is one."""
     # Both are sought: beside iterates that diverge even contradictory rows have small residuals.
-    if best.residuals.worst <= PLAUSIBLE_RESIDUAL:
+    if best.residuals.worst <= LIMITS.plausible:
         return
     small, scaling = equilibrate(p)
     likely = (_no_point, _no_bound)
-    for seek in likely if best.residuals.primal > PLAUSIBLE_RESIDUAL else likely[::-1]:
+    for seek in likely if best.residuals.primal > LIMITS.plausible else likely[::-1]:
         seek(small, scaling, functools.partial(_solution, solver))
 
 
@@ -291,7 +312,7 @@ def _lost_in_rounding(p: StandardQP, x: Array) -> bool:
     length = p.xp.abs(x)
     terms = float(length @ (abs(p.P) @ length))
     value = abs(float(p.q @ x)) + abs(float(x @ (p.P @ x)))
-    return terms > 0.0 and not value > LOST_CURVATURE * terms
+    return terms > 0.0 and not value > LIMITS.lost * terms
 
 
 def _size(p: StandardQP) -> float:
@@ -325,7 +346,7 @@ def _no_bound(
     one = small.xp.ones_like(small.q)
     P = sparse.diags_array(one, format="csr") if small.is_sparse else small.xp.diag(one)
     try:
-        minimise(replace(small, P=P, q=0.0 * one), FEASIBLE)
+        minimise(replace(small, P=P, q=0.0 * one), LIMITS.feasible)
     except NoPoint as error:
         raise NoPoint(scaling.rows * error.certificate) from None
     raise NoBound(scaling.variables * direction)
@@ -342,15 +363,6 @@ def _violated(p: StandardQP, x: Array) -> Array:
     return y
 
 
-# In an equilibrated program P has entries near one: beside products with P, a smaller linear term
-# has lost four of its sixteen digits.
-SMALL_LINEAR_TERM = 1e-4
-# Most unknowns: all eigenvectors of P are computed, and M is dense.
-MOST_UNKNOWNS = 500
-# Relative to the largest eigenvalue of P, for each unknown: less is rounding of its entries.
-EIGENVALUE_ROUNDING = 4 * np.finfo(float).eps
-
-
 class CurvatureRows:
     r"""A program whose linear term is small beside its curvature, with both of size one, in (x, w).
 
@@ -365,7 +377,7 @@ class CurvatureRows:
         n, self.m, self.size = p.q.size, p.row_low.size, size
         P = p.P.toarray() if p.is_sparse else p.P
         values, vectors = np.linalg.eigh(P)
-        kept = values > n * EIGENVALUE_ROUNDING * values[-1]
+        kept = values > n * LIMITS.eigenvalue * values[-1]
         M = (vectors[:, kept] * np.sqrt(values[kept])).T
         self.n, r = n, len(M)
         nothing, free = np.zeros(r), np.full(r, np.inf)
@@ -389,34 +401,12 @@ class CurvatureRows:
 
 def curvature_rows(p: StandardQP) -> CurvatureRows | None:
     """The program in (x, w), of an equilibrated one on the host; None where q is not small."""
-    if p.xp is not np or not 0 < p.q.size <= MOST_UNKNOWNS:
+    if p.xp is not np or not 0 < p.q.size <= LIMITS.unknowns:
         return None
     size = float(np.abs(p.q).max())
-    return CurvatureRows(p, size) if 0.0 < size < SMALL_LINEAR_TERM else None
+    return CurvatureRows(p, size) if 0.0 < size < LIMITS.linear else None
 
 
-# A sum below this part of its terms is zero: rounding of a few thousand terms reaches it.
-ZERO_SUM = 1e-12
-# Relative to its terms: margin of the inequality of a proof, above what was taken for zero.
-PROOF_MARGIN = 1e-9
-# Relative to the largest entry of q: rounding of other entries that are differences.
-TERM_ROUNDING = 64 * np.finfo(float).eps
-# A proof in which a component of C'y at an infinite bound is taken for zero excludes only points
-# nearer than this many times the largest side of the program.
-FARTHER = 1e4
-# Largest violation of a row by a ray: relative to the terms, as a projection leaves as much, and to
-# the largest entry of the row, for terms that vanish.
-RAY_ROUNDING, ENTRY_ROUNDING = 1e-10, 1e-16
-# Relative size of entries set to zero; the first value that gives a proof counts. A solution to
-# 1e-10 has entries of about 1e-5 where a sharp proof has a zero.
-NEGLIGIBLE = (1e-12, 1e-9, 1e-7, 1e-5)
-# Before the projection: components of C'y taken for zero if the largest y is one, and relative size
-# of rows of a ray taken for equalities.
-VANISHING, NEARLY_HELD = 1e-8, 1e-4
-# Most entries of the dense block of a projection: 32 MB.
-LARGEST_PROJECTION = 4_000_000
-# Singular values of that block below this, over the largest, are rounding.
-DEPENDENT = 1e-13
 Solve = Callable[[StandardQP], Array]
 
 
@@ -463,7 +453,7 @@ def farkas(p: StandardQP, solve: Solve) -> Array | None:
     largest = float(xp.abs(y).max()) if m else 0.0
     if not largest or not np.isfinite(largest):
         return None
-    for small in NEGLIGIBLE:
+    for small in PROOF.negligible:
         support = xp.where(xp.abs(y) <= small * largest, 0.0, -y / largest)
         for candidate in (support, _projected(p, support)):
             proof = _verified(p, candidate)
@@ -477,17 +467,18 @@ def _projected(p: StandardQP, y: Array) -> Array:
     xp = p.xp
     rows = xp.flatnonzero(y)
     columns = xp.flatnonzero(xp.isinf(p.lb) | xp.isinf(p.ub))
-    if not rows.size or not columns.size or rows.size * columns.size > LARGEST_PROJECTION:
+    if not rows.size or not columns.size or rows.size * columns.size > PROOF.projection:
         return y
     block = p.C[rows][:, columns]
     block = block.toarray() if is_sparse(block) else block
     c = p.C.T @ y
     loose = xp.isinf(p.lb[columns]) & xp.isinf(p.ub[columns])
     # A column with one side only must vanish where it points to the other, or nearly does so.
-    wrong = xp.where(xp.isinf(p.ub[columns]), c[columns] > -VANISHING, c[columns] < VANISHING)
+    small = PROOF.vanishing
+    wrong = xp.where(xp.isinf(p.ub[columns]), c[columns] > -small, c[columns] < small)
     keep = loose | wrong
     y = y.copy()
-    y[rows] -= xp.linalg.lstsq(block[:, keep].T, c[columns][keep], rcond=DEPENDENT)[0]
+    y[rows] -= xp.linalg.lstsq(block[:, keep].T, c[columns][keep], rcond=PROOF.dependent)[0]
     return y
 
 
@@ -497,18 +488,18 @@ def _verified(p: StandardQP, y: Array) -> Array | None:
     y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
     c = p.C.T @ y
     corner = xp.where(c > 0, p.ub, xp.where(c < 0, p.lb, 0.0))
-    rounded = xp.isinf(corner) & (xp.abs(c) <= ZERO_SUM * (abs(p.C).T @ xp.abs(y)))
+    rounded = xp.isinf(corner) & (xp.abs(c) <= PROOF.zero * (abs(p.C).T @ xp.abs(y)))
     rest = float(xp.abs(c[rounded]).sum())
     c, corner = xp.where(rounded, 0.0, c), xp.where(rounded, 0.0, corner)
     row = xp.where(y > 0, p.row_low, xp.where(y < 0, p.row_high, 0.0))
     most, least = float(c @ corner), float(y @ row)
     terms = float(xp.abs(c) @ xp.abs(corner)) + float(xp.abs(y) @ xp.abs(row))
     margin = least - most
-    if not margin > PROOF_MARGIN * terms:
+    if not margin > PROOF.margin * terms:
         return None
     # What was rounded off leaves points far away: they must be farther than any of the data.
     size = largest_side(p.row_low, p.row_high, p.lb, p.ub)
-    return y if margin > FARTHER * max(size, 1.0) * rest else None
+    return y if margin > PROOF.farther * max(size, 1.0) * rest else None
 
 
 def ray(p: StandardQP, solve: Solve, towards: Array | None = None) -> Array | None:
@@ -534,7 +525,7 @@ def ray(p: StandardQP, solve: Solve, towards: Array | None = None) -> Array | No
         largest = float(xp.abs(d).max())
         if not largest or not np.isfinite(largest):
             continue
-        for small in NEGLIGIBLE:
+        for small in PROOF.negligible:
             v = xp.clip(xp.where(xp.abs(d) <= small * largest, 0.0, d / largest), cone.lb, cone.ub)
             for candidate in (_straightened(cone, v), v):
                 if _falls(p, cone, candidate):
@@ -549,13 +540,11 @@ def _falls(p: StandardQP, cone: StandardQP, v: Array) -> bool:
     # Each row against itself: one that is small beside the others is a row all the same.
     size = abs(cone.C).max(axis=1)
     size = size.toarray() if is_sparse(size) else size
-    straight = bool(
-        (outside <= RAY_ROUNDING * terms + ENTRY_ROUNDING * size * float(length.max())).all()
-    )
+    straight = bool((outside <= PROOF.ray * terms + PROOF.entry * size * float(length.max())).all())
     inside = bool(((cone.lb <= v) & (v <= cone.ub)).all())
     # What entries of q fall by that are rounding beside its others proves nothing.
-    least = PROOF_MARGIN * float(xp.abs(p.q) @ length)
-    least += TERM_ROUNDING * float(xp.abs(p.q).max()) * float(length.max())
+    least = PROOF.margin * float(xp.abs(p.q) @ length)
+    least += PROOF.term * float(xp.abs(p.q).max()) * float(length.max())
     return bool(straight and inside and float(p.q @ v) < -least)
 
 
@@ -564,14 +553,14 @@ def _straightened(cone: StandardQP, v: Array) -> Array:
     xp = cone.xp
     terms = abs(cone.C) @ xp.abs(v)
     near = (cone.row_low > -xp.inf) | (cone.row_high < xp.inf)
-    rows = xp.flatnonzero(near & (xp.abs(cone.C @ v) <= NEARLY_HELD * terms) & (terms > 0.0))
+    rows = xp.flatnonzero(near & (xp.abs(cone.C @ v) <= PROOF.held * terms) & (terms > 0.0))
     columns = xp.flatnonzero(v)
-    if not rows.size or not columns.size or rows.size * columns.size > LARGEST_PROJECTION:
+    if not rows.size or not columns.size or rows.size * columns.size > PROOF.projection:
         return v
     block = cone.C[rows][:, columns]
     block = block.toarray() if is_sparse(block) else block
     v = v.copy()
-    v[columns] -= xp.linalg.lstsq(block, block @ v[columns], rcond=DEPENDENT)[0]
+    v[columns] -= xp.linalg.lstsq(block, block @ v[columns], rcond=PROOF.dependent)[0]
     return v
 
 

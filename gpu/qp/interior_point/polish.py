@@ -24,13 +24,18 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, one_side
 from gpu.qp.interior_point.equilibrate import Scaling, equilibrate
 from gpu.qp.interior_point.kkt_system import SparseSystem, System
 
-# A diagonal entry beside which entries of about one are rounding; no product with them overflows.
-HUGE = 1e20
-# Most steps: an interior point guesses nearly all sides, and each refinement gains the digits of
-# the regularisation.
-EXCHANGES, POLISH_REFINEMENTS = 6, 6
-# rho and delta, in scaled units, tried in turn: between rounding and what refinement takes back.
-POLISH_REGULARISATIONS = (1e-9, 1e-7, 1e-11)
+
+class _Limits(NamedTuple):  # limits of the steps, in scaled units
+    huge: float = 1e20  # a diagonal entry beside which one is rounding; no product overflows
+    exchanges: int = 6  # most: an interior point guesses nearly all sides
+    refinements: int = 6  # most: each gains the digits of the regularisation
+    regularisations: tuple[float, ...] = (1e-9, 1e-7, 1e-11)  # rho, delta, in turn
+    extended: tuple[float, ...] = (1e-9, 1e-12, 1e-14)  # less for dependent rows
+    stalled: int = 4  # steps without the correction becoming half as large
+    nothing: float = float(np.finfo(float).eps) / 16  # corrections lost in rounding
+
+
+LIMITS = _Limits()
 
 
 class Sides(NamedTuple):
@@ -51,9 +56,9 @@ def polish(
 ) -> tuple[Array, Array, float]:
     """The best (x, y) that active-set steps find; `measure` is what is made small."""
     best, error = (x, y), measure(x, y)
-    for regularisation in POLISH_REGULARISATIONS:
+    for regularisation in LIMITS.regularisations:
         state, point = sides, (x, y)
-        for _ in range(EXCHANGES):
+        for _ in range(LIMITS.exchanges):
             try:
                 found = _at(p, system, state, *point, regularisation, measure, target)
             except np.linalg.LinAlgError:
@@ -88,15 +93,15 @@ def _at(
     xp = p.xp
     held = state.bounds != 0
     used = (state.rows != 0) | p.equality
-    D = xp.where(held, HUGE, regularisation)
-    E = xp.where(used, regularisation, HUGE)
+    D = xp.where(held, LIMITS.huge, regularisation)
+    E = xp.where(used, regularisation, LIMITS.huge)
     system.factor(D, E)
     x = xp.where(state.bounds < 0, p.lb, xp.where(state.bounds > 0, p.ub, x))
     y = xp.where(used, y, 0.0)
     goal = xp.where(state.rows < 0, p.row_low, xp.where(state.rows > 0, p.row_high, p.row_low))
     goal = xp.where(used, goal, 0.0)
     best, found = np.inf, None
-    for _ in range(POLISH_REFINEMENTS):
+    for _ in range(LIMITS.refinements):
         rd = xp.where(held, 0.0, p.gradient(x, y))
         rp = xp.where(used, goal - p.C @ x, 0.0)
         dx, dy = system.solve(-rd, rp)
@@ -129,13 +134,6 @@ def _exchange(p: StandardQP, state: Sides, x: Array, y: Array) -> Sides:
 
 # 64 bits of mantissa on x86, 113 on other Linux machines, and 53 where there is nothing longer.
 Long = np.longdouble
-# In scaled units; the first that converges counts, smaller ones serve rows that are almost
-# dependent.
-EXTENDED_REGULARISATIONS = (1e-9, 1e-12, 1e-14)
-# Steps that may pass without the correction becoming half as large.
-STALLED_REFINEMENTS = 4
-# Relative to the largest entry: smaller corrections are lost in rounding.
-NOTHING = np.finfo(float).eps / 16
 
 
 class PrimalDual(NamedTuple):
@@ -159,7 +157,7 @@ def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
     tight, loose = (_active(scaled, scaling, t, loose) for loose in (False, True))
     same = all(np.array_equal(a, b) for a, b in zip(tight, loose, strict=True))
     for active in (tight,) if same else (tight, loose):
-        for regularisation in EXTENDED_REGULARISATIONS:
+        for regularisation in LIMITS.extended:
             try:
                 found, settled = _refined(p, scaled, scaling, t, active, regularisation)
             except np.linalg.LinAlgError:
@@ -200,11 +198,12 @@ def _refined(
     goal = np.where(active.rows < 0, scaled.row_low, np.where(used, scaled.row_high, 0.0))
 
     system = SparseSystem(scaled)
-    system.factor(np.where(held, HUGE, regularisation), np.where(used, regularisation, HUGE))
+    huge = LIMITS.huge
+    system.factor(np.where(held, huge, regularisation), np.where(used, regularisation, huge))
     P, C, Ct = _long(scaled.P), _long(scaled.C), _long(scaled.C.T)
     x, y = np.where(held, bound, x).astype(Long), np.where(used, y, 0.0).astype(Long)
     settled, last, stalled = False, np.inf, 0
-    while not settled and stalled < STALLED_REFINEMENTS:
+    while not settled and stalled < LIMITS.stalled:
         rd = np.where(held, 0.0, P @ x + scaled.q + Ct @ y)
         rp = np.where(used, goal - C @ x, 0.0)
         dx, dy = system.solve(-rd.astype(float), rp.astype(float), thorough=True)
@@ -212,7 +211,7 @@ def _refined(
         x, y = x + dx, y + dy
         steps = ((dx, x), (dy, y))
         change = largest(*(_largest(step) / (_largest(whole) or 1.0) for step, whole in steps))
-        settled = bool(change <= NOTHING)
+        settled = bool(change <= LIMITS.nothing)
         stalled = 0 if change < 0.5 * last else stalled + 1
         last = min(last, change)
     return _rounded(p, *scaling.point(x, y)), settled

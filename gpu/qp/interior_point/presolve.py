@@ -21,7 +21,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -29,12 +29,14 @@ from scipy import sparse
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 from gpu.qp.interior_point.equilibrate import largest_side
 
-# Most passes over all rows, as one may make reductions possible for the next; they end after a few.
-SEARCH_ROUNDS = 10
-# Relative to the terms of a row: if the bounds leave it less room than this, it is a forcing row.
-ACTIVITY_ROUNDING = 1e-14
-# Dense matrices with more entries (32 MB) are not searched, as few of their entries are zero.
-LARGEST_SEARCHED = 4_000_000
+
+class _Presolve(NamedTuple):  # limits of the search
+    rounds: int = 10  # most passes over all rows; they end after a few
+    activity: float = 1e-14  # of a row's terms: with less room it is a forcing row
+    entries: int = 4_000_000  # most of a dense matrix that is searched (32 MB): few are zero
+
+
+PRESOLVE = _Presolve()
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,7 @@ Reduction = Parallel | Single | Forcing
 
 def presolve(p: StandardQP, search: bool = True) -> Presolved:
     """Remove fixed variables and empty rows; if `search`, on the host, make all reductions."""
-    if search and p.xp is np and (p.is_sparse or p.C.size <= LARGEST_SEARCHED):
+    if search and p.xp is np and (p.is_sparse or p.C.size <= PRESOLVE.entries):
         tight, dropped, reductions = _Search(p).run()
     else:
         tight, dropped, reductions = p, p.xp.zeros(p.row_low.size, dtype=bool), ()
@@ -170,7 +172,7 @@ def contradiction(p: StandardQP, tol: float) -> Array | None:
     Cx = p.C @ x
     side = xp.clip(Cx, p.row_low, p.row_high)
     # A side may consist of rounding errors, if it was computed as a difference.
-    rounding = ACTIVITY_ROUNDING * largest_side(p.row_low, p.row_high, p.lb, p.ub)
+    rounding = PRESOLVE.activity * largest_side(p.row_low, p.row_high, p.lb, p.ub)
     rows = xp.flatnonzero(xp.abs(Cx - side) > xp.maximum(tol * xp.abs(side), rounding))
     if not rows.size:
         return None
@@ -199,7 +201,7 @@ class _Search:
 
     def run(self) -> tuple[StandardQP, Array, tuple[Reduction, ...]]:
         self._parallel()
-        for _ in range(SEARCH_ROUNDS):
+        for _ in range(PRESOLVE.rounds):
             before = len(self.found), int(self.dropped.sum())
             self._rows()
             if (len(self.found), int(self.dropped.sum())) == before:
@@ -250,7 +252,7 @@ class _Search:
         free.eliminate_zeros()
         count = np.diff(free.indptr)
         low, high = self.low - shift, self.high - shift
-        rounding = ACTIVITY_ROUNDING * (abs(self.C) @ abs(x))
+        rounding = PRESOLVE.activity * (abs(self.C) @ abs(x))
         self.dropped |= (count == 0) | (np.isinf(low) & np.isinf(high))
         self._singles(np.flatnonzero((count == 1) & ~self.dropped), free, low, high)
         self._activities(np.flatnonzero((count > 1) & ~self.dropped), free, low, high, rounding)
@@ -297,7 +299,7 @@ class _Search:
             size = np.maximum(size, (up + down) @ abs(finite))
         bottom = np.where(least[0][1] + least[1][1] > 0, -np.inf, least[0][0] + least[1][0])
         top = np.where(most[0][1] + most[1][1] > 0, np.inf, most[0][0] + most[1][0])
-        slack = ACTIVITY_ROUNDING * size + rounding[rows]
+        slack = PRESOLVE.activity * size + rounding[rows]
         self.dropped[rows[(bottom >= low[rows]) & (top <= high[rows])]] = True
         forced = (abs(bottom - high[rows]) <= slack) & np.isfinite(bottom)
         self._force(rows[forced], free, 1)

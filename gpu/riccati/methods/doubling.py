@@ -20,9 +20,14 @@ from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.lyapunov import cayley_shift
 from gpu.riccati.proof.refinement import finished, refine
 
-ITERATIONS = 60  # doublings: 2^60 steps of the transformed loop
-BEST_SHIFT = 100  # up to this order the shift is chosen from all eigenvalues of the Hamiltonian
-QZ = 600  # up to this order QZ is tried if doubling fails
+
+class _Limits(NamedTuple):  # limits of the method
+    iterations: int = 60  # doublings: 2^60 steps of the transformed loop
+    best_shift: int = 100  # order up to which the shift is chosen from all eigenvalues
+    qz: int = 600  # order up to which QZ is tried if doubling fails
+
+
+LIMITS = _Limits()
 
 
 Candidate = Callable[[LQRProblem, DenseProblem], tuple[Any, dict[str, Any]]]
@@ -44,7 +49,7 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     candidates: list[Candidate] = [_by_doubling]
     if fallback:
         candidates.append(partial(_by_doubling, moved=True))
-        candidates += [_by_qz, _by_newton] if problem.n <= QZ else [_by_newton]
+        candidates += [_by_qz, _by_newton] if problem.n <= LIMITS.qz else [_by_newton]
     best: Found | None = None
     for candidate in candidates:
         try:
@@ -128,7 +133,7 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
     G, H = (G + G.T) / 2, (H + H.T) / 2
     del moved, inverse, reach, half
     converged, iteration = False, 0
-    while iteration < ITERATIONS and not converged:
+    while iteration < LIMITS.iterations and not converged:
         iteration += 1
         W = G @ H
         W[places, places] += 1.0
@@ -145,7 +150,7 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
         left = float(xp.linalg.norm(A))
         converged = float(xp.linalg.norm(step)) <= 4 * EPS * size and left < 1e-3
         # If G and H are semidefinite, the next step is at most |A|^2 times H.
-        converged |= n > BEST_SHIFT and left * left <= EPS
+        converged |= n > LIMITS.best_shift and left * left <= EPS
     return Doubled(H, iteration, converged)
 
 
@@ -153,7 +158,7 @@ def _shift(A: Any, G: Any, Q: Any) -> float:
     xp, n = namespace(A), len(A)
     H = xp.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, -G, -Q, -A.T
-    if n > BEST_SHIFT:
+    if n > LIMITS.best_shift:
         return cayley_shift(H)
     values = np.linalg.eigvals(to_host(H))
     values = values[values.real < 0.0]

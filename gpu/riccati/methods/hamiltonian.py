@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -20,14 +20,17 @@ from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, factor
 from gpu.riccati.problem.weights import Weight
 
-PI = ("printed", "symmetric")
-STARTS = ("random", "inputs")
-COPIES = 100  # most additional eigenvalues that are computed in place of ones no input reaches
-EXTRA = 6  # eigenvalues beyond those wanted, so that neither +- nor conjugate pairs are cut
-ALL_EIGENVALUES = 128  # up to this order of the Hamiltonian all of its eigenvalues are computed
-MOST_RESTARTS = 300  # of Krylov-Schur; if it converges, it takes a few dozen
-UNREACHED = 1e-8  # an eigenvector with a smaller |B^T y| / (|B| |y|) has no part in the gain
-SAME_MODULUS = 1e-6  # relative: eigenvalues whose moduli differ by less are taken together
+
+class _Limits(NamedTuple):  # limits of the method
+    copies: int = 100  # most eigenvalues computed in place of ones that no input reaches
+    extra: int = 6  # eigenvalues beyond those wanted: no +- or conjugate pair is cut
+    all: int = 128  # order of the Hamiltonian up to which all are computed
+    restarts: int = 300  # of Krylov-Schur; if it converges, it takes a few dozen
+    unreached: float = 1e-8  # |B^T y| / (|B| |y|) below: y has no part in the gain
+    same: float = 1e-6  # relative: eigenvalues of nearer moduli are taken together
+
+
+LIMITS = _Limits()
 
 
 def solve(
@@ -48,9 +51,9 @@ def solve(
     modes, or at "inputs".
     """
     state, B, weight = problem.state, problem.input, problem.weight
-    choice("pi", pi, PI)
+    choice("pi", pi, ("printed", "symmetric"))
     default = "random" if pi == "printed" else "inputs"
-    start = default if start is None else choice("start", start, STARTS)
+    start = default if start is None else choice("start", start, ("random", "inputs"))
     if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or modes < 2:
         raise InputError(f"modes={modes!r}: expected a whole number from 2")
     if inner is not None and pi != "printed":
@@ -100,7 +103,7 @@ def stable_subspace(
     state.explicit = True
     inverse = InverseHamiltonian(state, B, weight, scale=rho)
     n, xp = state.n, state.xp
-    wanted, limit = modes, min(modes + COPIES, 2 * n)
+    wanted, limit = modes, min(modes + LIMITS.copies, 2 * n)
     if start == "inputs" and state.kind == "dense":
         wanted = min(2 * modes, limit)
     while True:
@@ -111,11 +114,11 @@ def stable_subspace(
             break
         # Rounding brings in eigenvectors that no input reaches: they are kept, but not counted.
         more = wanted * (modes / max(counted, 1)) ** 1.5
-        wanted = min(limit, int(max(more, wanted)) + EXTRA)
+        wanted = min(limit, int(max(more, wanted)) + LIMITS.extra)
     size = np.abs(w)
     taken = np.ones(len(w), dtype=bool)
     if counted > modes:
-        taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - SAME_MODULUS)
+        taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - LIMITS.same)
     axis = np.abs(w.real) <= 1e-9 * size
     # Eigenvalues that are zero up to rounding: single ones, then double ones, which rounding splits
     # into a pair of the size of its square root. For an operator, whose size is NaN, no test.
@@ -146,7 +149,7 @@ def _reached(B: Any, Y: Any) -> np.ndarray:
     """A mask of the columns of Y that have a part in the gain ``B^T Y``."""
     norm = namespace(B).linalg.norm
     seen, size = norm(B.T @ Y, axis=0), float(norm(B)) * norm(Y, axis=0)
-    return np.asarray(to_host(seen > UNREACHED * size))
+    return np.asarray(to_host(seen > LIMITS.unreached * size))
 
 
 def _largest(
@@ -154,8 +157,8 @@ def _largest(
 ) -> tuple[Any, Any]:
     """Eigenvalues of largest modulus of the inverse and their vectors, a few more than `modes`."""
     n, xp = inverse.state.n, inverse.state.xp
-    wanted = min(modes + EXTRA, 2 * n)
-    if 2 * n <= max(ALL_EIGENVALUES, 2 * wanted + 23):
+    wanted = min(modes + LIMITS.extra, 2 * n)
+    if 2 * n <= max(LIMITS.all, 2 * wanted + 23):
         return _all(inverse)
     rng = np.random.default_rng(0)
     seed = xp.asarray(rng.standard_normal(2 * n))
@@ -166,7 +169,7 @@ def _largest(
         inverse.apply,
         2 * n,
         Wanted(wanted, np.abs, tol),
-        Limits(2 * wanted + 20, maxiter=MOST_RESTARTS, challenge=start == "random"),
+        Limits(2 * wanted + 20, maxiter=LIMITS.restarts, challenge=start == "random"),
         dtype=np.dtype(float),
         xp=xp,
         start=seed,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -14,10 +14,15 @@ from gpu.errors import InputError, RiccatiError
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, as_sparse, factor, vanishing
 from gpu.riccati.problem.weights import Weight, scaled_input
 
-# Relative residuals of the inverse: above the first, refine by two more solves; above the second,
-# factor the whole Hamiltonian; above the third, report a mode at zero that no feedback moves; above
-# the last, no digit is right.
-ROUNDED_RESIDUAL, FEW_DIGITS, SEVERAL_DIGITS, NO_DIGITS = 4e-13, 1e-9, 1e-6, 0.1
+
+class _Limits(NamedTuple):  # relative residuals of the inverse above which more is done
+    rounded: float = 4e-13  # refine by two more solves
+    few_digits: float = 1e-9  # factor the whole Hamiltonian
+    several_digits: float = 1e-6  # report a mode at zero that no feedback moves
+    no_digits: float = 0.1  # no digit is right
+
+
+LIMITS = _Limits()
 
 
 def hamiltonian_inverse(
@@ -120,7 +125,7 @@ class InverseHamiltonian:
             self._prepare(factors)
             # Digits are lost if A is much closer to singular than H is.
             lost = self._probe()
-            if not lost < ROUNDED_RESIDUAL and state.kind in ("dense", "sparse"):
+            if not lost < LIMITS.rounded and state.kind in ("dense", "sparse"):
                 kept = dict(self.__dict__)
                 try:
                     self._feed_back()
@@ -129,7 +134,7 @@ class InverseHamiltonian:
                 if not self._probe() < lost:
                     self.__dict__.update(kept)
         lost = np.inf if self.factors is None else self._probe()
-        if not lost < FEW_DIGITS and state.xp is np:
+        if not lost < LIMITS.few_digits and state.xp is np:
             # Without null vectors that can be told apart, factor the whole Hamiltonian.
             self._whole = _factor_whole(state, self._B, weight, scale)
             if self._whole is not None and not self._probe() < lost:
@@ -137,10 +142,10 @@ class InverseHamiltonian:
         if self.factors is None and self._whole is None:
             raise unmoved if isinstance(unmoved, RiccatiError) else RiccatiError(_SINGULAR)
         lost = self._probe()
-        if isinstance(unmoved, RiccatiError) and not lost < SEVERAL_DIGITS:
+        if isinstance(unmoved, RiccatiError) and not lost < LIMITS.several_digits:
             raise unmoved
-        self._refine = not lost < ROUNDED_RESIDUAL
-        if not lost < NO_DIGITS:
+        self._refine = not lost < LIMITS.rounded
+        if not lost < LIMITS.no_digits:
             raise RiccatiError(
                 f"the Hamiltonian has an eigenvalue that is zero to working precision: {_GIVE}"
             )

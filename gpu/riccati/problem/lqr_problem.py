@@ -17,12 +17,14 @@ from gpu.errors import InputError
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.riccati.problem.weights import Weight
 
-# Asymmetry of R or Q, relative to the largest entry, that counts as rounding.
-WEIGHT_ASYMMETRY = 1e-12
-# Q counts as semidefinite if so large a shift, relative to its diagonal, makes it definite.
-DEFINITENESS = 1e-12
-# Squares of larger entries, and their sums, leave the range of double precision.
-LARGEST = 1e150
+
+class _Limits(NamedTuple):  # tolerances of the arguments
+    asymmetry: float = 1e-12  # of R or Q, over the largest entry: rounding
+    definiteness: float = 1e-12  # shift over the diagonal that makes Q definite
+    largest: float = 1e150  # squares of larger entries, and sums, leave the range
+
+
+LIMITS = _Limits()
 
 
 NOT_SEMIDEFINITE = (
@@ -64,7 +66,7 @@ class LQRProblem:
     @property
     def squares_fit(self) -> bool:
         """Whether squares of the entries of a dense A and of B stay in range."""
-        return max(float(abs(M).max()) for M in (self.state.A, self.B)) <= LARGEST
+        return max(float(abs(M).max()) for M in (self.state.A, self.B)) <= LIMITS.largest
 
     @cached_property
     def unit(self) -> Any:
@@ -164,9 +166,9 @@ def check_lqr(
     B = columns("B", B, n, xp)
     m = B.shape[1]
     scaled = state.kind == "dense" and not (hasattr(Q, "matvec") and not hasattr(Q, "tocsr"))
-    if not scaled and state.kind != "operator" and float(abs(state.A).max()) > LARGEST:
+    if not scaled and state.kind != "operator" and float(abs(state.A).max()) > LIMITS.largest:
         raise InputError("A is too large, its squares overflow: measure time in other units")
-    if not scaled and float(abs(B).max()) > LARGEST:
+    if not scaled and float(abs(B).max()) > LIMITS.largest:
         raise InputError("B is too large, its squares overflow: measure inputs in other units")
     R_host = _input_cost(R, m)
     try:
@@ -309,7 +311,7 @@ def _weight_argument(Q: Any, n: int) -> Any:
 
 def _check_symmetric(name: str, M: Any) -> None:
     wrong = abs(M - M.T).max()
-    if float(wrong) > WEIGHT_ASYMMETRY * float(abs(M).max()):
+    if float(wrong) > LIMITS.asymmetry * float(abs(M).max()):
         raise InputError(
             f"{name} is not symmetric, |{name} - {name}'| reaches {float(wrong):.1e}: pass "
             f"({name} + {name}.T) / 2 if that is what is meant"
@@ -342,7 +344,7 @@ def _semidefinite(M: Any, xp: Any) -> bool:
     unit = xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0))
     scaled = M / unit / unit[:, None]
     places = xp.arange(len(M))
-    scaled[places, places] += DEFINITENESS * max(1.0, len(M))
+    scaled[places, places] += LIMITS.definiteness * max(1.0, len(M))
     factor = xp.linalg.cholesky if xp is not np else np.linalg.cholesky
     try:
         L = factor(scaled)
@@ -356,7 +358,7 @@ def _sparse_semidefinite(Q: Any) -> bool:
     diagonal = Q.diagonal()
     unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = sparse.csc_array(Q.multiply(unit).multiply(unit[:, None]))
-    shift = DEFINITENESS * max(1.0, Q.shape[0])
+    shift = LIMITS.definiteness * max(1.0, Q.shape[0])
     return is_positive_definite(scaled + shift * sparse.eye_array(Q.shape[0], format="csc"))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -16,17 +16,28 @@ from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem, balance, s
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix
 from gpu.riccati.proof.lyapunov import SCHUR, LyapunovSolver, cayley_shift, lyapunov_solver
 
+
+class _Limits(NamedTuple):  # limits of poles and of bounds for them
+    poles: int = 12  # nearest to zero, where not all are computed
+    large: int = 100_000  # from this order on products with the basis cost more than applications
+    restarts: int = 30  # most, for the few poles
+    tolerances: tuple[float, float] = (1e-8, 1e-4)  # the second for poles in a cluster
+    left: float = 1e-3  # of the matrix: no eigenvalues that far left meet on the axis
+    outside: float = 1e-6  # of the unit circle, beyond what an eigenvalue converged to
+    roundings: float = 1e2  # times rounding and condition: error of a pole found
+    squares: float = 0.05  # second order of a Newton step over the first where it converges
+    fractions: tuple[float, ...] = (1 - 1e-3, 0.9, 0.5, 0.1, 1e-2, 1e-4, 0.0)  # abscissas tried
+    examined: int = 1500  # up to this order modes are examined
+    worst: int = 24  # how many modes, beginning with the least stable
+    singular: float = 1e-12  # singular value in Hautus' test, over the matrix, taken for zero
+    axis: float = 1e-6  # distance from the axis, over the matrix, of a mode that may lie on it
+    moved: float = 10.0  # if so many roundings of the matrix may move it there
+
+
+LIMITS = _Limits()
+
+
 ALL_POLES = 1500  # up to this order all poles are computed
-FEW_POLES = 12  # nearest to zero, where not all are computed
-LARGE = 100_000  # from this order on products with the basis cost more than applications
-# Most restarts for the few poles; tolerances, the second for poles in a cluster, which converge
-# late.
-POLE_RESTARTS, POLE_TOLERANCES = 30, (1e-8, 1e-4)
-# Left of the axis by so much of the matrix, no meeting of eigenvalues there can be in question.
-CLEARLY_LEFT = 1e-3
-OUTSIDE_CIRCLE = 1e-6  # of the unit circle, beyond what an eigenvalue there is converged to
-POLE_ROUNDINGS = 1e2  # times rounding and condition: what a pole found may be off by
-SQUARES = 0.05  # the second order of a Newton step over the first where it converges
 
 
 @dataclass(frozen=True)
@@ -63,9 +74,9 @@ class DenseLoop:
             values = to_host(namespace(self.matrix).linalg.eigvalsh(self.matrix)) + 0j
         else:
             values = np.zeros(0, dtype=complex)
-            for tolerance in POLE_TOLERANCES:
+            for tolerance in LIMITS.tolerances:
                 try:
-                    values = _nearest(self.matrix, sigma=0.0, k=FEW_POLES, tol=tolerance)
+                    values = _nearest(self.matrix, sigma=0.0, k=LIMITS.poles, tol=tolerance)
                 except GpuError:
                     continue
                 break
@@ -151,16 +162,16 @@ class DenseLoop:
         """Whether a Riccati solution as good as this one may have a pole on the axis. If
         eigenvalues of the Hamiltonian meet there, a Newton step is half of the one before instead
         of its square, and the second order of a step is a quarter of it."""
-        return self._near() and not self.newton[1] <= SQUARES
+        return self._near() and not self.newton[1] <= LIMITS.squares
 
     def is_sensitive(self) -> bool:
         """Whether rounding of the data may put a pole on the axis, even for an exact value."""
-        return self._near() and not self._step(EPS * self.doubt[2])[1] <= SQUARES
+        return self._near() and not self._step(EPS * self.doubt[2])[1] <= LIMITS.squares
 
     def _near(self) -> bool:
         if self.doubt is None or len(self.matrix) > SCHUR:
             return False
-        return self.abscissa >= -CLEARLY_LEFT * float(
+        return self.abscissa >= -LIMITS.left * float(
             namespace(self.matrix).linalg.norm(self.matrix)
         )
 
@@ -207,7 +218,7 @@ def dense_loop(problem: LQRProblem, K: Any) -> DenseLoop:
     return closed_loop_of(problem, standard, problem.unit, K=K)
 
 
-def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW_POLES) -> np.ndarray:
+def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = LIMITS.poles) -> np.ndarray:
     """The poles of ``E^-1 (A - B K)`` nearest to zero, rightmost first, by solves with A alone."""
     xp, n = state.xp, state.n
     shift, factors = 0.0, state.factor()
@@ -248,7 +259,7 @@ def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex
         if inverse is None:
             continue
         theta = _outermost(inverse, s, x)
-        if theta is None or not abs(theta) > 1.0 + OUTSIDE_CIRCLE:
+        if theta is None or not abs(theta) > 1.0 + LIMITS.outside:
             continue
         pole = s * (theta + 1.0) / (theta - 1.0)
         if pole.real > _doubt(state, B, K, pole):
@@ -287,7 +298,7 @@ def _doubt(state: StateMatrix, B: Any, K: Any, pole: complex) -> float:
         x, y = x / xp.linalg.norm(x), y / xp.linalg.norm(y)
     size = (state.size() + float(abs(B).max()) * float(abs(K).max())) * n**0.5
     cosine = abs(complex((y * state.mass(x)).sum()))
-    return POLE_ROUNDINGS * EPS * size / max(cosine, 1e-300)
+    return LIMITS.roundings * EPS * size / max(cosine, 1e-300)
 
 
 def _loop_inverse(
@@ -321,27 +332,27 @@ def _poles_by(inverse: Any, shift: float, n: int, xp: Any, count: int) -> np.nda
     """Poles nearest to `shift`, of a loop whose inverse, shifted, is applied by ``inverse``."""
     start = xp.asarray(np.random.default_rng(0).standard_normal(n))
     few = max(count // 3, 1)
-    options = {"k": few, "ncv": 4 * few} if n >= LARGE else {"k": min(count, n)}
+    options = {"k": few, "ncv": 4 * few} if n >= LIMITS.large else {"k": min(count, n)}
     theta = _nearest(inverse, v0=start, **options)
     poles = shift + 1.0 / theta
     return poles[np.argsort(-poles.real, kind="stable")]
 
 
-def _nearest(matrix: Any, tol: float = POLE_TOLERANCES[0], **options: Any) -> np.ndarray:
+def _nearest(matrix: Any, tol: float = LIMITS.tolerances[0], **options: Any) -> np.ndarray:
     """The eigenvalues asked for, as far as they converge in a few restarts. Copies of a repeated
     one may never converge, and the missing one may be the nearest of all: so those found with a
     looser tolerance are added."""
     from gpu.eigenvalues.eigs import eigs
 
     found = np.zeros(0, dtype=complex)
-    for looser in (tol, *(other for other in POLE_TOLERANCES if other > tol)):
+    for looser in (tol, *(other for other in LIMITS.tolerances if other > tol)):
         try:
             more = eigs(
-                matrix, return_eigenvectors=False, maxiter=POLE_RESTARTS, tol=looser, **options
+                matrix, return_eigenvectors=False, maxiter=LIMITS.restarts, tol=looser, **options
             )
         except NotConverged as error:
             if error.eigenvalues is None or not len(error.eigenvalues):
-                if looser == POLE_TOLERANCES[-1] and not len(found):
+                if looser == LIMITS.tolerances[-1] and not len(found):
                     raise
                 continue
             more, complete = to_host(error.eigenvalues), False
@@ -352,10 +363,6 @@ def _nearest(matrix: Any, tol: float = POLE_TOLERANCES[0], **options: Any) -> np
         if complete:
             break
     return found
-
-
-# Fractions of the likely abscissa that are tried, from the sharpest on.
-FRACTIONS = (1 - 1e-3, 0.9, 0.5, 0.1, 1e-2, 1e-4, 0.0)
 
 
 def proven_bound(A: Any, P: Any, magnitude: Any, likely: float) -> float:
@@ -383,7 +390,7 @@ def proven_bound(A: Any, P: Any, magnitude: Any, likely: float) -> float:
     del size
     steepest = float((diagonal / own).min()) / 2.0
     steepest = min(steepest, -likely) if likely < 0.0 else steepest
-    for fraction in FRACTIONS:
+    for fraction in LIMITS.fractions:
         mu = fraction * steepest
         if _definite(M - 2.0 * mu * P if mu else M, unit, error):
             return -mu
@@ -406,15 +413,6 @@ def _definite(M: Any, unit: Any, error: float) -> bool:
     return bool(xp.isfinite(L.diagonal()).all())
 
 
-EXAMINED = 1500  # up to this order modes are examined
-WORST = 24  # how many modes, beginning with the least stable
-# Smallest singular value in Hautus' test, relative to the matrix, that counts as zero.
-SINGULAR = 1e-12
-# An eigenvalue may lie on the imaginary axis if it is this near, relative to the matrix, and if so
-# many roundings of the matrix may move it there.
-AXIS, MODE_ROUNDINGS = 1e-6, 10.0
-
-
 def explain(problem: LQRProblem) -> RiccatiError | None:
     """The error of `named`, or that of an eigenvalue on the imaginary axis; None without one."""
     found = named(problem)
@@ -426,7 +424,7 @@ def explain(problem: LQRProblem) -> RiccatiError | None:
     H = np.block([[A, -B @ B.T], [-Q, -A.T]])
     values = np.linalg.eigvals(H)
     nearest = values[np.argmin(np.abs(values.real))]
-    if abs(nearest.real) <= max(AXIS * abs(nearest), 1e3 * EPS * float(np.linalg.norm(H))):
+    if abs(nearest.real) <= max(LIMITS.axis * abs(nearest), 1e3 * EPS * float(np.linalg.norm(H))):
         nearest = problem.rate(nearest)
         value = complex(0.0, abs(nearest.imag))
         return RiccatiError(
@@ -452,7 +450,7 @@ def named(problem: LQRProblem) -> RiccatiError | None:
 
 
 def _standard(problem: LQRProblem) -> DenseProblem | None:
-    if problem.n > EXAMINED:
+    if problem.n > LIMITS.examined:
         return None
     try:
         return problem.entries().standard()
@@ -482,7 +480,7 @@ def _not_detectable(problem: LQRProblem, A: np.ndarray, Q: np.ndarray) -> Riccat
     A, own = _balanced(A)
     Q = Q * own * own[:, None]
     for value, size, doubt in _unstable(A):
-        if abs(value.real) > min(AXIS * max(abs(value), 0.1 * size), doubt):
+        if abs(value.real) > min(LIMITS.axis * max(abs(value), 0.1 * size), doubt):
             continue
         if _loses_rank((A - value * np.eye(len(A))).T, Q, size):
             value = problem.rate(value)
@@ -507,14 +505,14 @@ def _unstable(A: np.ndarray) -> list[tuple[complex, float, float]]:
     and right vectors (Wilkinson 1965)."""
     size = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
     values = np.linalg.eigvals(A)
-    if not np.any(values.real >= -AXIS * size):
+    if not np.any(values.real >= -LIMITS.axis * size):
         return []
     values, left, right = linalg.eig(A, left=True)
     cosines = np.abs((left.conj() * right).sum(axis=0))
-    doubts = MODE_ROUNDINGS * EPS * size / np.maximum(cosines, np.finfo(float).tiny)
+    doubts = LIMITS.moved * EPS * size / np.maximum(cosines, np.finfo(float).tiny)
     order = np.argsort(-values.real, kind="stable")
     order = order[(values.imag >= 0.0)[order]]
-    order = order[(values.real >= -np.minimum(AXIS * size, doubts))[order]][:WORST]
+    order = order[(values.real >= -np.minimum(LIMITS.axis * size, doubts))[order]][: LIMITS.worst]
     return [(complex(values[i]), size, float(doubts[i])) for i in order]
 
 
@@ -522,7 +520,7 @@ def _loses_rank(M: np.ndarray, extra: np.ndarray, size: float) -> bool:
     norm = float(np.linalg.norm(extra))
     scaled = extra * (size / norm) if norm > 0.0 else extra
     smallest = np.linalg.svd(np.hstack([M, scaled]), compute_uv=False)[-1]
-    return bool(smallest <= SINGULAR * size)
+    return bool(smallest <= LIMITS.singular * size)
 
 
 def _shown(value: complex) -> str:

@@ -12,11 +12,15 @@ from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.closed_loop import DenseLoop, closed_loop_of
 
-# Largest relative residual, in balanced units, that is certified.
-RESIDUAL = 1e-9
-# Largest relative distance to the solution, in balanced units, that is certified if the residual is
-# not.
-ERROR = 1e-12
+
+class _Limits(NamedTuple):  # tolerances, in balanced units
+    residual: float = 1e-9  # largest relative residual that is certified
+    error: float = 1e-12  # largest relative distance to the solution that is, if it is not
+    far: int = 250  # powers of two from here on have squares near the ends of the range
+    extended: int = 128  # order up to which residuals are in extended precision on the host
+
+
+LIMITS = _Limits()
 
 
 class Verdict(NamedTuple):
@@ -29,7 +33,7 @@ class Verdict(NamedTuple):
     @property
     def certified(self) -> bool:
         """Whether it solves the equation and stabilises."""
-        solved = bool(self.residual <= RESIDUAL) or self.error <= ERROR
+        solved = bool(self.residual <= LIMITS.residual) or self.error <= LIMITS.error
         return solved and self.loop.is_stable()
 
     @property
@@ -37,7 +41,7 @@ class Verdict(NamedTuple):
         """The distance to the solution if the residual is too large, else NaN. Where ``S A`` is
         much smaller than its terms, no matrix of double precision has a small residual.
         """
-        return np.nan if self.residual <= RESIDUAL else self.rounded + self.loop.newton[0]
+        return np.nan if self.residual <= LIMITS.residual else self.rounded + self.loop.newton[0]
 
 
 def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
@@ -102,18 +106,13 @@ def judge(problem: LQRProblem, S: Any) -> Verdict:
 
 def in_extended(problem: LQRProblem) -> bool:
     """Whether residuals are computed in extended precision."""
-    return problem.xp is np and problem.n <= EXTENDED
+    return problem.xp is np and problem.n <= LIMITS.extended
 
 
 def _balanced_norm(problem: LQRProblem, S: Any, unit: Any) -> float:
     E = problem.full()[1]
     Y = S if E is None else E.T @ S @ E
     return float(problem.xp.linalg.norm((Y * unit * unit[:, None]).astype(float)))
-
-
-# Powers of two from here on have squares near the ends of the range of double precision.
-FAR = 250
-EXTENDED = 128  # up to this order residuals are computed in extended precision on the host
 
 
 class Residual(NamedTuple):
@@ -154,7 +153,7 @@ def riccati_residual(
     # Squares of the terms may leave the range of double precision where they do not.
     largest = max(float(xp.abs(M * weights).max()) for M in (half, quadratic, Q))
     top = np.log2(largest) if 0.0 < largest < np.inf else 0.0
-    weights = weights * 2.0 ** -np.round(top) if abs(top) > FAR else weights
+    weights = weights * 2.0 ** -np.round(top) if abs(top) > LIMITS.far else weights
     size = (
         2.0 * float(xp.linalg.norm(half * weights))
         + float(xp.linalg.norm(quadratic * weights))

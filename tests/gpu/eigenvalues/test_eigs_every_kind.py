@@ -28,7 +28,8 @@ RANK = {
 @pytest.fixture(autouse=True)
 def iterate(monkeypatch):
     """Matrices from order 129 on go through the iteration, as larger ones do by default."""
-    monkeypatch.setattr(importlib.import_module("gpu.eigenvalues.eigs"), "DENSE", 128)
+    module = importlib.import_module("gpu.eigenvalues.eigs")
+    monkeypatch.setattr(module, "LIMITS", module.LIMITS._replace(dense=128))
 
 
 def similar(rng, D, condition):

@@ -25,8 +25,8 @@ RANK = {
 @pytest.fixture(autouse=True, scope="module")
 def iterate():
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("DENSE", "PRODUCTS"):
-            patch.setattr(importlib.import_module("gpu.eigenvalues.eigs"), name, 0)
+        module = importlib.import_module("gpu.eigenvalues.eigs")
+        patch.setattr(module, "LIMITS", module.LIMITS._replace(dense=0, products=0))
         yield
 
 

@@ -19,7 +19,8 @@ N = 200
 def iterate(monkeypatch):
     """Matrices from order 129 on go through the iteration, as larger ones do by default."""
     for name in ("gpu.eigenvalues.eigs", "gpu.eigenvalues.svds"):
-        monkeypatch.setattr(importlib.import_module(name), "DENSE", 128)
+        module = importlib.import_module(name)
+        monkeypatch.setattr(module, "LIMITS", module.LIMITS._replace(dense=128))
 
 
 def matrix(seed=0, dtype=float):

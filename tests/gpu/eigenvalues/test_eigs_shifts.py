@@ -10,11 +10,15 @@ from scipy.sparse.linalg import LinearOperator
 from gpu import InputError, NotConverged, eigs, svds
 
 
+def limited(monkeypatch, **limits):
+    module = importlib.import_module("gpu.eigenvalues.eigs")
+    monkeypatch.setattr(module, "LIMITS", module.LIMITS._replace(**limits))
+
+
 @pytest.fixture
 def iterate(monkeypatch):
     """Nothing is decomposed fully, as for large matrices."""
-    for name in ("DENSE", "PRODUCTS", "FALLBACK"):
-        monkeypatch.setattr(importlib.import_module("gpu.eigenvalues.eigs"), name, 0)
+    limited(monkeypatch, dense=0, products=0, fallback=0)
 
 
 def graded(n):
@@ -65,8 +69,7 @@ def test_imaginary_parts_of_an_inverse_lie_inside_its_spectrum(sigma):
 @pytest.mark.parametrize("small", [0, 256])
 def test_pairs_stand_together_and_plus_comes_first(monkeypatch, mass, sigma, small):
     """Also where an inverse turns their sign, and where there are copies of a pair."""
-    for name in ("DENSE", "PRODUCTS"):
-        monkeypatch.setattr(importlib.import_module("gpu.eigenvalues.eigs"), name, small)
+    limited(monkeypatch, dense=small, products=small)
     rng = np.random.default_rng(4)
     block = rng.standard_normal((5, 5))
     A = linalg.block_diag(*[block] * 4, rng.standard_normal((80, 80)))
@@ -96,7 +99,7 @@ def test_spaces_of_nearly_all_vectors(ncv):
 @pytest.mark.parametrize("seed", [13, 31])
 def test_an_iteration_that_fills_the_space(monkeypatch, seed):
     """All had converged, and no vector was left for the challenge."""
-    monkeypatch.setattr(importlib.import_module("gpu.eigenvalues.eigs"), "DENSE", 1)
+    limited(monkeypatch, dense=1)
     rng = np.random.default_rng(seed)
     values, sizes = rng.integers(-3, 4, 40), rng.integers(1, 4, 40)
     blocks = [np.eye(b) * v + np.eye(b, k=1) for v, b in zip(values, sizes, strict=True)]

@@ -9,7 +9,7 @@ from scipy import sparse
 
 from gpu import QPFactor, batch_solve_qp, solve_qp
 from gpu.qp.data.standard_qp import StandardQP
-from gpu.qp.interior_point.kkt_system import MOST_STORED_DENSELY, safe_system
+from gpu.qp.interior_point.kkt_system import LIMITS, safe_system
 
 SEEDS = [3, 7, 13, 26, 41, 60, 77, 83]
 
@@ -183,7 +183,7 @@ def test_a_sparse_program_that_failed_is_factored_with_symmetric_pivoting():
     K = np.block([[P + 1e-12 * np.eye(4), C.T], [C, -1e-12 * np.eye(2)]])
     expected = np.linalg.solve(K, np.concatenate([r, s]))
     np.testing.assert_allclose(np.concatenate(system.solve(r, s)), expected, rtol=1e-9)
-    free = np.full(MOST_STORED_DENSELY, np.inf)
+    free = np.full(LIMITS.dense, np.inf)
     P, C = sparse.eye_array(free.size, format="csr"), sparse.csr_array(np.ones((2, free.size)))
     assert safe_system(program(P, C)) is None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -32,13 +32,20 @@ from gpu.riccati.problem.state_matrix import (
 )
 from gpu.riccati.problem.weights import low_rank_factor
 
-COMPRESSIONS = ("galerkin", "printed")
-START = 8  # blocks in the basis before the first Newton step
-STEPS = 30  # most Newton steps on the gain; after the first few they converge quadratically
-MISSES = 16  # most successive bases on which the projected equation has no stabilising solution
-STRIDE = 2  # blocks added between two solutions of the projected equation
-SHIFTS = 6  # of the Krylov space for values of low rank; each is factored once
-QUADRATIC = 1e-6  # after a Newton step of this relative size the error is about its square
+
+class _Limits(NamedTuple):  # limits of the method
+    start: int = 8  # blocks in the basis before the first Newton step
+    steps: int = 30  # most Newton steps on the gain, which converge quadratically
+    misses: int = 16  # most successive bases on which there is no stabilising solution
+    stride: int = 2  # blocks added between two solutions of the projected equation
+    shifts: int = 6  # of the Krylov space for values of low rank; each is factored once
+    quadratic: float = 1e-6  # relative size of a Newton step whose error is its square
+    condition: float = 1e8  # from here on half of the digits or more are lost
+    drop: float = 1e-11  # part of a unit vector outside the space: less is rounding
+    margin: float = 1e-2  # least eigenvalue in `proves_stable`, one for the exact P
+
+
+LIMITS = _Limits()
 
 
 def solve(
@@ -57,7 +64,7 @@ def solve(
     symmetric and Q a multiple of E, Newton steps on the gain follow. "printed" takes eigenvectors
     of the projected inverse Hamiltonian (dissertation, Algorithm 7): far less accurate.
     """
-    choice("compression", compression, COMPRESSIONS)
+    choice("compression", compression, ("galerkin", "printed"))
     if not 0.0 < tol < 1.0:
         raise InputError(f"tol={tol}: expected a number between 0 and 1")
     if compression == "printed" and basis is None:
@@ -120,13 +127,13 @@ def _printed(problem: LQRProblem, W: Any) -> Found:
 
 def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
     state, xp = problem.state, problem.xp
-    shifts, moved = _shifts(problem, C.T, SHIFTS)
+    shifts, moved = _shifts(problem, C.T, LIMITS.shifts)
     # The value is that of A E^-1 and C E^-1; a feedback that makes A regular must lie in its space.
     seed = xp.concatenate([_mass(state).solve_transposed(C.T), *moved], axis=1)
     space = RationalKrylov(state, seed, shifts, transposed=True)
     projected, residual, history, misses = None, np.inf, [], 0
     while True:
-        for _ in range(2 * STRIDE):
+        for _ in range(2 * LIMITS.stride):
             space.grow()
         projected = Projected.of(problem, space.W, projected)
         try:
@@ -135,7 +142,8 @@ def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
         except RiccatiError:
             # The projected problem need not be stabilisable even if the whole one is.
             misses += 1
-            if space.exhausted or space.rank >= limit or (misses > MISSES and limit < problem.n):
+            stuck = misses > LIMITS.misses and limit < problem.n
+            if space.exhausted or space.rank >= limit or stuck:
                 raise
             continue
         misses = 0
@@ -181,7 +189,7 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
                 f"the gain still changes by {change:.1e} with {space.rank} basis vectors: raise "
                 "rank, loosen tol, or set refine=True"
             )
-        for _ in range(STRIDE):
+        for _ in range(LIMITS.stride):
             space.grow()
         projected = Projected.of(problem, space.W, projected)
         try:
@@ -214,7 +222,7 @@ def _newton(problem: LQRProblem, space: RationalKrylov, tol: float, limit: int) 
     xp, factored, history = problem.xp, 0, []
     K, before, change = None, None, np.inf
     while True:
-        for _ in range(START if before is None else 2 * STRIDE):
+        for _ in range(LIMITS.start if before is None else 2 * LIMITS.stride):
             space.grow()
         if K is None:
             try:
@@ -230,12 +238,12 @@ def _newton(problem: LQRProblem, space: RationalKrylov, tol: float, limit: int) 
                 if K is None:
                     continue
             factored += space.rank
-        for _ in range(STEPS):
+        for _ in range(LIMITS.steps):
             following, _ = kleinman(problem, space.W, K)
             factored += space.rank
             step, K = _difference(following, K), following
             history.append((space.rank, step))
-            if step <= QUADRATIC:
+            if step <= LIMITS.quadratic:
                 break
         else:
             raise NotConverged(f"Newton steps on the gain still change it by {step:.1e}")
@@ -327,9 +335,6 @@ def _shifts(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], 
     return shifts, inverse.moved
 
 
-NEARLY_SINGULAR = 1e8  # from this condition number on half of the digits or more are lost
-
-
 def kleinman(problem: LQRProblem, W: Any, K: Any) -> tuple[Any, Any]:
     """The next gain of Newton's method (Kleinman 1968), shape (m, n), and U = X E W, shape (n, r).
 
@@ -369,7 +374,7 @@ def _solve(state: StateMatrix, shift: complex, B: Any, Kt: Any, right: Any) -> A
         u, G = solved[:, 0], solved[:, 1:]
         # By Sherman, Morrison and Woodbury.
         small = np.eye(B.shape[1]) - to_host(B.T @ G)
-        if np.isfinite(small).all() and np.linalg.cond(small) < NEARLY_SINGULAR:
+        if np.isfinite(small).all() and np.linalg.cond(small) < LIMITS.condition:
             return u + G @ xp.asarray(np.linalg.solve(small, to_host(B.T @ u)))
     # The optimal feedback mirrors an unstable mode of A without cost at the imaginary axis; then
     # the shift is an eigenvalue of A itself.
@@ -379,9 +384,6 @@ def _solve(state: StateMatrix, shift: complex, B: Any, Kt: Any, right: Any) -> A
     if factors is None:
         raise RiccatiError(f"A - B K - s E is singular at s = {shift}, the mirror of a pole")
     return factors.solve_transposed(right)
-
-
-DROP = 1e-11  # a new unit vector whose part outside the space is smaller counts as rounding
 
 
 class RationalKrylov:
@@ -432,7 +434,7 @@ class RationalKrylov:
         if block.shape[1]:
             gram = to_host(block.T @ block)
             values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-            kept = values > DROP**2 + EPS * values.max()
+            kept = values > LIMITS.drop**2 + EPS * values.max()
             block = block @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
         if block.shape[1]:
             block = xp.linalg.qr(self._projected(block))[0]
@@ -448,11 +450,6 @@ class RationalKrylov:
         self._kept[:, self.rank : rank] = block
         self.rank = rank
         self.exhausted = block.shape[1] in (0, room)
-
-
-# Required least eigenvalue of the matrix that must be definite, scaled so that for the exact
-# solution it is at least one: far above rounding.
-DEFINITE_MARGIN = 1e-2
 
 
 def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: float) -> bool:
@@ -505,7 +502,7 @@ def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: f
     small = root.T @ D @ root
     if not np.isfinite(small).all():
         return False
-    return bool(1.0 + np.linalg.eigvalsh((small + small.T) / 2.0)[0] >= DEFINITE_MARGIN)
+    return bool(1.0 + np.linalg.eigvalsh((small + small.T) / 2.0)[0] >= LIMITS.margin)
 
 
 def _shifted(problem: LQRProblem) -> Any:
