@@ -26,7 +26,7 @@ from machine import describe
 
 from gpu import lqr
 from gpu.riccati.methods.hamiltonian import solve as algorithm5
-from gpu.riccati.methods.reduced.reduced import solve as reduced
+from gpu.riccati.methods.reduced import solve as reduced
 from gpu.riccati.problem.lqr_problem import check_lqr
 
 ROOT = Path(__file__).parents[1]

@@ -24,7 +24,7 @@ from machine import describe
 
 from gpu import lqr
 from gpu.riccati.methods.doubling import double
-from gpu.riccati.methods.reduced.reduced import solve as reduced
+from gpu.riccati.methods.reduced import solve as reduced
 from gpu.riccati.problem.lqr_problem import balance, check_lqr, scaled_hamiltonian
 
 ROOT = Path(__file__).parents[1]

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gpu.riccati.methods.reduced.reduced import solve
+from gpu.riccati.methods.reduced import solve
 from gpu.riccati.problem.lqr_problem import check_lqr
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

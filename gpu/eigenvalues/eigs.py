@@ -29,7 +29,7 @@ from gpu.eigenvalues.operator import (
     shifts,
     told_apart,
 )
-from gpu.eigenvalues.schur.ordered_schur import ORDERS, Rank, best_first, edge_of, rank_of
+from gpu.eigenvalues.schur import ORDERS, Rank, best_first, edge_of, rank_of
 from gpu.errors import GpuError, InputError, NotConverged
 
 

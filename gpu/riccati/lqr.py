@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib
 import inspect
 import warnings
 from collections.abc import Callable
@@ -13,10 +12,10 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from gpu.arguments import choice, flag
-from gpu.arrays.namespace import to_host
+from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import GpuError, InputError, NotConverged, NotSupported, RiccatiError
 from gpu.riccati.lqr_result import LQRResult, certified, in_given_units
-from gpu.riccati.methods.reduced import reduced
+from gpu.riccati.methods import doubling, hamiltonian, newton_kleinman, reduced
 from gpu.riccati.problem.candidate import Found
 from gpu.riccati.problem.lqr_problem import (
     NOT_SEMIDEFINITE,
@@ -133,7 +132,7 @@ def lqr(
     they do; and for dense methods the residual of the equation, in units that balance the
     Hamiltonian, is below 1e-9 (usually 1e-15), or S is the solution to 1e-12. Of large sparse or
     diagonal problems with symmetric A and E and Q a multiple of E the stability is proved by
-    Lyapunov's inequality too (see `gpu.riccati.methods.reduced.reduced.proves_stable`); of
+    Lyapunov's inequality too (see `gpu.riccati.methods.reduced.proves_stable`); of
     others that are as large the poles nearest to zero are examined, one right of the axis is looked
     for, and nothing is proved: ``bound`` says which.
 
@@ -353,8 +352,6 @@ def _noise_factor(W: Any, G: Any, factored: bool) -> Any:
     if values[0] < -1e-12 * q * max(values[-1], 0.0):
         raise InputError(f"W is not positive semidefinite: an eigenvalue is {values[0]:.3g}")
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    from gpu.arrays.namespace import namespace
-
     return namespace(G).asarray(root)
 
 
@@ -364,12 +361,11 @@ def _transposed(M: Any) -> Any:
     return M.T
 
 
-# Modules with a function ``solve(problem, **options) -> Found``.
-METHODS = {
-    "doubling": "gpu.riccati.methods.doubling",
-    "newton": "gpu.riccati.methods.newton_kleinman",
-    "hamiltonian": "gpu.riccati.methods.hamiltonian",
-    "reduced": "gpu.riccati.methods.reduced.reduced",
+METHODS: dict[str, Callable[..., Found]] = {
+    "doubling": doubling.solve,
+    "newton": newton_kleinman.solve,
+    "hamiltonian": hamiltonian.solve,
+    "reduced": reduced.solve,
 }
 # These promise a solution of the equation; the others a gain.
 EXACT = {"doubling", "newton"}
@@ -453,7 +449,7 @@ def _solved(
 
 def _solver(method: str, options: dict[str, Any]) -> Callable[..., Found]:
     """The function of the method, which knows all the options."""
-    solve: Callable[..., Found] = importlib.import_module(METHODS[method]).solve
+    solve = METHODS[method]
     known = list(inspect.signature(solve).parameters)[1:]
     for name in options:
         if name not in known:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg
 
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
-from gpu.eigenvalues.schur.ordered_schur import Edge, Rank, ordered_schur, whole
+from gpu.eigenvalues.schur import Edge, Rank, ordered_schur, whole
 
 
 class _Limits(NamedTuple):  # tolerances of the iteration and of the challenge

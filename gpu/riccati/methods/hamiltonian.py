@@ -11,7 +11,7 @@ from scipy import linalg
 from gpu.arguments import choice
 from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.krylov.krylov_schur import Limits, Wanted, krylov_schur
-from gpu.eigenvalues.schur.ordered_schur import best_first
+from gpu.eigenvalues.schur import best_first
 from gpu.errors import InputError, NotConverged, RiccatiError
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
 from gpu.riccati.problem.candidate import Found, LowRankValue

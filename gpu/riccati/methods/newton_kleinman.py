@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays.namespace import namespace, to_host
-from gpu.eigenvalues.schur.ordered_schur import ordered_schur
+from gpu.eigenvalues.schur import ordered_schur
 from gpu.errors import InputError, NotConverged, NotSupported
 from gpu.riccati.problem.candidate import Found
 from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem

@@ -11,7 +11,7 @@ from scipy import linalg
 from gpu.arrays.denormals import filled
 from gpu.arrays.device_lu import device_solver
 from gpu.arrays.namespace import namespace
-from gpu.eigenvalues.schur.ordered_schur import eigenvalues_of
+from gpu.eigenvalues.schur import eigenvalues_of
 from gpu.riccati.problem.lqr_problem import solve
 from gpu.riccati.problem.state_matrix import EPS
 

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator
 from gpu import NotConverged, eigs
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
 from gpu.eigenvalues.krylov.krylov_schur import unbeaten
-from gpu.eigenvalues.schur.ordered_schur import ORDERS, edge_of, rank_of
+from gpu.eigenvalues.schur import ORDERS, edge_of, rank_of
 
 
 def compressed(values, locked, condition, seed):

@@ -6,7 +6,7 @@ from scipy import sparse
 
 from gpu import hamiltonian_inverse
 from gpu.riccati.methods.hamiltonian import solve as algorithm5
-from gpu.riccati.methods.reduced.reduced import solve as reduced
+from gpu.riccati.methods.reduced import solve as reduced
 from gpu.riccati.problem.lqr_problem import check_lqr
 
 pytestmark = pytest.mark.gpu

@@ -11,8 +11,8 @@ from scipy.sparse.linalg import LinearOperator
 from gpu import InputError, lqr
 from gpu.errors import NotConverged, RiccatiError
 from gpu.riccati.methods.hamiltonian import solve as by_eigenvectors
-from gpu.riccati.methods.reduced.reduced import Projected, proves_stable
-from gpu.riccati.methods.reduced.reduced import solve as reduced
+from gpu.riccati.methods.reduced import Projected, proves_stable
+from gpu.riccati.methods.reduced import solve as reduced
 from gpu.riccati.problem.lqr_problem import check_lqr
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import linalg
 
-from gpu.eigenvalues.schur.ordered_schur import ordered_schur
+from gpu.eigenvalues.schur import ordered_schur
 
 EPS = np.finfo(float).eps
 
