@@ -20,6 +20,8 @@ Words = NDArray[np.uint64]
 _ROUNDING = 8 * np.finfo(float).eps
 # The largest coordinate that counts, in heights of a cell: it bounds the relative error of a class.
 _FARTHEST = 1024
+# Cells of which all pairs are compared at once; more are sorted.
+_FEW = 32
 
 
 class Classes(NamedTuple):
@@ -35,6 +37,13 @@ class Classes(NamedTuple):
 
     labels: Integers
     representatives: Integers
+
+
+def any_alike(points: Array, nodes: Integers, words: Words) -> bool:
+    """Whether two cells are congruent."""
+    if len(_compiled()(points, nodes, words)[1]) < nodes.shape[1]:
+        return True  # bit by bit
+    return len(congruence_classes(points, nodes, words).representatives) < nodes.shape[1]
 
 
 def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
@@ -66,7 +75,8 @@ def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
     labels, first = _compiled()(points, nodes, words)
     if len(first) > 1 and len(nodes) > len(points):
         merged, members = _merged(points, nodes[:, first], words[first])
-        labels, first = merged[labels], first[members]
+        if len(members) < len(first):
+            labels, first = merged[labels], first[members]
     return Classes(labels, first)
 
 
@@ -81,6 +91,13 @@ def _merged(points: Array, nodes: Integers, words: Words) -> tuple[Integers, Int
     longest = np.maximum(np.abs(sides).max(axis=(0, 1)), np.finfo(float).tiny)
     height = _volumes(sides[:, :dim] / longest) * longest
     tolerance = _ROUNDING * np.minimum(np.abs(points).max(), _FARTHEST * height)
+    if cells <= _FEW:
+        apart = np.abs(sides[..., None] - sides[:, :, None]) > tolerance
+        near = ~apart.any(axis=(0, 1)) & (words[:, None] == words).all(axis=2)
+        first_of = near.argmax(axis=1)
+        if (near == near[first_of]).all():  # nearness is transitive here
+            leads = first_of == np.arange(cells)
+            return (np.cumsum(leads, dtype=np.int32) - 1)[first_of], np.flatnonzero(leads)
     labels, count = np.zeros(cells, dtype=np.int64), 1
     several = np.arange(cells)  # those that are not yet alone in their class
     exact = np.zeros(cells)
