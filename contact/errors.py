@@ -218,10 +218,20 @@ def warn(message: str, category: type[ContactWarning] = ContactWarning) -> None:
     warnings.warn(message, category, stacklevel=depth)
 
 
+def holds_masked(value: Any) -> bool:
+    """Whether entries are masked, also those of arrays in lists, in tuples and among objects."""
+    nested = isinstance(value, list | tuple)
+    if isinstance(value, np.ndarray):
+        nested = value.dtype == object and value.ndim > 0
+        if np.ma.is_masked(value):
+            return True
+    return nested and any(type(one) not in (float, int) and holds_masked(one) for one in value)
+
+
 def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Real numbers as an array of floats, a copy, or an `InputError` that names the argument."""
     try:
-        if np.ma.is_masked(value):
+        if holds_masked(value):
             raise TypeError("masked values have no number; fill them")
         array = np.asarray(value)
         if array.dtype.kind not in "biuf":
@@ -255,6 +265,8 @@ def evaluated(name: str, value: Any, x: NDArray[np.float64]) -> NDArray[np.float
 
 def array_of(name: str, value: Any) -> NDArray[Any]:
     """An array of any kind, or an `InputError` where nested sequences have no shape."""
+    if holds_masked(value):
+        raise InputError(f"{name}={value!r}: masked values have no number; fill them")
     try:
         return np.asarray(value)
     except ValueError as error:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError, holds_masked, numbers
 
 Array = NDArray[np.float64]
 # Sine of a degree. A normal at a smaller angle to a surface does not face it: where the two touch,
@@ -46,7 +46,13 @@ def flag(name: str, value: bool) -> bool:
 
 
 def keep_vectors(obstacle: Any, *names: str) -> None:
-    """Copy given vectors, so that later edits of the caller's array have no effect."""
+    """Copy given vectors, so that later edits of the caller's array have no effect.
+
+    Masked values, of other attributes too, are refused.
+    """
+    for name, value in vars(obstacle).items():
+        if holds_masked(value):
+            raise InputError(f"{name}={value!r}: masked values have no number; fill them")
     for name in names:
         value = getattr(obstacle, name)
         if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim):
