@@ -81,6 +81,9 @@ class IdentifiedVelocity:
     runs : int
         Runs of the model.
     identifiability : Identifiability
+    feet_on_edges : int
+        Feet on edges of cells at the estimate, over all steps, as everywhere at rest: derivatives
+        of the scheme may jump there, and the covariance takes the mean of both sides.
 
     Examples
     --------
@@ -107,6 +110,7 @@ class IdentifiedVelocity:
     degrees_of_freedom: float
     runs: int
     identifiability: Identifiability
+    feet_on_edges: int = 0
 
     def __repr__(self) -> str:
         return (
@@ -262,6 +266,7 @@ class IdentifiedVelocity:
             raise InputError(f"path: {path} was not written by save: {error}") from error
         if not isinstance(content, dict) or content.get("format") != _FORMAT:
             raise InputError(f"path: {path} was not written by save")
+        content.setdefault("feet_on_edges", 0)  # older files do not have it
         missing = {*_OTHERS, *_ARRAYS, *_PLAIN} - content.keys()
         if missing:
             raise InputError(f"path: {path} is damaged, it has no {min(missing)!r}")
@@ -300,5 +305,5 @@ _OTHERS = ("parameters", "edges", "periodic", "identifiability")
 _ARRAYS = ("covariance", "misfit")
 _PLAIN = (
     "t", "reduced_chi_square", "explained", "weight", "regularization", "at_bounds",
-    "degrees_of_freedom", "runs",
+    "degrees_of_freedom", "runs", "feet_on_edges",
 )  # fmt: skip

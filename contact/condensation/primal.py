@@ -74,7 +74,8 @@ class PrimalContact(CondensedContact):
     """What `CondensedContact` is to bodies that are condensed, for one that is not.
 
     The contact rows are unknowns: ``B z = v``. Newton's methods then prescribe those of points in
-    contact and solve for all others by multigrid, see `contact.laws.primal_newton`.
+    contact and solve for all others by multigrid, see `contact.laws.primal_newton`. Points of which
+    one tangential component is moved and the other free are refused.
     """
 
     _keeps_stiff = False
