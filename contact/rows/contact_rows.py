@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.spatial import KDTree
 
 from contact.errors import InputError
 
@@ -79,7 +79,7 @@ class ContactRows:
             own = np.flatnonzero(part == k)
             places = self.x_nominal[:, own].T
             if own.size > 1:
-                found[own] = np.asarray(KDTree(places).query(places, 2)[0])[:, 1]
+                found[own] = np.asarray(scipy.spatial.KDTree(places).query(places, 2)[0])[:, 1]
         return found
 
 
