@@ -80,6 +80,9 @@ class IdentifiedVelocity:
     runs : int
         Runs of the model.
     identifiability : Identifiability
+    feet_on_edges : int
+        Feet on edges of cells at the estimate, over all steps, as everywhere at rest: derivatives
+        of the scheme may jump there, and the covariance takes the mean of both sides.
 
     Examples
     --------
@@ -106,6 +109,7 @@ class IdentifiedVelocity:
     degrees_of_freedom: float
     runs: int
     identifiability: Identifiability
+    feet_on_edges: int = 0
 
     def __repr__(self) -> str:
         return (
@@ -242,7 +246,8 @@ class IdentifiedVelocity:
             Another file, or a velocity with other parameters.
         """
         with reading(path, "an identified velocity"):
-            told = read_words(path, _FORMAT, (*_PLAIN, *_OTHERS))
+            told = read_words(path, _FORMAT, (*_PLAIN[:-1], *_OTHERS))
+            told.setdefault("feet_on_edges", 0)  # older files do not have it
             names = list(told["parameters"])
             if not isinstance(velocity, Velocity) or list(velocity.parameters) != names:
                 raise InputError(
@@ -266,5 +271,5 @@ _FORMAT = "identified velocity 1"
 _OTHERS = ("parameters", "edges", "periodic", "identifiability")
 _PLAIN = (
     "t", "covariance", "misfit", "reduced_chi_square", "explained", "weight", "regularization",
-    "at_bounds", "degrees_of_freedom", "runs",
+    "at_bounds", "degrees_of_freedom", "runs", "feet_on_edges",
 )  # fmt: skip

@@ -237,6 +237,7 @@ def _result(problem: Problem, estimate: _Estimate) -> IdentifiedVelocity:
         degrees_of_freedom=taken,
         runs=problem.prediction.runs,
         identifiability=seen,
+        feet_on_edges=problem.prediction.feet_on_edges(p),
     )
     if seen.unseen:
         warn(seen.message(), IdentifiabilityWarning)

@@ -165,6 +165,7 @@ class Prediction:
         self.names, self.runs = tuple(names), 0
         self._last: tuple[bytes, Solver, list[Any]] | None = None
         self._slope: tuple[bytes, Array] | None = None
+        self._tangents: list[Any] = []
 
     def velocity(self, values: Array) -> Velocity:
         """The velocity with these values of the parameters."""
@@ -207,12 +208,19 @@ class Prediction:
         order = [list(solver.parameters).index(name) for name in self.names]
         given = np.eye(len(solver.parameters))[:, order]
         change, found = np.zeros((self._start.data.size, len(order))), []
+        self._tangents.clear()
         for operator, run in zip(self._data.operators, runs, strict=True):
             tangent, columns = solver.tangent(run), np.vstack([change, given]).T
             moved = [tangent.matvec(solver._kernels.xp.asarray(column)) for column in columns]
             change = np.stack([host(one) for one in moved], axis=1)
+            self._tangents.append(tangent)
             found.append(operator @ change)
         return np.concatenate(found)
+
+    def feet_on_edges(self, values: Array) -> int:
+        """How many feet lie on edges of cells, where derivatives are the mean of both sides."""
+        self.sensitivity(values)
+        return sum(tangent.feet_on_edges() for tangent in self._tangents)
 
     def misfit(self, values: Array) -> Array:
         """Predicted minus given data over the deviations; NaN where the model cannot be run."""

@@ -110,7 +110,9 @@ class Window:
     def operator(self) -> LinearOperator:
         """The derivative as a linear operator; its transpose is the adjoint."""
         size = self._start.data.size
-        return self._linear(self._tangent, self._adjoint, size + len(self.parameters))
+        found = self._linear(self._tangent, self._adjoint, size + len(self.parameters))
+        found.feet_on_edges = self.feet_on_edges
+        return found
 
     def state_operator(self) -> LinearOperator:
         """That in the first state alone, without the states that derivatives in parameters need."""
@@ -244,6 +246,16 @@ class Window:
                 other[rows] = xp.where(on_edge, beside, d)
                 found.append((rows, on_edge, other))
         return found
+
+    def feet_on_edges(self) -> int:
+        """How many feet that parameters move lie on edges of cells, in all moves."""
+        moves = [n for n, move in enumerate(self._moves) if isinstance(move, Move)]
+        return sum(
+            int(on_edge.sum())
+            for n in moves
+            if self._columns[n]
+            for _, on_edge, _ in self._once(n, self._steady, self._edges)
+        )
 
     def _pushed(self, n: int, z: Array, changes: Array) -> Array:
         """The change of the new moments of move n: on edges of cells the mean of both sides."""

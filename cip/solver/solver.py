@@ -358,7 +358,9 @@ class Solver(Parametrised):
         -------
         scipy.sparse.linalg.LinearOperator (on a device that of cupyx.scipy, for arrays of CuPy)
             Shape (N, N + P): columns are the N moments of the first state, ``state.data.ravel()``,
-            then the P parameters, in the order of ``solver.parameters``.
+            then the P parameters, in the order of ``solver.parameters``. Its method
+            ``feet_on_edges()`` counts the feet, over all steps, whose derivatives in the parameters
+            are means of both sides: none where it is 0.
 
         Raises
         ------

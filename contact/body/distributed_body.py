@@ -69,9 +69,10 @@ class DistributedBody(SpreadSolid):
     backend : {"auto", "mumps", "krylov"}
         "mumps" condenses the body onto its contact boundary by one parallel factorisation: a dense
         matrix of that boundary is held by every process. "krylov" makes the contact rows unknowns
-        and solves each Newton step by multigrid; no dense matrix exists. "auto" takes "krylov"
-        in space from 100,000 unknowns on, or where the factor would fill more than half of the
-        memory, and logs why.
+        and solves each Newton step by multigrid; no dense matrix exists. It refuses contact points
+        of which supports move one tangential component and leave the other free. "auto" takes
+        "krylov" in space from 100,000 unknowns on, or where the factor would fill more than half of
+        the memory, and logs why.
     multigrid : {"gamg", "hypre"}
         For "krylov": PETSc's smoothed aggregation, or BoomerAMG.
     intorder : int, optional

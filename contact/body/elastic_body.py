@@ -21,6 +21,7 @@ from contact.body.coupled_body import CoupledBody
 from contact.body.deferred_basis import DeferredBasis
 from contact.body.dof_numbers import DofNumbers
 from contact.body.facet_dofs import dofs_on_facets
+from contact.body.jacobians import turning_move
 from contact.body.mesh_file import read_mesh
 from contact.body.multipoint import column_lengths, coupled
 from contact.body.rigid_modes import dof_lengths
@@ -179,6 +180,11 @@ class ElasticBody(CoupledBody, HeatedBody):
     def scalar_dofs(self) -> Any:
         """Dof numbering of the scalar element; vector dof = dim * scalar dof + component."""
         return DofNumbers(self.mesh, self.element)
+
+    @cached_property
+    def turning_move(self) -> float:
+        """Displacement of corners below which no cell is turned inside out; see `turning_move`."""
+        return turning_move(self.mesh)
 
     def facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
         """Facet numbers of a boundary of this body; see

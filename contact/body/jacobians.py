@@ -8,11 +8,27 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import Mesh, MeshHex, MeshQuad
+from skfem import (
+    ElementHex1,
+    ElementQuad1,
+    ElementTetP1,
+    ElementTriP1,
+    Mesh,
+    MeshHex,
+    MeshQuad,
+)
+from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 
 from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]
+
+_CORNERS = {
+    RefTri: ElementTriP1,
+    RefQuad: ElementQuad1,
+    RefTet: ElementTetP1,
+    RefHex: ElementHex1,
+}
 
 
 def jacobians(mesh: Mesh, cells: NDArray[np.integer], places: Array) -> Array:
@@ -28,6 +44,34 @@ def measures(mesh: Mesh, cells: slice, places: Array) -> tuple[Array, Array, Arr
     arguments = *_arguments(mesh, places), cells.start, cells.stop, len(mesh.t)
     det, norms, size = _kernel()(*arguments)
     return det, norms, size
+
+
+def middle_determinants(mesh: Mesh, p: Array) -> Array:
+    """Determinants in the middle of cells whose corners have moved to p, shape (cells,)."""
+    return _in_the_middle(mesh, p)[0]
+
+
+def turning_move(mesh: Mesh) -> float:
+    r"""Displacement of corners, beside a translation, below which no cell is turned inside out.
+
+    With :math:`u = \sum_v u_v \phi_v` and the derivative J of the mapping, I + grad u is regular if
+    :math:`\max |u_v| \sum_v |\phi_v'| < \sigma_{\min}(J)`, where
+    :math:`\sigma_{\min}(J) \ge |\det J| / |\mathrm{cof} J|`.
+    """
+    det, norms, slopes = _in_the_middle(mesh, mesh.p)
+    cofactors = norms ** (1 - 1 / mesh.dim())  # or less, in space
+    return float((np.abs(det) / cofactors).min() / np.linalg.norm(slopes, axis=1).sum())
+
+
+def _in_the_middle(mesh: Mesh, p: Array) -> tuple[Array, Array, Array]:
+    """Determinants and norms, as in `measures`, and slopes (corners, dim, 1)."""
+    refdom = mesh.elem.refdom
+    element, middle = _CORNERS[refdom](), refdom.p.mean(axis=1)[:, None]
+    slopes = np.array([element.lbasis(middle, v)[1] for v in range(len(mesh.t))])
+    slopes = np.ascontiguousarray(slopes.reshape(len(mesh.t), mesh.dim(), 1))
+    x, t = np.ascontiguousarray(p), np.ascontiguousarray(mesh.t)
+    det, norms, _ = _kernel()(x, t, slopes, 0, mesh.nelements, len(mesh.t))
+    return det[:, 0], norms[:, 0], slopes
 
 
 def is_straight(mesh: Mesh) -> bool:

@@ -62,7 +62,8 @@ class PrimalBody(CondensedDistributed):
 class PrimalContact(CondensedContact):
     """`CondensedContact` for a body that is not condensed: the rows ``B z = v`` are unknowns.
     Newton's methods prescribe those in contact and solve for the others by multigrid, see
-    `contact.laws.primal_newton`."""
+    `contact.laws.primal_newton`. One tangential component moved and the other free is refused.
+    """
 
     _keeps_stiff = False
 

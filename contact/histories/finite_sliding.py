@@ -206,8 +206,7 @@ class FiniteSliding:
         if last is not None:  # rigid sides keep their points, whose numbers change
             gap, before = last.system.rows.gap, last.system.motion
         at, of = (
-            _rigid_points(r, self._interfaces)
-            for r in (rows, last.system.rows if last else self._problem.rows)
+            self.rigid_points(r) for r in (rows, last.system.rows if last else self._problem.rows)
         )
         was, w = np.full(rows.gap.size, np.nan), travel.copy()
         was[at] = gap[of]
@@ -228,11 +227,10 @@ class FiniteSliding:
             motion = ObstacleMotion.with_travel(motion, travel)
         return motion, w
 
-
-def _rigid_points(rows: ContactRows, interfaces: Interfaces) -> NDArray[np.int64]:
-    """Contact points opposite rigid obstacles, in their order."""
-    rigid = [isinstance(side, ContactBoundaries) for side in interfaces.sides]
-    return np.flatnonzero(np.array(rigid)[rows.part])
+    def rigid_points(self, rows: ContactRows) -> NDArray[np.int64]:
+        """Contact points opposite rigid obstacles, in their order."""
+        rigid = [isinstance(side, ContactBoundaries) for side in self._interfaces.sides]
+        return np.flatnonzero(np.array(rigid)[rows.part])
 
 
 def _line(k: int, result: ContactResult, change: float) -> Iteration:

@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -250,18 +251,59 @@ class LoadStepper(LoadProgram):
         if folder.fingerprint != self._fingerprint():
             raise another
         with folder.locked():
-            history = LoadHistory()
+            history, last, begin = LoadHistory(), None, np.nan
             for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
                 moving = {"obstacle": self._obstacle_at(float(t))} if self._obstacle else {}
                 now = self.problem.system_of(self._body_at(float(t)), **moving)
-                if not same_conditions(now, result.system, self._finite is None):
+                alike = same_conditions(now, result.system, self._finite is None)
+                if not alike or not self._travels_so(last, result, begin, float(t)):
                     raise another  # another function of time
+                last, begin = result, float(t)
                 history = history.extended(float(t), result)
             folder.prepare(len(history), self.problem.system)
             self.history = history
             left = folder.times[len(self.history) :]
             logger.info("resuming after %d of %d steps", len(self.history), folder.times.size)
             return self._run(left, folder, progress, callback)
+
+    def _travels_so(
+        self, last: ContactResult | None, result: ContactResult, begin: float, end: float
+    ) -> bool:
+        """Whether obstacles travel along the boundary as they did in a step from a file.
+
+        Steps that were halved followed the curve of the way; it bounds what they may differ by.
+        """
+        if not self._obstacle:
+            return True
+        rows = self.problem.rows
+        rest = np.zeros((rows.gap.size, rows.tangents.shape[1]))
+
+        def path(times: Array) -> Array:
+            total = rest
+            for a, b in pairwise(times):
+                where, said = (self._obstacle_at(a), self._obstacle_at(b)), self._said_between(a, b)
+                known = {"unchanged": rest[:, 0] == 0, "felt": rest[:, 0]}  # or it was refused
+                total = total + self.problem.boundaries.travel(*where, said, **known)
+            return total
+
+        def stored(step: ContactResult | None) -> Array:
+            motion = None if step is None else step.system.motion
+            if step is None or motion is None or motion.travel is None:
+                return rest
+            if self._finite is None:
+                return motion.travel
+            travel = rest.copy()
+            travel[self._finite.rigid_points(rows)] = motion.travel[
+                self._finite.rigid_points(step.system.rows)
+            ]
+            return travel
+
+        direct, found = path(np.array([begin, end])), stored(result) - stored(last)
+        curve = rest
+        if last is not None and self.halvings:
+            curve = np.abs(path(np.linspace(begin, end, 2**self.halvings + 1)) - direct)
+        size = max(np.abs(part).max(initial=0.0) for part in (direct, stored(result)))
+        return bool(np.all(np.abs(found - direct) <= 2 * curve + 1e-9 * size))
 
     def _run(
         self,
@@ -309,7 +351,10 @@ class LoadStepper(LoadProgram):
     def _small_step(self, last: ContactResult | None, begin: float, end: float) -> ContactResult:
         problem = self.problem
         condensed = problem.condense()  # from now on the body computes where it was condensed
-        system = problem.system_of(self._body_at(end), last, **self._moving(last, begin, end))
+        moving = self._moving(last, begin, end)
+        if last is not None and not moving:  # a step from a file does not know its obstacle
+            moving = {"since": problem.opposite}
+        system = problem.system_of(self._body_at(end), last, **moving)
         condensed = condensed.under(system.body)
         start = last if last is None else self._extrapolated(last, begin, end)
         result = problem.solve_system(system, condensed, self.options, start)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import holds_masked, numbers
 
 Array = NDArray[np.float64]
 GRAZING = 0.0175  # sine of 1 degree: contact along normals at smaller angles would press sideways
@@ -23,7 +23,13 @@ def vector(name: str, value: ArrayLike) -> Array:
 
 
 def keep_vectors(obstacle: Any, *names: str) -> None:
-    """Copy given vectors, so that later edits of the caller's array have no effect."""
+    """Copy given vectors, so that later edits of the caller's array have no effect.
+
+    Masked values, of other attributes too, are refused.
+    """
+    for name, value in vars(obstacle).items():
+        if holds_masked(value):
+            raise InputError(f"{name}={value!r}: masked values have no number; fill them")
     for name in names:
         value = getattr(obstacle, name)
         if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim):

@@ -81,6 +81,12 @@ def along_normal(before: Any, now: Any, first: bool = False) -> bool:
     return is_number(before) and (is_number(now) or first)
 
 
+def gap_tells_place(obstacle: Any) -> bool:
+    """Whether equal gaps mean that a shape is where it was: no plane, no prism, no turning tool."""
+    within = obstacle.obstacle if isinstance(obstacle, Rigid) else obstacle
+    return not getattr(within, "_slides_in_itself", False)
+
+
 def is_number(obstacle: Any) -> bool:
     """Whether an obstacle is one gap for all points."""
     return isinstance(obstacle, int | float | np.number) or (
@@ -167,6 +173,8 @@ def said_motion(said: Any, dim: int) -> Array | None:
 def unknown_motion(before: Any, now: Any, where: str = "") -> InputError:
     """The error that asks for a motion which friction needs and the shapes do not tell."""
     one, other = (type(o.obstacle if isinstance(o, Rigid) else o).__name__ for o in (before, now))
+    if before is None:
+        one = "unknown in a result from a file"
     return InputError(
         f"motion: the obstacle{where} changes from one step to the next ({one}, then {other}), and "
         "how far its surface moved along the boundary, which friction needs, cannot be read from "

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from contact.obstacles.cone import Cone
 from contact.obstacles.rigid import ObstacleLike as ObstacleLike
 from contact.obstacles.rigid_motion import (
     RigidMotion,
+    gap_tells_place,
     matrix_of,
     motion_between,
     turn_between,
@@ -55,6 +56,7 @@ class Plane:
 
     point: Sequence[float]
     normal: Sequence[float]
+    _slides_in_itself: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         keep_vectors(self, "point", "normal")
@@ -136,6 +138,10 @@ class Cylinder:
 
     def __post_init__(self) -> None:
         keep_vectors(self, "centre", "axis")
+
+    @property
+    def _slides_in_itself(self) -> bool:
+        return len(self.centre) == 3
 
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
@@ -293,6 +299,10 @@ class ClosestPoint:
                 "Cylinder, Sphere, SurfaceMesh, SignedDistance or Rough"
             )
 
+    @property
+    def _slides_in_itself(self) -> bool:
+        return not gap_tells_place(self.obstacle)
+
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the signed distance of x, shape (...); n is not used."""
         return self.obstacle.distance(x)[0]
@@ -342,6 +352,7 @@ class Moved:
     displacement: Sequence[float]
     rotation: float | Sequence[float] = 0.0
     centre: Sequence[float] | None = None
+    _slides_in_itself: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         known = (Plane, Cylinder, Sphere, Cone, SurfaceMesh, Rough, SignedDistance)

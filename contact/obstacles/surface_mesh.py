@@ -6,7 +6,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
@@ -95,6 +95,7 @@ class SurfaceMesh:
     normals: Array = field(init=False)
     _flat: FlatFacets = field(init=False)
     _shift: Array = field(init=False)
+    _slides_in_itself: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name in ("hollow", "sheet"):

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTriP1
 from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 
 from contact.body.elastic_body import ElasticBody
+from contact.body.jacobians import middle_determinants
 from contact.errors import CHANGED, InputError, LargeMotionWarning, warn
 from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.interfaces import Interfaces
@@ -32,18 +32,7 @@ Array = NDArray[np.float64]
 _LOADED = 1e-3
 # Volume of cells that are turned inside out over that of a cube as wide as the contact.
 _TURNED = 0.1
-_VOLUMES = {
-    RefTri: 1 / 2,
-    RefQuad: 1.0,
-    RefTet: 1 / 6,
-    RefHex: 1.0,
-}  # of reference cells
-_CORNERS = {
-    RefTri: ElementTriP1,
-    RefQuad: ElementQuad1,
-    RefTet: ElementTetP1,
-    RefHex: ElementHex1,
-}
+_VOLUMES = {RefTri: 1 / 2, RefQuad: 1.0, RefTet: 1 / 6, RefHex: 1.0}  # of the reference cells
 # Relative to the penetration: with less the body has only been moved until it touches.
 _TOUCHES = 1e-9
 _REMEDY = (
@@ -71,8 +60,8 @@ def check_motion(
     """Warn of, or refuse, a result whose loaded points have moved to where the gap is another one.
     LargeMotionWarning from a quarter of the penetration, for points past a facet and inverted
     cells; InputError beyond the penetration. `sliding`: pairs of bodies were projected anew."""
-    _check_cells(result)
-    motion = _large(result)
+    _check_cells(result, boundaries)
+    motion = _large(result, boundaries)
     if not motion.points.size:
         return
     if isinstance(boundaries, Interfaces):
@@ -109,23 +98,20 @@ def check_motion(
     raise InputError(f"displacement: {moved}, {there}{_REMEDY}")
 
 
-def _check_cells(result: ContactResult) -> None:
+def _check_cells(result: ContactResult, boundaries: ContactBoundaries | Interfaces) -> None:
     """Warn if more cells are turned inside out than at a singular place of the stresses."""
-    zone = np.linalg.norm(np.ptp(result.zone, axis=1))
-    size = float(zone) if zone > 0 else result.solid.extent
-    for body, own in zip(result.solid.bodies, result.solid.slices, strict=True):
+    kept = boundaries.bodies.bodies if isinstance(boundaries, Interfaces) else [boundaries.body]
+    for body, own, of_all_steps in zip(result.solid.bodies, result.solid.slices, kept, strict=True):
         if not isinstance(body, ElasticBody):
             continue
         mesh, dofs = body.mesh, body.scalar_dofs.nodal_dofs[0]
-        middle = mesh.elem.refdom.p.mean(axis=1)[:, None]
-        element = _CORNERS[mesh.elem.refdom]()
-        slopes = np.array([element.lbasis(middle, v)[1][:, 0] for v in range(len(mesh.t))])
-        u = result.u[own]
+        moves = np.array([result.u[own][body.dim * dofs + c] for c in range(body.dim)])
+        if 0.5 * np.linalg.norm(np.ptp(moves, axis=1)) < of_all_steps.turning_move:
+            continue
         place = mesh.p[:, : dofs.size]  # without the nodes of curved cells
-        moved = place + np.array([u[body.dim * dofs + c] for c in range(body.dim)])
-        rest, now = (
-            np.linalg.det(np.einsum("ive,vk->eik", p[:, mesh.t], slopes)) for p in (place, moved)
-        )
+        rest, now = (middle_determinants(mesh, p) for p in (place, place + moves))
+        zone = np.linalg.norm(np.ptp(result.zone, axis=1))
+        size = float(zone) if zone > 0 else result.solid.extent
         turned = np.abs(rest[rest * now <= 0]).sum() * _VOLUMES[mesh.elem.refdom]
         if turned > _TURNED * size**body.dim:
             warn(
@@ -136,7 +122,7 @@ def _check_cells(result: ContactResult) -> None:
             )
 
 
-def _large(result: ContactResult) -> _Motion:
+def _large(result: ContactResult, boundaries: ContactBoundaries | Interfaces) -> _Motion:
     """Points, not bonded, that have moved further than to the next contact point."""
     rows = result.system.rows
     slip = result.system.relative(result.u, result.motion)[1]
@@ -145,18 +131,10 @@ def _large(result: ContactResult) -> _Motion:
         slip = slip + given.travel
     far = np.linalg.norm(slip, axis=1)
     loaded = result.mu > _LOADED * result.mu.max(initial=0.0)
-    points = np.flatnonzero(~rows.ties & np.isfinite(rows.gap) & (far > 0))
-    spacing = np.full(points.size, np.inf)
-    part = result.part
-    for k in np.unique(part[points]):
-        own = np.flatnonzero(part == k)
-        if own.size > 1:
-            here = part[points] == k
-            places = rows.x_nominal[:, own].T
-            near = scipy.spatial.KDTree(places).query(rows.x_nominal[:, points[here]].T, 2)[0]
-            spacing[here] = np.asarray(near)[:, 1]
-    moved = far[points] > spacing
-    points, spacing = points[moved], spacing[moved]
+    of_all_steps = boundaries.rows
+    spacing = (of_all_steps if of_all_steps.x_nominal is rows.x_nominal else rows).spacing
+    points = np.flatnonzero((far > spacing) & ~rows.ties & np.isfinite(rows.gap))
+    spacing = spacing[points]
     moves = np.einsum("cjm,mj->cm", rows.tangents[:, :, points], slip[points])
     return _Motion(points, moves, spacing, loaded[points])
 

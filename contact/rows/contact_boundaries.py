@@ -21,6 +21,7 @@ from contact.obstacles.rigid import ObstacleMotion, Rigid
 from contact.obstacles.rigid_motion import (
     RigidMotion,
     along_normal,
+    gap_tells_place,
     motion_between,
     said_motion,
     unknown_motion,
@@ -196,7 +197,8 @@ class ContactBoundaries:
             if self.body.is_ring and motion is not None and not _is_axial(motion):
                 motion = None  # of the section, not of the ring
             if motion is None:
-                known = along_normal(last, o, first) or bool(np.all(unchanged[here]))
+                still = bool(np.all(unchanged[here])) and (last is not None or gap_tells_place(o))
+                known = along_normal(last, o, first) or still
                 if not known and np.any(felt[here] > 0):
                     raise unknown_motion(last, o)
                 continue

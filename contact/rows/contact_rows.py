@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -39,6 +41,18 @@ class ContactRows:
     def ties(self) -> NDArray[np.bool_]:
         """The mask `bonded`, all False where it is empty, shape (m,)."""
         return self.bonded if self.bonded.size else np.zeros(self.gap.size, dtype=bool)
+
+    @cached_property
+    def spacing(self) -> Array:
+        """Distance of each point to the next one of its boundary, ``inf`` where it is alone."""
+        found = np.full(self.gap.size, np.inf)
+        part = self.part if self.part.size else np.zeros(self.gap.size, dtype=np.int64)
+        for k in np.unique(part):
+            own = np.flatnonzero(part == k)
+            places = self.x_nominal[:, own].T
+            if own.size > 1:
+                found[own] = np.asarray(scipy.spatial.KDTree(places).query(places, 2)[0])[:, 1]
+        return found
 
 
 def refuse_other_points(rows: ContactRows, of_last: ContactRows) -> None:

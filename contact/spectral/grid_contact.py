@@ -19,6 +19,7 @@ from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import (
     RigidMotion,
     along_normal,
+    gap_tells_place,
     motion_between,
     said_motion,
     same_gaps,
@@ -338,7 +339,8 @@ class GridContact:
             motion = RigidMotion.between(0.0 * given, given)
         if motion is None or np.any(motion.rotation):
             known = along_normal(last.obstacle, now, first)
-            known = known or bool(np.all(same_gaps(last.gap, self._gap)))
+            if last.obstacle is not None or gap_tells_place(now):
+                known = known or bool(np.all(same_gaps(last.gap, self._gap)))
             if not known and np.any(self._friction() > 0):
                 raise unknown_motion(last.obstacle, now)
             return last.travel

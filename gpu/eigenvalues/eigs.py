@@ -135,7 +135,9 @@ def eigs(
     whose moduli across the diagonal can be made alike by other units of the unknowns, as for
     convection and diffusion on a line or grid, are solved in such units, where they are nearly
     normal. Where all eigenvalues are computed because an iteration does not converge, a
-    `RuntimeWarning` tells where the condition of the wanted ones leaves them few digits.
+    `RuntimeWarning` tells where the condition of the wanted ones leaves them few digits. Of values
+    that an iteration finds the residuals alone are checked: their conditions would take the left
+    eigenvectors, which products with A do not give.
 
     References
     ----------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from skfem.element import DiscreteField, Element
 from skfem.mapping import MappingAffine
 from skfem.quadrature import get_quadrature
 
-from skfem_adini.assembly.congruence_classes import Classes, congruence_classes
+from skfem_adini.assembly.congruence_classes import Classes, any_alike, congruence_classes
 from skfem_adini.assembly.csr_scatter import scatter_matrix, scatter_vector
 from skfem_adini.assembly.dof_blocks import DofBlocks
 from skfem_adini.assembly.form_parameters import (
@@ -38,6 +39,7 @@ _log = logging.getLogger(__name__)
 
 _FEW_CELLS = 9  # an array over so few cells may also be a tensor of 3 x 3 numbers
 _SAMPLE = 512  # cells compared first: if no two are alike, the others are not compared
+_UNLIKE = "too few cells are alike"
 _TYPES = [np.dtype(kind) for kind in (np.float32, np.float64, np.complex64, np.complex128)]
 
 
@@ -282,11 +284,12 @@ class _Problem:
             nodes, words = nodes[:, self.some], words[self.some]
         points, count = np.ascontiguousarray(mapping.mesh.doflocs), len(self.cells)
         if spare and count > _SAMPLE:
-            some = np.unique(np.random.default_rng(0).integers(count, size=_SAMPLE))
-            _check_alike(congruence_classes(points, nodes[:, some], words[some]), alone=1.0)
+            some = _sample(count)
+            if not any_alike(points, nodes[:, some], words[some]):
+                raise NotSupported(_UNLIKE)
         found = congruence_classes(points, np.ascontiguousarray(nodes), np.ascontiguousarray(words))
-        if spare and count > _FEW_CELLS:
-            _check_alike(found, alone=0.5)
+        if spare and count > _FEW_CELLS and len(found.representatives) >= 0.5 * count:
+            raise NotSupported(_UNLIKE)
         return found
 
     def _coefficients(
@@ -367,9 +370,9 @@ def _check_mesh(mesh: Any, element: Any, test_element: Any, intorder: Any) -> No
         raise InputError(f"intorder: expected a whole number from 0, got {intorder!r}")
 
 
-def _check_alike(found: Classes, alone: float) -> None:
-    if len(found.representatives) >= alone * len(found.labels):
-        raise NotSupported("too few cells are alike")
+@lru_cache
+def _sample(count: int) -> Integers:
+    return np.unique(np.random.default_rng(0).integers(count, size=_SAMPLE))
 
 
 def _check_invariance(element: Any, mapping: Any, mesh: Any) -> None:

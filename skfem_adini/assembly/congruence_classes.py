@@ -18,6 +18,7 @@ Words = NDArray[np.uint64]
 # Relative to the coordinates: those of equal cells differ by 2 eps, after refinement by more.
 _ROUNDING = 8 * np.finfo(float).eps
 _FARTHEST = 1024  # largest coordinate that counts, in heights of a cell: bounds a class's error
+_FEW = 32  # cells of which all pairs are compared at once; more are sorted
 
 
 class Classes(NamedTuple):
@@ -25,6 +26,13 @@ class Classes(NamedTuple):
 
     labels: Integers  # class of each cell, in order of appearance, shape (cells,)
     representatives: Integers  # the first cell of each class
+
+
+def any_alike(points: Array, nodes: Integers, words: Words) -> bool:
+    """Whether two cells are congruent."""
+    if len(_compiled()(points, nodes, words)[1]) < nodes.shape[1]:
+        return True  # bit by bit
+    return len(congruence_classes(points, nodes, words).representatives) < nodes.shape[1]
 
 
 def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
@@ -39,7 +47,8 @@ def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
     labels, first = _compiled()(points, nodes, words)
     if len(first) > 1 and len(nodes) > len(points):
         merged, members = _merged(points, nodes[:, first], words[first])
-        labels, first = merged[labels], first[members]
+        if len(members) < len(first):
+            labels, first = merged[labels], first[members]
     return Classes(labels, first)
 
 
@@ -52,6 +61,13 @@ def _merged(points: Array, nodes: Integers, words: Words) -> tuple[Integers, Int
     longest = np.maximum(np.abs(sides).max(axis=(0, 1)), np.finfo(float).tiny)
     height = _volumes(sides[:, :dim] / longest) * longest
     tolerance = _ROUNDING * np.minimum(np.abs(points).max(), _FARTHEST * height)
+    if cells <= _FEW:
+        apart = np.abs(sides[..., None] - sides[:, :, None]) > tolerance
+        near = ~apart.any(axis=(0, 1)) & (words[:, None] == words).all(axis=2)
+        first_of = near.argmax(axis=1)
+        if (near == near[first_of]).all():  # nearness is transitive here
+            leads = first_of == np.arange(cells)
+            return (np.cumsum(leads, dtype=np.int32) - 1)[first_of], np.flatnonzero(leads)
     labels, count = np.zeros(cells, dtype=np.int64), 1
     several = np.arange(cells)  # those that are not yet alone in their class
     exact = np.zeros(cells)

@@ -91,6 +91,8 @@ def is_finite_number(value: Any) -> bool:
 
 def array_of(name: str, value: Any) -> Array:
     """An array of any kind, or an `InputError` where nested sequences have no shape."""
+    if holds_masked(value):
+        raise InputError(f"{name}={value!r}: masked values have no number; fill them")
     try:
         return np.asarray(value)
     except ValueError as error:
@@ -166,9 +168,19 @@ def _uncovered(value: Any) -> tuple[Any, Hidden]:
     return plain, np.array(masks)
 
 
+def holds_masked(value: Any) -> bool:
+    """Whether entries are masked, also those of arrays in lists, in tuples and among objects."""
+    nested = isinstance(value, list | tuple)
+    if isinstance(value, np.ndarray):
+        nested = value.dtype == object and value.ndim > 0
+        if np.ma.is_masked(value):
+            return True
+    return nested and any(type(one) not in (float, int) and holds_masked(one) for one in value)
+
+
 def unmasked(name: str, value: Any) -> None:
     """Refuse arrays whose entries would be taken for others: masked ones, and sparse vectors."""
-    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+    if holds_masked(value):
         raise InputError(
             f"{name} has masked entries: fill them, or leave out their rows and columns"
         )

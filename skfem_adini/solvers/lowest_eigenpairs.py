@@ -22,6 +22,7 @@ _STEP = 100.0  # factor from one trial shift to the next: five pass the largest 
 _SPREAD = 1e3  # ratio of distances from the shift up to which the mesh costs more digits
 # Negative eigenvalue of M, of unit diagonal, that is rounding: slivers of cells have such.
 _ROUNDING = 1e-11
+_PLACES = 1e-18  # weight of a matrix that gives another one its places, and not its values
 _RESIDUAL = 1e-6  # residual of a recomputed pair, relative to lambda M x
 _NOISE = 1e4 * np.finfo(float).eps  # residual by rounding, relative to K x
 
@@ -113,18 +114,17 @@ def lowest_eigenpairs(
     diagonal = M.diagonal()
     if not (diagonal > 0).all():
         raise InputError("M: the matrix is not positive definite")
+    lumped = bool((abs(M).sum(axis=1) <= (2 + _ROUNDING) * diagonal).all())  # or nearly, as of P1
     scale = 1 / np.sqrt(diagonal)
-    D = sparse.diags_array(scale)
-    K, M = D @ K @ D, D @ M @ D
-    _check_mass(M, solver)
+    K, M = _scaled(K, scale), _scaled(M, scale)
     # In units in which the largest eigenvalue is about 1, whatever the unit of length.
     unit = float(abs(K).sum(axis=1).max()) or 1.0
     K = K / unit
+    pencil = _Pencil(K, M, solver, lumped)
     if shift is None:
-        values, z = _shifted_twice(K, M, int(count), solver)
+        values, z = _shifted_twice(pencil, int(count))
     else:
-        sigma = float(shift) / unit
-        values, z = _nearest(K, M, int(count), sigma, _factors(K, M, sigma, solver))
+        values, z = pencil.nearest(int(count), float(shift) / unit)
     _check_pairs(K, M, values, z)
     order = np.argsort(values)
     warn_of_negative(float(values[order[0]]), unit)
@@ -143,82 +143,110 @@ def warn_of_negative(lowest: float, unit: float) -> None:
         )
 
 
-def _check_mass(M: Any, solver: Solver) -> None:
-    """Raise unless M, of unit diagonal, is definite up to rounding."""
-    if (abs(M).sum(axis=1) <= 2).all():  # dominated by its diagonal, as a lumped one is
-        return
-    try:
-        require_definite(
-            factorize(M + _ROUNDING * sparse.eye_array(M.shape[0]), definite=True, solver=solver)
-        )
-    except InputError as error:
-        raise InputError(
-            "M: the matrix is not symmetric and positive definite, though its diagonal is "
-            "positive; integrate its form by a rule with enough points and positive weights, and "
-            "check the signs of its coefficients"
-        ) from error
+def _scaled(A: Any, scale: Array) -> Any:
+    """Return D A D, where D is the diagonal matrix `scale`."""
+    A = sparse.csr_array(A)
+    data = np.repeat(scale, np.diff(A.indptr)) * A.data * scale[A.indices]
+    return sparse.csr_array((data, A.indices, A.indptr), shape=A.shape)
 
 
-def _shifted_twice(K: Any, M: Any, count: int, solver: Solver) -> tuple[Array, Array]:
+class _Pencil:
+    """K and M of unit diagonal, with the factors of K - sigma M for one sigma at a time.
+
+    M is definite, up to rounding: dominated by its diagonal, or else by its factors, whose analysis
+    serves K - sigma M too.
+    """
+
+    def __init__(self, K: Any, M: Any, solver: Solver, dominated: bool) -> None:
+        self.K, self.M, self._solver = K, M, solver
+        self._sigma: float | None = None
+        self._factors: Factorization | None = None
+        if dominated:
+            return
+        try:
+            self._factor(M + _ROUNDING * sparse.eye_array(M.shape[0]) + _PLACES * K)
+        except InputError as error:
+            raise InputError(
+                "M: the matrix is not symmetric and positive definite, though its diagonal is "
+                "positive; integrate its form by a rule with enough points and positive weights, "
+                "and check the signs of its coefficients"
+            ) from error
+
+    def _factor(self, A: Any) -> Factorization:
+        self._sigma = None
+        if self._factors is None:
+            self._factors = factorize(A, definite=True, solver=self._solver)
+        else:
+            self._factors.refactor(A)
+        require_definite(self._factors)
+        return self._factors
+
+    def factors(self, sigma: float) -> Factorization:
+        """Return the factors of K - sigma M, or raise unless that is definite."""
+        if self._factors is not None and sigma == self._sigma:
+            return self._factors
+        places = 0.0 if self._factors is None else _PLACES
+        factors = self._factor(self.K + (places - sigma) * self.M)
+        self._sigma = sigma
+        return factors
+
+    def nearest(self, count: int, sigma: float) -> tuple[Array, Array]:
+        """Return the pairs next to sigma, by Lanczos' method."""
+        K, M = self.K, self.M
+        solve = self.factors(sigma).solve
+        inverse = LinearOperator(K.shape, matvec=solve, dtype=np.float64)
+        start = np.random.default_rng(0).uniform(-1, 1, K.shape[0])
+        try:
+            values, z = eigsh(K, count, M, sigma=sigma, OPinv=inverse, v0=start)
+        except ArpackError as error:
+            raise NotConverged(
+                f"no convergence of the eigenvalues: {error}; change shift"
+            ) from error
+        return values, z
+
+    def improved(self, z: Array, sigma: float) -> tuple[Array, Array]:
+        """Return the pairs after a step of subspace iteration, which damps what is far away."""
+        z = self.factors(sigma).solve(self.M @ z)
+        z = z / np.linalg.norm(z, axis=0)
+        values, y = linalg.eigh(z.T @ (self.K @ z), z.T @ (self.M @ z))
+        return values, z @ y
+
+
+def _shifted_twice(pencil: _Pencil, count: int) -> tuple[Array, Array]:
     """Compute with a first shift below all eigenvalues, then if needed with a better one.
     The second lies below the lowest eigenvalue by their mean spacing: if distances from the
     shift differ by many orders of magnitude, the farthest eigenvalue loses as many digits."""
-    shift, factors = _first_shift(K, M, solver)
-    values, z = _nearest(K, M, count, shift, factors)
+    shift = _first_shift(pencil)
+    values, z = pencil.nearest(count, shift)
     low, high = float(values.min()), float(values.max())
     if count == 1 and shift < 0:  # the spacing follows from the next eigenvalues
-        high = float(_nearest(K, M, min(4, K.shape[0] - 1), shift, factors)[0].max())
+        high = float(pencil.nearest(min(4, pencil.K.shape[0] - 1), shift)[0].max())
     near = high - shift > _SPREAD * (low - shift)
     far = shift < 0 and low - shift > _SPREAD * (high - low) > _SPREAD * _ZERO_EIGENVALUE
     if not (near or far):
-        return _improved(K, M, z, factors) if shift < 0 else (values, z)
+        return pencil.improved(z, shift) if shift < 0 else (values, z)
     better = low - max((high - low) / max(count - 1, 1), _ZERO_EIGENVALUE)
     try:
-        again, better_z = _nearest(K, M, count, better, _factors(K, M, better, solver))
+        again, better_z = pencil.nearest(count, better)
     except InputError:  # the matrix with this shift is not definite, up to rounding
-        return _improved(K, M, z, factors)
+        return pencil.improved(z, shift)
     # Lanczos' method may miss copies of a multiple eigenvalue.
     if again.max() - shift > (1 + 1e-3) * (values.max() - shift) + _ZERO_EIGENVALUE:
-        return _improved(K, M, z, factors)
+        return pencil.improved(z, shift)
     return again, better_z
 
 
-def _improved(K: Any, M: Any, z: Array, factors: Factorization) -> tuple[Array, Array]:
-    """Return the pairs after a step of subspace iteration, which damps what is far away."""
-    z = factors.solve(M @ z)
-    z = z / np.linalg.norm(z, axis=0)
-    values, y = linalg.eigh(z.T @ (K @ z), z.T @ (M @ z))
-    return values, z @ y
-
-
-def _first_shift(K: Any, M: Any, solver: Solver) -> tuple[float, Factorization]:
-    """Return zero if K is definite, else a small negative number; and the factors for it."""
+def _first_shift(pencil: _Pencil) -> float:
+    """Return zero if K is definite, else a small negative number."""
     shift = 0.0
     while True:
         try:
-            return shift, _factors(K, M, shift, solver)
+            pencil.factors(shift)
+            return shift
         except InputError:
             if shift < -1.0:
                 raise
         shift = min(-_ZERO_EIGENVALUE, _STEP * shift)
-
-
-def _factors(K: Any, M: Any, shift: float, solver: Solver) -> Factorization:
-    factors = factorize(K - shift * M, definite=True, solver=solver)
-    require_definite(factors)
-    return factors
-
-
-def _nearest(
-    K: Any, M: Any, count: int, shift: float, factors: Factorization
-) -> tuple[Array, Array]:
-    inverse = LinearOperator(K.shape, matvec=factors.solve, dtype=np.float64)
-    start = np.random.default_rng(0).uniform(-1, 1, K.shape[0])
-    try:
-        values, z = eigsh(K, count, M, sigma=shift, OPinv=inverse, v0=start)
-    except ArpackError as error:
-        raise NotConverged(f"no convergence of the eigenvalues: {error}; change shift") from error
-    return values, z
 
 
 def _check_pairs(K: Any, M: Any, values: Array, z: Array) -> None:

@@ -116,8 +116,9 @@ def test_masked_entries_are_not_taken_for_numbers(call, name):
     masked = np.ma.masked_array(I, mask=I > 0)
     # `care` has SciPy's names, and tells of `lqr`'s.
     told = {"s": "N"}.get(name, name)
-    with pytest.raises(InputError, match=rf"(?i)^{re.escape(told)}"):
-        function(**(given | {name: masked}))
+    for value in (masked, list(masked), tuple(masked), [[np.ma.masked, 0.0, 0.0], *I[1:]]):
+        with pytest.raises(InputError, match=rf"(?i)^{re.escape(told)}"):
+            function(**(given | {name: value}))
 
 
 @pytest.mark.parametrize("dtype", [int, np.float32, np.longdouble, bool])

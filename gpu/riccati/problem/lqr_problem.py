@@ -166,7 +166,7 @@ def check_lqr(
     B = columns("B", B, n, xp)
     m = B.shape[1]
     scaled = state.kind == "dense" and not (hasattr(Q, "matvec") and not hasattr(Q, "tocsr"))
-    if not scaled and state.kind != "operator" and float(abs(state.A).max()) > LIMITS.largest:
+    if not scaled and not _size(state) <= LIMITS.largest:
         raise InputError("A is too large, its squares overflow: measure time in other units")
     if not scaled and float(abs(B).max()) > LIMITS.largest:
         raise InputError("B is too large, its squares overflow: measure inputs in other units")
@@ -192,6 +192,14 @@ def check_lqr(
     if state.E is not None and known and not _regular(state.E, xp, problem.dense):
         raise InputError(SINGULAR_MASS)
     return problem
+
+
+def _size(state: StateMatrix) -> float:
+    """The largest entry of A; of an operator, of its product with a random vector."""
+    if state.kind != "operator":
+        return float(abs(state.A).max())
+    vector = state.xp.asarray(np.random.default_rng(0).uniform(-1, 1, state.n))
+    return float(abs(state.A.matvec(vector)).max())
 
 
 def solve(M: Any, right: Any) -> Any:

@@ -6,7 +6,7 @@ Difference quotients of the scheme itself, taken from both sides, are the oracle
 import numpy as np
 import pytest
 
-from cip import Grid, Solver, Velocity
+from cip import Grid, IdentifiedVelocity, Solver, Velocity, identify_velocity
 
 LINE, PLANE = Grid((0, 1), 16, periodic=True), Grid([(0, 1), (0, 1)], (9, 8), periodic=True)
 CASES = {
@@ -50,3 +50,17 @@ def test_quotients_from_both_sides(name):
         weight = rng.standard_normal(size)
         products = weight * found.ravel()
         assert abs((adjoint @ weight)[size + q] - products.sum()) <= 1e-13 * np.abs(products).sum()
+
+
+@pytest.mark.parametrize(("a", "feet"), [(0.0, 32), (0.625, 32), (0.6, 0)])
+def test_the_results_say_how_many_feet(a, feet, tmp_path):
+    velocity = Velocity.from_expression("a", parameters={"a": a})
+    solver = Solver(LINE, velocity)
+    start = solver.state("exp(sin(2*pi*x1))")
+    run = solver.run(start, 0.2, dt=0.1)
+    assert solver.tangent(run).feet_on_edges() == feet
+    found = identify_velocity(solver, start, {0.2: run.final["u"]}, dt=0.1, noise=0.01)
+    assert found.parameters["a"] == a
+    assert found.feet_on_edges == feet
+    found.save(tmp_path / "found.json")
+    assert IdentifiedVelocity.load(tmp_path / "found.json", velocity).feet_on_edges == feet

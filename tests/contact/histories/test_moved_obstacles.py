@@ -19,6 +19,7 @@ from contact import (
     LoadHistory,
     LoadStepper,
     Moved,
+    NotConverged,
     Pair,
     Parabola,
     Plane,
@@ -359,7 +360,6 @@ def test_a_history_is_kept_and_resumed(tmp_path):
 def test_halved_steps_know_where_the_obstacle_was(monkeypatch):
     stepper, times = dragged(lambda s, d: Cylinder((s, 1 - d), 1.0), times=(1.0, 2.0))
     small = LoadStepper._small_step
-    from contact import NotConverged
 
     def reluctant(self, last, begin, end):
         if last is not None and end - begin > 0.3:
@@ -519,3 +519,60 @@ def test_a_moved_shape_is_that_shape_there():
             for one, other in zip(moved.distance(x), made.distance(x), strict=True):
                 np.testing.assert_allclose(one, other, atol=1e-9)
     assert all(a == b for a, b in pairwise([moved, pickle.loads(pickle.dumps(moved))]))
+
+
+@pytest.mark.parametrize("sliding", ["small", "finite"])
+def test_resume_refuses_another_way_along(sliding, tmp_path):
+    """The gaps of a plane are the same wherever it slides, and the stored steps slid by 0.1."""
+
+    def stepper(way):
+        body = block()
+        if sliding == "small":
+            problem = ContactProblem(body, "contact", way(0.0), F)
+            return LoadStepper(problem).obstacle(way)
+        problem = ContactProblem([body], [Pair(body, "contact", way(0.0), friction=F)])
+        return LoadStepper(problem, sliding="finite").obstacle(way, pair=0)
+
+    def sideways(reach):
+        return lambda t: Plane((reach * t, -0.02 * min(t, 1.0)), (0, -1))
+
+    stepper(sideways(0.1)).run([1.0, 2.0, 3.0], path=tmp_path / "run")
+    (tmp_path / "run" / "step_00003.npz").unlink()
+    with pytest.raises(InputError, match="another problem"):
+        stepper(sideways(-0.1)).resume(tmp_path / "run")
+    assert len(stepper(sideways(0.1)).resume(tmp_path / "run")) == 3
+
+
+def test_halved_steps_along_a_curve_are_resumed(monkeypatch, tmp_path):
+    def way(s, d):
+        return Moved(MESH, (np.sin(s), -d), 5 * s, (0, 1))
+
+    small = LoadStepper._small_step
+
+    def reluctant(self, last, begin, end):
+        if last is not None and end - begin > 0.3:
+            raise NotConverged("too long", ())
+        return small(self, last, begin, end)
+
+    monkeypatch.setattr(LoadStepper, "_small_step", reluctant)
+    dragged(way)[0].run([1.0, 2.0], path=tmp_path / "run")
+    monkeypatch.undo()
+    assert len(dragged(way)[0].resume(tmp_path / "run")) == 2
+    with pytest.raises(InputError, match="another problem"):
+        dragged(lambda s, d: Moved(MESH, (np.sin(s), -d), 4 * s, (0, 1)))[0].resume(
+            tmp_path / "run"
+        )
+
+
+def test_a_plane_from_a_file_may_have_slid(tmp_path):
+    """Its gaps do not tell; those of a ball do."""
+    body = block()
+    for shape, told in ((Plane((0.0, -0.01), (0, -1)), False), (Cylinder((0.0, 0.99), 1.0), True)):
+        problem = ContactProblem(body, "contact", shape, F)
+        loaded = ContactResult.load(problem.solve().save(tmp_path / "first.npz"))
+        if told:
+            problem.solve(after=loaded)
+            continue
+        with pytest.raises(InputError, match=r"^motion: .* file"):
+            problem.solve(after=loaded)
+        assert problem.solve(after=loaded, motion=0).resultant[1] < 0

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from contact import InputError, LoadHistory
-from tests.contact.histories.spread_history import TIMES, stepper
+from tests.contact.histories.spread_history import TIMES, differences, dragged, stepper
 from tests.mpi_runs import run
 
 
@@ -28,6 +28,21 @@ def test_a_history_is_resumed_on_other_numbers_of_processes(tmp_path: Path) -> N
             for step in range(finished + 1, TIMES.size + 1):
                 folder.joinpath(f"step_{step:05d}.npz").unlink()
         _right(run("tests.contact.histories.spread_history", size, "resume", str(tmp_path)))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("size", [2, 3])
+def test_moved_tools(size: int, tmp_path: Path) -> None:
+    _right(run("tests.contact.histories.spread_history", size, "moved", str(tmp_path)))
+
+
+def test_moved_tools_on_one_process() -> None:
+    ours, theirs = dragged(2, "mumps"), dragged(2, None)
+    found = differences(ours.run(TIMES), theirs.run(TIMES), ours.problem.body)
+    assert max(found[what] for what in ("mu", "t", "u")) <= 1e-11
+    assert found["kkt"] <= 1e-9
+    last = ours.history[-1]
+    assert abs(last.resultant[0]) > 0.02 * abs(last.resultant[1])  # friction knows the way
 
 
 def test_one_process_stores_and_resumes(tmp_path: Path) -> None:

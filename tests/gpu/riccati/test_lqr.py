@@ -376,3 +376,16 @@ def test_a_structurally_singular_mass_is_refused_without_words_of_blas(capfd):
         lqr(-sparse.eye_array(n, format="csr"), np.ones((n, 1)), 1.0, 1.0, E=sparse.csr_array(E))
     out, err = capfd.readouterr()
     assert "illegal value" not in out + err
+
+
+@pytest.mark.parametrize("size", [1e151, 1e200, 1e300])
+def test_operators_whose_squares_overflow_are_refused(size):
+    """SciPy's "SVD did not converge" came out of it."""
+    d = -size * np.arange(1.0, 5.0)
+
+    def operator(e):
+        return LinearOperator((4, 4), lambda x: e * x, rmatvec=lambda x: e * x, dtype=float)
+
+    for A, inverse in ((operator(d), operator(1 / d)), (d, None), (sparse.diags_array(d), None)):
+        with pytest.raises(InputError, match="A is too large"):
+            lqr(A, np.ones((4, 1)), np.eye(4), 1.0, inverse=inverse)

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from skfem import Basis, ElementHex1, ElementQuad1, MeshHex, MeshQuad, asm
 from skfem.models.poisson import laplace
 
 from skfem_adini import CongruentCells, assemble
+from skfem_adini.assembly import congruence_classes as module
 
 
 def bricks(n):
@@ -28,3 +31,22 @@ def test_cells_that_are_much_smaller_than_their_coordinates_stay_apart(ticks):
     mesh = MeshQuad.init_tensor(graded + 1.0, np.linspace(0, 1, 3))
     basis = Basis(mesh, ElementQuad1())
     assert len(CongruentCells.of(basis).cells) >= 40
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**31), st.integers(2, 32), st.sampled_from([0, 1]))
+def test_few_cells_are_compared_as_many_are(seed, cells, noise):
+    """By pairs, and by sorted differences."""
+    rng = np.random.default_rng(seed)
+    unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    corners = 10 + rng.integers(0, 3, (cells, 2)) + unit[:, None] * rng.integers(1, 3, (cells, 2))
+    corners = corners * (1 + noise * np.finfo(float).eps * rng.integers(-1, 2, corners.shape))
+    points = np.ascontiguousarray(corners.reshape(-1, 2).T)
+    nodes = np.arange(4 * cells).reshape(4, cells)
+    words = rng.integers(0, 2, (cells, 1)).astype(np.uint64)
+    few = module.congruence_classes(points, nodes, words)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_FEW", 0)
+        many = module.congruence_classes(points, nodes, words)
+    np.testing.assert_array_equal(few.labels, many.labels)
+    np.testing.assert_array_equal(few.representatives, many.representatives)
