@@ -13,7 +13,7 @@ from scipy import sparse
 
 from contact.body.axisymmetry import check_shift
 from contact.body.boundary_names import select_components, select_facets
-from contact.body.facet_dofs import dofs_on_facets
+from contact.body.deferred_basis import dofs_on_facets
 from contact.body.material import MaterialBody
 from contact.body.multipoint import Coupling
 from contact.body.rigid_modes import dof_kinds, dof_lengths, rigid_field

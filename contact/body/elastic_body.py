@@ -15,13 +15,10 @@ from skfem import Basis, ElementVector, Mesh
 
 from contact.body.anisotropic import Anisotropic
 from contact.body.axisymmetry import AXISYMMETRIC, axis_facets, refuse_axis
-from contact.body.boundary_names import select_components, select_facets
+from contact.body.boundary_names import read_mesh, select_components, select_facets
 from contact.body.cell_check import check_basis, check_cells
 from contact.body.coupled_body import CoupledBody
-from contact.body.deferred_basis import DeferredBasis
-from contact.body.dof_numbers import DofNumbers
-from contact.body.facet_dofs import dofs_on_facets
-from contact.body.mesh_file import read_mesh
+from contact.body.deferred_basis import DeferredBasis, DofNumbers, dofs_on_facets
 from contact.body.multipoint import column_lengths, coupled
 from contact.body.rigid_modes import dof_lengths
 from contact.body.supports import in_order

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from contact.body.anisotropic import Anisotropic
-from contact.body.axisymmetric_law import AxisymmetricLaw
-from contact.body.axisymmetry import AXISYMMETRIC
+from contact.body.axisymmetry import AXISYMMETRIC, AxisymmetricLaw
 from contact.body.basis_solid import BasisSolid
 from contact.body.constitutive import IsotropicLaw, StressLaw, TensorLaw
 from contact.body.elasticity import check_locking, checked_dilatation, lame

@@ -1,9 +1,10 @@
-"""The interface of elastic bodies that contact uses."""
+"""The interface of elastic bodies that contact uses, and their surfaces as obstacles."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from copy import copy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -12,12 +13,37 @@ from scipy import sparse
 
 from contact.body.axisymmetry import AXISYMMETRIC, circumference
 from contact.body.constitutive import StressLaw, total_stress
-from contact.body.surface import Surface
 from contact.errors import InputError, numbers
 from contact.portable import Portable
 
-if TYPE_CHECKING:
-    pass
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Facets of an elastic body that another body may touch; see `ElasticBody.surface`.
+
+    Attributes
+    ----------
+    body : Solid
+    facets : ndarray of int, shape (n,)
+        Numbers of the facets in its mesh.
+    clearance : float, callable, ndarray or None
+        The gap, if it is not that between the two meshes, as for `Pair`.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body.surface("top").facets.size
+    4
+    """
+
+    body: Any
+    facets: NDArray[np.int64]
+    clearance: Any = None
+
+    def __repr__(self) -> str:
+        return f"Surface({self.facets.size} facets of {self.body!r})"
 
 
 Array = NDArray[np.float64]
