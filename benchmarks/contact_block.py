@@ -29,7 +29,7 @@ from scipy.sparse.linalg import splu, spsolve
 from skfem import MeshQuad
 
 from contact import ContactProblem, ContactResult, ElasticBody, Plane, cross_check
-from contact.body.dof_entities import dof_entities
+from contact.body.rigid_modes import dof_entities
 from contact.condensation.elimination_order import nested_dissection
 from skfem_adini import ElementQuadAdini
 from skfem_adini.solvers.pardiso import has_pardiso

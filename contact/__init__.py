@@ -5,7 +5,7 @@ from contact.body.cut_body import CutBody
 from contact.body.distributed_body import DistributedBody
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layered_block import LayeredBlock
-from contact.body.surface import Surface
+from contact.body.solid import Surface
 from contact.checks.cross_check import CrossCheck, cross_check
 from contact.checks.recheck import recheck
 from contact.checks.uniqueness import Uniqueness, uniqueness

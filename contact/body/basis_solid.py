@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -14,13 +15,13 @@ from contact.arrays.dense_arrays import HostArrays
 from contact.arrays.ranges import diagonal
 from contact.arrays.sparse_rows import SparseRows
 from contact.body.axisymmetry import with_hoop
-from contact.body.basis_vectors import BasisVectors, KeptVectors
 from contact.body.cell_finder import find_cells, places_in
 from contact.body.cell_strains import has_slender_cells, internal_forces
 from contact.body.constitutive import StressLaw
-from contact.body.multipoint import picked_by
+from contact.body.multipoint import column_lengths, picked_by
 from contact.body.rigid_modes import dof_lengths, rigid_modes, value_dofs
 from contact.body.solid import Solid
+from contact.body.space import KeptSpaces, Space
 from contact.body.supports import live_rows, selected
 from contact.portable import PortableBasis
 
@@ -52,27 +53,29 @@ class BasisSolid(Solid):
     takes_strains = False  # though its cells are not slender
     _rigid: Array | None = None
 
-    if TYPE_CHECKING:
+    @property
+    @abstractmethod
+    def constraint(self) -> tuple[sparse.csr_array, Array]:
+        """P and u0 of u = P z + u0."""
 
-        @property
-        def mesh(self) -> Mesh:
-            """The mesh of the basis."""
-            ...
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh of the basis."""
+        mesh: Mesh = self.basis.mesh
+        return mesh
 
-        @property
-        def stiffness(self) -> sparse.csr_array:
-            """S, all dofs."""
-            ...
+    @cached_property
+    def stiffness(self) -> sparse.csr_array:
+        """S of ``a(u, v) = int sigma(u) : eps(v)``, all dofs, shape (ndofs, ndofs)."""
+        self.check_unchanged()
+        return self.law.stiffness(self.basis, self.dilatation == "mean")
 
-        @property
-        def constraint(self) -> tuple[sparse.csr_array, Array]:
-            """P and u0 of u = P z + u0."""
-            ...
-
-        @property
-        def lengths(self) -> tuple[Array, Array]:
-            """Length of each dof and of each free unknown."""
-            ...
+    @cached_property
+    def lengths(self) -> tuple[Array, Array]:
+        """Lengths that make each dof, and each free unknown, a displacement; see `dof_lengths`."""
+        of_dof, chosen = dof_lengths(self), self.chosen
+        of_free = column_lengths(self.picked, of_dof) if chosen is None else of_dof[chosen]
+        return of_dof, of_free
 
     def snapshot(self) -> Self:
         """A copy for a result, which shares the matrices."""
@@ -105,8 +108,8 @@ class BasisSolid(Solid):
         return self._live[2]
 
     @cached_property
-    def _kept(self) -> KeptVectors:
-        return KeptVectors()
+    def _kept(self) -> KeptSpaces:
+        return KeptSpaces()
 
     def stiffness_on(self, xp: Any) -> Any | None:
         """S of NumPy or CuPy by rows, assembled there; None where cells have too many shapes."""
@@ -114,13 +117,13 @@ class BasisSolid(Solid):
         return None if few is None else few[0].matrix(few[1], xp)
 
     @property
-    def vectors(self) -> BasisVectors:
+    def vectors(self) -> Space:
         """What computes with vectors of all dofs, shared by all copies of the body."""
         return self._kept.of(self)
 
     def compute_with(
         self, arrays: HostArrays, beside: int = 0, stiffness: SparseRows | None = None
-    ) -> BasisVectors:
+    ) -> Space:
         """Compute where the arrays lie, if that fits, for as long as the returned object is kept.
 
         Parameters
@@ -144,15 +147,6 @@ class BasisSolid(Solid):
     def placed(self, v: Any) -> Any:
         """A vector of all dofs where the body computes: in the memory of its device."""
         return self.vectors.placed(v)
-
-    def equilibrium(self, u: Any, contact: Any, load: Any) -> tuple[float, float]:
-        """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""
-        u, contact, load = map(self.placed, (u, contact, load))
-        return self.vectors.equilibrium(self.internal(u) + contact - load, u, load)
-
-    def give(self, forces: Any) -> float:
-        """Largest displacement that one of the forces would cause if all other dofs were fixed."""
-        return self.vectors.give(self.placed(forces))
 
     @property
     def diagonal(self) -> Array:
@@ -186,25 +180,15 @@ class BasisSolid(Solid):
             self._chosen = P, selected(P)
         return self._chosen[1]
 
-    def internal(self, u: Any) -> Any:
-        """Internal forces S u, without the mean translations, which would only add rounding.
-
-        Slender cells: from the strains, see `contact.body.cell_strains`. They lie where u does, and
-        nobody may change them.
-        """
-        vectors = self.vectors
-        here = vectors.placed(u)
-        if self.slender:
-            strained = internal_forces
-            on_host = vectors.arrays.get
-            forces = vectors.remembered(
-                here,
-                lambda: vectors.placed(strained(self, np.asarray(on_host(here)))),
-                strained=True,
-            )
-        else:
-            forces = vectors.forces(here)
-        return vectors.returned(forces, u)
+    def forces_on(self, u: Any) -> Any:
+        """S u where u lies; slender cells: from strains, see `contact.body.cell_strains`."""
+        space = self.vectors
+        if not self.slender:
+            return space.forces(u)
+        strained, on_host = internal_forces, space.arrays.get
+        return space.remembered(
+            u, lambda: space.placed(strained(self, np.asarray(on_host(u)))), strained=True
+        )
 
     @property
     def slender(self) -> bool:
@@ -232,27 +216,6 @@ class BasisSolid(Solid):
         if self._values is None:
             self._values = value_dofs(self)
         return self._values
-
-    def reach(self, u: Any) -> float:
-        """Largest displacement at a node; if all are zero, largest derivative times its length."""
-        return self.vectors.reach(self.placed(u))
-
-    def deformation(self, u: Any) -> float:
-        """Largest part of a displacement that no rigid motion explains, in the units of `reach`."""
-        return self.vectors.deformation(self.placed(u), self.rigid)
-
-    def support_error(self, u: Any) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times their length."""
-        return self.vectors.support_error(self.placed(u), self.placed(self.constraint[1]))
-
-    def at_supports(self, forces: Any) -> Any:
-        """The part of forces on all dofs that acts where a displacement is prescribed."""
-        vectors = self.vectors
-        return vectors.returned(vectors.at_supports(vectors.placed(forces)), forces)
-
-    def total(self, forces: Any) -> Array:
-        """Resultant of forces on all dofs, shape (dim,); of a ring along its axis only."""
-        return self.vectors.total(self.placed(forces))
 
     def mean_dilatation(self, u: Array) -> Array | None:
         """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""

@@ -1,8 +1,12 @@
-"""Facets of named boundaries, and numbers of named displacement components."""
+"""Facets of named boundaries, components by name, and meshes from files with such names."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,3 +61,124 @@ def select_components(dim: int, components: str | int | Sequence[int] | None) ->
             f"components={components!r}: expected letters of {_AXES[:dim]!r} or numbers below {dim}"
         )
     return sorted(set(numbers))
+
+
+# Corners of boundary cells of second order, by which scikit-fem names facets.
+_FIRST_ORDER = {"line3": ("line", 2), "triangle6": ("triangle", 3), "quad9": ("quad", 4)}
+_DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3, "wedge": 3, "pyramid": 3}
+_SPARSE = 10_000_000  # largest node number in a small file: meshio makes an array that long
+_CORNERS = {"triangle6": 3, "quad9": 4, "tetra10": 4, "hexahedron27": 8}
+
+
+def read_mesh(path: str | Path) -> Mesh:
+    """Read a mesh by meshio; physical groups of Gmsh become named boundaries and subdomains.
+    Cells of one kind, of first or second order; boundary cells of second order keep their names,
+    too."""
+    import meshio
+    from skfem.io.meshio import from_meshio
+
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"mesh file {path} does not exist")
+    try:
+        quiet = io.StringIO()  # its Gmsh reader prints empty lines, and errors besides raising
+        with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
+            if path.suffix == ".msh":
+                _check_gmsh_nodes(path.read_bytes())
+            file = meshio.read(path)
+        mesh = from_meshio(_named(file), ignore_orientation=True)
+    except (Exception, SystemExit) as error:  # meshio raises whatever its readers meet
+        raise InputError(f"mesh file {path} cannot be read: {error or 'bad format'}") from error
+    if mesh.dim() not in (2, 3):
+        raise InputError(f"mesh file {path}: expected a mesh of dimension 2 or 3")
+    if not np.all(np.isfinite(mesh.doflocs)):
+        raise InputError(f"mesh file {path}: holds coordinates that are not finite")
+    height = np.ptp(file.points[:, mesh.dim() :], axis=0).max(initial=0.0)
+    if height > 1e-9 * np.ptp(mesh.p, axis=1).max():
+        raise InputError(f"mesh file {path}: a surface in space, not in the plane of x and y")
+    return mesh
+
+
+def _check_gmsh_nodes(data: bytes) -> None:
+    """Refuse node numbers that are out of proportion, repeated, or other than announced.
+    meshio makes an array as long as the largest number and leaves missing ones uninitialised.
+    Formats 2.2, 4.0 and 4.1 (Gmsh reference manual, "MSH file format")."""
+    words, begin, end = data[:80].split(), data.find(b"$Nodes\n"), data.find(b"$EndNodes")
+    if words[:1] != [b"$MeshFormat"] or min(begin, end) < 0:
+        return  # meshio says what is wrong
+    version, at = float(words[1]), begin + len(b"$Nodes\n")
+    integer, size, real = "<i4", "<u8", "<f8"
+    if words[2] == b"0":  # text: the same as binary numbers of one type
+        data, at = np.array(data[at:end].split(), dtype=float).tobytes(), 0
+        integer = size = real
+
+    def take(kind: Any, count: int) -> Any:
+        nonlocal at
+        found = np.frombuffer(data, kind, int(count), at)
+        at += found.nbytes
+        return found
+
+    rows = [("tag", integer), ("place", real, 3)]
+    if version < 4:
+        line = at if at == 0 else data.index(b"\n", at) + 1  # a text in binary files, too
+        total = take(size, 1)[0] if at == 0 else int(data[at:line])
+        at = max(at, line)
+        tags = [take(rows, total)["tag"]]
+    else:
+        blocks, total = take(size, 4 if version > 4 else 2)[:2]
+        tags = []
+        for _ in range(int(blocks)):
+            take(integer, 3)
+            count = take(size, 1)[0]
+            tags.append(take(size, count) if version > 4 else take(rows, count)["tag"])
+            if version > 4:
+                take(real, 3 * count)
+    numbers = np.concatenate(tags).astype(np.int64)
+    if numbers.size != total or np.unique(numbers).size != total:
+        raise InputError(f"{total:.0f} nodes are announced, {np.unique(numbers).size} found")
+    if numbers.min(initial=1) < 1 or numbers.max(initial=1) > max(_SPARSE, len(data)):
+        raise InputError(f"a node has the number {max(numbers, key=abs)}; renumber them from 1")
+
+
+def _named(file: Any) -> Any:
+    """The same mesh in scikit-fem's order: boundary cells by their corners, corners numbered first.
+    scikit-fem numbers the vertices of a mesh of second order anew, and looks boundary cells up
+    by the new numbers: they must be the old ones."""
+    import meshio
+
+    kinds = [block.type for block in file.cells]
+    dimension = {kind: _DIMENSION.get(kind.rstrip("0123456789"), 0) for kind in kinds}
+    body = max(dimension.values(), default=0)
+    of_body = sorted(kind for kind in dimension if body and dimension[kind] == body)
+    if len(of_body) > 1:
+        raise InputError(
+            f"its body consists of {' and '.join(of_body)} cells, of which scikit-fem would read "
+            "one kind only; mesh it with cells of one kind"
+        )
+    cells = []
+    for block in file.cells:
+        named = np.asarray(block.data)
+        wrong = named[(named < 0) | (named >= len(file.points))]
+        if wrong.size:
+            raise InputError(f"a cell names point {wrong[0]} of {len(file.points)}, counted from 0")
+        kind, corners = _FIRST_ORDER.get(block.type, (block.type, None))
+        on_boundary = _DIMENSION.get(kind, 1) < body
+        if on_boundary and corners:
+            cells.append((kind, block.data[:, :corners]))
+        else:
+            cells.append((block.type, block.data))
+    corners_of = [data[:, : _CORNERS[kind]].ravel() for kind, data in cells if kind in _CORNERS]
+    points = file.points
+    if corners_of:
+        vertices = np.unique(np.concatenate(corners_of))
+        order = np.concatenate((vertices, np.setdiff1d(np.arange(len(points)), vertices)))
+        place = np.empty_like(order)
+        place[order] = np.arange(order.size)
+        points, cells = points[order], [(kind, place[data]) for kind, data in cells]
+    return meshio.Mesh(
+        points,
+        cells,
+        cell_data=file.cell_data,
+        field_data=file.field_data,
+        cell_sets=file.cell_sets,
+    )

@@ -19,12 +19,10 @@ from numpy.typing import NDArray
 from skfem import Basis, Mesh
 
 from contact.arrays.ranges import in_ranges
-from contact.body.axisymmetric_law import AxisymmetricLaw
-from contact.body.axisymmetry import forces_of_stress, strain_roots, with_hoop
+from contact.body.axisymmetry import AxisymmetricLaw, forces_of_stress, strain_roots, with_hoop
 from contact.body.constitutive import IsotropicLaw, TensorLaw
-from contact.body.discretised import Elastic
 from contact.body.jacobians import jacobians, measures
-from contact.body.rigid_modes import value_dofs
+from contact.body.rigid_modes import Elastic, value_dofs
 
 Array = NDArray[np.float64]
 SLENDER = 300.0  # side ratio at which a product with the matrix loses five digits

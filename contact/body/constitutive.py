@@ -15,8 +15,14 @@ from scipy import sparse
 from skfem import Basis
 
 from contact.body.anisotropic import VOIGT, tensor_of
-from contact.body.elasticity import stiffness_matrix, stress, tensor_stiffness
-from contact.body.local_stiffness import Classes, isotropic_classes, tensor_classes
+from contact.body.elasticity import (
+    Classes,
+    isotropic_classes,
+    stiffness_matrix,
+    stress,
+    tensor_classes,
+    tensor_stiffness,
+)
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
@@ -99,7 +105,7 @@ class IsotropicLaw:
         return stiffness_matrix(basis, self.lam, self.mu, mean_dilatation)
 
     def classes(self, basis: Basis, mean_dilatation: bool = False) -> Classes | None:
-        """See `contact.body.local_stiffness.isotropic_classes`."""
+        """See `contact.body.elasticity.isotropic_classes`."""
         return isotropic_classes(basis, self.lam, self.mu, mean_dilatation)
 
     def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
@@ -199,7 +205,7 @@ class TensorLaw:
         return tensor_stiffness(basis, self.tensor)
 
     def classes(self, basis: Basis, mean_dilatation: bool = False) -> Classes | None:
-        """See `contact.body.local_stiffness.tensor_classes`."""
+        """See `contact.body.elasticity.tensor_classes`."""
         return tensor_classes(basis, self.tensor)
 
     def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:

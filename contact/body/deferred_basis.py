@@ -1,4 +1,4 @@
-"""A Basis whose tables of shape functions are computed when they are first used."""
+"""A Basis with cheap numberings, whose tables of shape functions are computed when first used."""
 
 from __future__ import annotations
 
@@ -7,13 +7,45 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import CellBasis, ElementVector
+from skfem import CellBasis, ElementVector, Mesh
+from skfem.assembly import Dofs
 from skfem.assembly.basis.abstract_basis import AbstractBasis
 from skfem.quadrature import get_quadrature
 
 from contact.arrays.ranges import in_ranges
-from contact.body.dof_numbers import DofNumbers
 from contact.body.jacobians import is_straight, measures
+
+
+class DofNumbers(Dofs):
+    """A `skfem.assembly.Dofs` that is made without stacking its rows one after another."""
+
+    def __init__(self, topo: Any, element: Any) -> None:
+        self.topo, self.element = topo, element
+        cells, none = topo.t.shape[1], np.empty((0, 0), dtype=np.int32)
+        self.edge_dofs = self.facet_dofs = none
+        kinds: list[tuple[str, Any, int]] = [("nodal", topo.t, topo.nvertices)]
+        if element.dim == 3 and element.edge_dofs > 0:
+            kinds.append(("edge", topo.t2e, topo.nedges))
+        if element.dim >= 2 and element.facet_dofs > 0:
+            kinds.append(("facet", topo.t2f, topo.nfacets))
+        kinds.append(("interior", np.arange(cells)[None], cells))
+        of_each = [getattr(element, f"{name}_dofs") for name, *_ in kinds]
+        rows = sum(
+            count * len(of_cells) for count, (_, of_cells, _) in zip(of_each, kinds, strict=True)
+        )
+        self.element_dofs = np.empty((rows, cells), dtype=np.int32)
+        first, row = 0, 0
+        for count, (name, of_cells, entities) in zip(of_each, kinds, strict=True):
+            numbers = np.arange(first, first + count * entities, dtype=np.int32)
+            setattr(self, f"{name}_dofs", numbers.reshape(entities, count).T)
+            for entity in of_cells:
+                begin = entity.astype(np.int32) * count + first
+                for k in range(count):
+                    np.add(begin, k, out=self.element_dofs[row + k])
+                row += count
+            first += count * entities
+        self.N = np.max(self.element_dofs) + 1
+
 
 _ORDER_OF_VOLUME = 3  # two Gauss points a direction: exact for the determinant of straight cells
 
@@ -75,3 +107,31 @@ class DeferredBasis(CellBasis):
 
     def _measure(self, X: Any, W: Any) -> NDArray[np.float64]:
         return np.abs(self.mapping.detDF(X)) * np.broadcast_to(W, (self.nelems, W.size))
+
+
+Index = NDArray[np.int64]
+
+
+def dofs_on_facets(basis: Any, facets: Index) -> Index:
+    """What ``basis.get_dofs(facets).flatten()`` returns: ascending dofs of vertices, edges, facets.
+    scikit-fem numbers all edges of a mesh in space for it, also where they carry no dofs."""
+    dofs, mesh = basis.dofs, basis.mesh
+    if mesh.dim() == 3 and mesh.bndelem is None:
+        return np.asarray(basis.get_dofs(facets).flatten(), dtype=np.int64)
+    held = [dofs.nodal_dofs[:, np.unique(mesh.facets[:, facets])]]
+    if len(dofs.facet_dofs):
+        held.append(dofs.facet_dofs[:, facets])
+    if mesh.dim() == 3 and len(dofs.edge_dofs):
+        held.append(dofs.edge_dofs[:, np.unique(edges_of_facets(mesh, facets))])
+    return np.unique(np.concatenate([part.ravel() for part in held])).astype(np.int64)
+
+
+def edges_of_facets(mesh: Mesh, facets: Index) -> Index:
+    """Edges of facets of a mesh in space, ascending, shape (edges of a facet, nfacets).
+    They are those edges of a facet's cell with both ends in the facet."""
+    corners, cells = mesh.facets[:, facets], mesh.f2t[0, facets]
+    edges = mesh.t2e[:, cells]
+    ends = mesh.edges[:, edges]  # (2, edges of a cell, nfacets)
+    inside = (ends[:, :, None] == corners).any(axis=2).all(axis=0)
+    count = len(corners)  # a ring has as many edges as corners
+    return np.asarray(np.sort(np.where(inside, edges, mesh.nedges), axis=0)[:count], dtype=np.int64)

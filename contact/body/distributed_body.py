@@ -5,26 +5,38 @@ from __future__ import annotations
 import logging
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from copy import copy, deepcopy
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 from skfem import Basis
 
+from contact.arrays.dense_arrays import HostArrays
 from contact.body.anisotropic import Anisotropic
 from contact.body.axisymmetry import AXISYMMETRIC
+from contact.body.cell_finder import find_cells
+from contact.body.constitutive import StressLaw
 from contact.body.elastic_body import ElasticBody, Field
-from contact.body.spread_solid import SpreadSolid
-from contact.body.vector_element import DEFAULT_ELEMENT, vector_element
+from contact.body.multipoint import column_lengths, picked_by
+from contact.body.rigid_modes import dof_kinds, rigid_field
+from contact.body.solid import Solid
+from contact.body.space import Space
+from contact.body.spread_unknowns import SpreadUnknowns
+from contact.body.supports import live_rows
+from contact.body.vector_element import vector_element
 from contact.errors import InputError
 from contact.settled import settled
-from skfem_adini.distributed import DistributedBasis, has_petsc
+from skfem_adini.distributed import DistributedBasis, DistributedMatrix, has_petsc, largest, total
 from skfem_adini.ground.arguments import choice
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+ROUND_OFF = 1e-12  # relative to the largest coordinate: distance that is rounding
 _log = logging.getLogger(__name__)
 
 
@@ -45,7 +57,7 @@ class ContactStrip(ElasticBody):
 
 
 @settled("make a new DistributedBody", "space", "contact", "plane")
-class DistributedBody(SpreadSolid):
+class DistributedBody(Solid):
     """An elastic body on the processes of a run, started by ``mpiexec``.
 
     Every process has its own cells with those around them, and all have the cells around the
@@ -97,6 +109,10 @@ class DistributedBody(SpreadSolid):
     >>> body = body.fix("left", "x").load("top", (0.0, -0.1))
     """
 
+    space: DistributedBasis
+    comm: Any
+    local: ElasticBody  # on the cells of this process and those around them
+    _strip: ElasticBody
     _IDENTITY = "space"
 
     def __init__(
@@ -224,10 +240,9 @@ class DistributedBody(SpreadSolid):
         names, here, near = self._has(boundary)
         for body, has in ((self.local, here), (self._strip, near)):
             if has:
-                present = [n for n in names if np.size((body.mesh.boundaries or {}).get(n, ()))]
-                body.fix(present, components, value, smooth)
+                body.fix(_present(names, body), components, value, smooth)
         self._supports = [*self._supports, (tuple(names), components)]
-        for derived in ("constraint", "unknowns", "lengths"):
+        for derived in ("constraint", "unknowns", "lengths", "vectors"):
             self.__dict__.pop(derived, None)
         return self
 
@@ -253,8 +268,7 @@ class DistributedBody(SpreadSolid):
         names, here, _ = self._has(boundary)
         body = self._unloaded()
         if here:
-            present = [n for n in names if np.size((self.space.mesh.boundaries or {}).get(n, ()))]
-            body.load(present, traction)
+            body.load(_present(names, body), traction)
         self.f = self.f + self.of_owned(body.f)
         return self
 
@@ -279,14 +293,295 @@ class DistributedBody(SpreadSolid):
         names, here, _ = self._has(boundary)
         moved = np.zeros(self.space.basis.N)
         if here:
-            present = [n for n in names if np.size((self.space.mesh.boundaries or {}).get(n, ()))]
-            moved = self.local.support_motion(present, components, value)
+            names = _present(names, self.local)
+            moved = self.local.support_motion(names, components, value)
         return self.of_owned(moved)
 
     def _unloaded(self) -> ElasticBody:
         body = copy(self.local)
         body.f = np.zeros(self.space.basis.N)
         return body
+
+    def _place(self, cells: Index) -> None:
+        """Find the strip's dofs among the local ones, and which process has each of them."""
+        space, dofs = self.space, self._strip.basis.element_dofs
+        own = np.flatnonzero(space.piece.owner == self.comm.rank)
+        here, there = np.intersect1d(space.piece.cells[own], cells, return_indices=True)[1:]
+        told = self.comm.allgather((there, space.numbers[space.basis.element_dofs[:, own[here]]]))
+        self._shared = self._strip.basis.N
+        numbers = np.full(self._shared, -1, dtype=np.int64)
+        for which, known in told:
+            numbers[dofs[:, which]] = known
+        if np.any(numbers < 0):
+            raise AssertionError("a cell of the contact strip belongs to no process")
+        self._strip_numbers = numbers
+        order = np.argsort(space.numbers)
+        found = np.searchsorted(space.numbers[order], numbers).clip(max=order.size - 1)
+        local = order[found]
+        known_here = space.numbers[local] == numbers
+        # Local places of the strip's dofs: all that occur here, and those that are owned.
+        self._seen = np.flatnonzero(known_here), local[known_here]
+        is_owned = np.zeros(space.basis.N, dtype=bool)
+        is_owned[space.owned] = True
+        mine = known_here & is_owned[local]
+        self._mine = np.flatnonzero(mine), local[mine]
+        is_owned[local[mine]] = False
+        self.others = np.flatnonzero(is_owned)
+
+    def to_local(self, u: Array) -> Array:
+        """A vector of this body on the dofs of the process's cells, the halo included."""
+        x = np.zeros(self.space.basis.N)
+        x[self._seen[1]] = u[self._seen[0]]
+        x[self.others] = u[self._shared :]
+        return self.space.update(x)
+
+    def of_owned(self, x: Array) -> Array:
+        """A vector of this body from local values that are right where the dofs are owned."""
+        return np.concatenate((self.shared(x), x[self.others]))
+
+    def shared(self, x: NDArray[Any]) -> NDArray[Any]:
+        """Values at the strip's dofs, on every process, from local ones that are right if owned."""
+        values = np.zeros((self._shared, *x.shape[1:]), dtype=x.dtype)
+        for where, part in self.comm.allgather((self._mine[0], x[self._mine[1]])):
+            values[where] = part
+        return values
+
+    def counted(self, u: Array) -> Array:
+        """Local owned values of a vector of this body, shape (owned dofs,), without exchange."""
+        x = np.zeros(self.space.basis.N)
+        x[self._mine[1]] = u[self._mine[0]]
+        x[self.others] = u[self._shared :]
+        own: Array = x[self.space.owned]
+        return own
+
+    def places(self) -> dict[str, Index]:
+        """For each owned dof a cell of the whole mesh, and its number among the dofs of the cell.
+
+        Returns
+        -------
+        dict
+            ``cell`` and ``slot``, shape (owned dofs,).
+        """
+        space = self.space
+        cells = space.own_cells
+        dofs = space.basis.element_dofs[:, cells]
+        found = np.full((2, space.basis.N), -1, dtype=np.int64)
+        found[0, dofs] = space.piece.cells[cells]
+        found[1, dofs] = np.arange(dofs.shape[0])[:, None]
+        return {"cell": found[0, space.owned], "slot": found[1, space.owned]}
+
+    def from_places(
+        self, parts: Iterable[dict[str, Any]], names: Sequence[str]
+    ) -> dict[str, Array]:
+        """Vectors of this body from values at the places of `places`, of any number of processes.
+
+        Parameters
+        ----------
+        parts : iterable of dict
+            ``cell`` and ``slot`` with the values of each name.
+        names : sequence of str
+
+        Raises
+        ------
+        InputError
+            A dof has no value.
+        """
+        space, cells = self.space, self.space.piece.cells
+        local = np.zeros((len(names), space.basis.N))
+        known = np.zeros(space.basis.N, dtype=bool)
+        for part in parts:
+            at = np.searchsorted(cells, part["cell"]).clip(max=cells.size - 1)
+            here = cells[at] == part["cell"]
+            dofs = space.basis.element_dofs[part["slot"][here], at[here]]
+            known[dofs] = True
+            for row, name in zip(local, names, strict=True):
+                row[dofs] = part[name][here]
+        if not known[space.owned].all():
+            raise InputError("path: the files of the processes do not hold all dofs of this body")
+        return {name: self.of_owned(row) for name, row in zip(names, local, strict=True)}
+
+    @property
+    def trace(self) -> ElasticBody:
+        """The cells around the contact boundary, supported as the body; its dofs come first."""
+        return self._strip
+
+    def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
+        """Rows given on the dofs of the strip, extended to all dofs of this process."""
+        shape = matrix.shape[0], self.f.size
+        return sparse.csr_array((matrix.data, matrix.indices, matrix.indptr), shape=shape)
+
+    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
+        own = sparse.csr_array(rows[:, : self._shared])
+        return live_rows(own, self._strip.constraint[0], self._strip.lengths)
+
+    @cached_property
+    def rows(self) -> sparse.csr_array:
+        """Rows of the stiffness matrix that belong to this process, in local columns."""
+        rows = sparse.csr_array(self.local.stiffness[self.space.owned])
+        self.local.__dict__.pop("stiffness", None)
+        return rows
+
+    @cached_property
+    def absolute_rows(self) -> sparse.csr_array:
+        """``|S|`` entry by entry, against which residuals are judged."""
+        rows = self.rows
+        return sparse.csr_array((np.abs(rows.data), rows.indices, rows.indptr), shape=rows.shape)
+
+    @property
+    def stiffness(self) -> _Product:
+        """S as ``S @ u`` for vectors of this body."""
+        return _Product(self)
+
+    @cached_property
+    def unknowns(self) -> SpreadUnknowns:
+        """The free unknowns z of ``u = P z + u0``, spread over the processes."""
+        return SpreadUnknowns.of(self)
+
+    @cached_property
+    def constraint(self) -> tuple[sparse.csr_array, Array]:
+        """P on the dofs and free unknowns of this process, and u0 of ``u = P z + u0``."""
+        return self.unknowns.P, self.of_owned(self.unknowns.u0)
+
+    @cached_property
+    def lengths(self) -> tuple[Array, Array]:
+        """Length of each local dof and of each own unknown, the same on all processes."""
+        space, kind = self.space, dof_kinds(self.space.basis)
+        own = space.own_cells
+        size = total(self.comm, [self.local.basis.dx[own].sum(), own.size])
+        cell = float(size[0] / size[1]) ** (1 / self.dim)
+        of_dof = np.where(kind == -1, 1.0, np.where(kind == -2, cell**2, cell))
+        return of_dof, column_lengths(self.unknowns.own, of_dof[space.owned])
+
+    @property
+    def extent(self) -> float:
+        """Largest extent along a coordinate axis."""
+        low, high = self._ends()
+        return float((high - low).max())
+
+    def _ends(self) -> tuple[Array, Array]:
+        p = self.space.mesh.p
+        ends = np.array(self.comm.allgather((p.min(axis=1), p.max(axis=1))))
+        return ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
+
+    @cached_property
+    def rigid(self) -> Array:
+        """Rigid motions of all of space about the body's middle, at the local dofs."""
+        return rigid_field(self.local, 0.5 * np.sum(self._ends(), axis=0))
+
+    @cached_property
+    def vectors(self) -> SpreadSpace:
+        """What computes with the owned dofs of this process."""
+        return SpreadSpace(self)
+
+    def under(self, f: Array, u0: Array, thermal: Any = None) -> Self:
+        """The same body under other loads and other values of the same supports."""
+        other = copy(self)
+        other.f, other.constraint = f, (self.constraint[0], u0)
+        return other
+
+    def forces_on(self, u: Array) -> Array:
+        """S u on the owned dofs."""
+        return np.asarray(self.rows @ self.to_local(u))
+
+    def moduli_on(self, u: Array) -> Array:
+        """``|S| |u|`` on the owned dofs."""
+        return np.asarray(self.absolute_rows @ np.abs(self.to_local(u)))
+
+    def give(self, forces: Array) -> float:
+        """Largest displacement that one of the forces would cause if all other dofs were fixed."""
+        own = DistributedMatrix(self.space, self.rows).diagonal()[self.space.owned]
+        return self.vectors.largest(self.counted(forces) * self.vectors.lengths / own)
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product of two vectors of this body."""
+        return float(total(self.comm, self.counted(a) @ self.counted(b)))
+
+    def displacement(self, u: Array, points: Array) -> Array:
+        """Displacement at points, by the element's own interpolation, shape (dim, npoints)."""
+        x = self.to_local(u)
+        return self._at(points, lambda p: self.local.displacement(x, p), (self.dim,))
+
+    def gradient(self, u: Array, points: Array) -> Array:
+        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints)."""
+        x = self.to_local(u)
+        return self._at(points, lambda p: self.local.gradient(x, p), (self.dim, self.dim))
+
+    def stress_at(self, u: Array, points: Array) -> Array:
+        """Cauchy stress at points, shape (dim, dim, npoints)."""
+        x = self.to_local(u)
+        return self._at(points, lambda p: self.local.stress_at(x, p), (self.dim, self.dim))
+
+    def law_at(self, points: Array) -> StressLaw:
+        """Stress from strain at points, shape (dim, npoints), of a uniform body.
+
+        Raises
+        ------
+        InputError
+            E or nu differ from cell to cell.
+        """
+        if np.ndim(self.local.E) or np.ndim(self.local.nu):
+            raise InputError(
+                "points: E or nu differ from cell to cell, so that the stress out of the plane "
+                "has no one law; take result.stress(points)"
+            )
+        return self.local.law.at(np.zeros(points.shape[1], dtype=np.int64))
+
+    @property
+    def basis(self) -> Any:
+        """Refused: each process has a piece of it."""
+        raise self._in_pieces("basis")
+
+    @property
+    def mesh(self) -> Any:
+        """Refused: each process has a piece of it."""
+        raise self._in_pieces("mesh")
+
+    @property
+    def law(self) -> Any:
+        """Refused: each process has that of its cells."""
+        raise self._in_pieces("law")
+
+    def _in_pieces(self, name: str) -> InputError:
+        return InputError(
+            f"body: a DistributedBody has no {name} of the whole mesh; each process has a piece, "
+            f"body.local.{name}. For fields take result.stress(points) and result.sample(points), "
+            "for files contact.save_pvtu(path, result), for everything on one process "
+            "body.gather(result.u)"
+        )
+
+    def _at(self, points: Array, evaluate: Any, shape: tuple[int, ...]) -> Array:
+        """Values at points from the first process that has a cell around each."""
+        here = self._cells_here(points)
+        found = evaluate(points[:, here]) if here.any() else np.zeros((*shape, 0))
+        value, missing = np.zeros((*shape, points.shape[1])), np.ones(points.shape[1], dtype=bool)
+        for where, part in self.comm.allgather((np.flatnonzero(here), found)):
+            new = missing[where]
+            value[..., where[new]] = part[..., new]
+            missing[where] = False
+        if missing.any():
+            k = int(np.flatnonzero(missing)[0])
+            raise InputError(f"points: point {k} at {points[:, k]} lies outside the body")
+        return value
+
+    def _cells_here(self, points: Array) -> NDArray[np.bool_]:
+        p = self.space.mesh.p
+        size = ROUND_OFF * np.abs(p).max(initial=0.0)
+        near = np.all(
+            (points >= p.min(axis=1)[:, None] - size) & (points <= p.max(axis=1)[:, None] + size),
+            axis=0,
+        )
+        inside = np.zeros(points.shape[1], dtype=bool)
+        for k in np.flatnonzero(near):
+            with suppress(InputError):
+                find_cells(self.space.mesh, points[:, [k]])
+                inside[k] = True
+        return inside
+
+    def stacked(self, rows: Array) -> Array:
+        """Triangular factor of the QR decomposition of rows that are spread over processes."""
+        parts = self.comm.allgather(np.linalg.qr(rows, mode="r"))
+        return np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
 
     def __reduce__(self) -> NoReturn:
         raise InputError(
@@ -295,12 +590,65 @@ class DistributedBody(SpreadSolid):
         )
 
 
+class _Product:
+    """The stiffness of a body as an operator."""
+
+    def __init__(self, body: DistributedBody) -> None:
+        self._body = body
+
+    def __matmul__(self, u: Array) -> Array:
+        return self._body.internal(u)
+
+
+class SpreadSpace(Space):
+    """The vectors of a body on many processes, each of which computes with the dofs it owns."""
+
+    def __init__(self, body: DistributedBody) -> None:
+        z, kind = body.unknowns, dof_kinds(body.space.basis)
+        self._body, self._owned, self.arrays = body, body.space.owned, HostArrays()
+        component = np.where(kind == -1, np.arange(kind.size) % body.dim, -1)
+        self._component = component[self._owned]
+        self.values = self._component >= 0
+        self.lengths, self.free_lengths = body.lengths[0][self._owned], body.lengths[1]
+        self.P, self.transposed, self.of_moduli = z.own, z.own.T, abs(z.own).T
+        self.picked = picked_by(z.own, lambda: self.lengths)
+        self.picks = self.picked.T
+
+    def own(self, v: Array) -> Array:
+        """The owned values of a vector of the body."""
+        return self._body.counted(v)
+
+    def returned(self, v: Array, like: Any) -> Array:
+        """A vector of the body from owned values."""
+        x = np.zeros(self._body.space.basis.N)
+        x[self._owned] = v
+        return self._body.of_owned(x)
+
+    def largest(self, x: Array) -> float:
+        """Largest modulus on all processes."""
+        return largest(self._body.comm, float(np.abs(x).max(initial=0.0)))
+
+    def strained(self, left: Array, rigid: Array) -> Array:
+        """What rigid motions do not explain of owned values in `lengths`."""
+        modes = rigid[self._owned] * self.lengths[:, None]
+        R = self._body.stacked(np.column_stack((modes, left)))
+        motion = np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=None)[0]
+        return np.asarray(left - modes @ motion)
+
+    def resultant(self, forces: Array) -> Array:
+        """Sum of each component on all processes, shape (dim,)."""
+        here = np.bincount(self._component[self.values], forces[self.values], self._body.dim)
+        return np.asarray(total(self._body.comm, here))
+
+
 def _element(given: Any, mesh: Any) -> Any:
     """The vector element on a mesh, the default one if none was given."""
-    kind = type(mesh).__name__
-    if given is None and kind not in DEFAULT_ELEMENT:
-        raise InputError(f"element: no default for {kind}; pass one")
-    return vector_element(DEFAULT_ELEMENT[kind]() if given is None else deepcopy(given), mesh)
+    return vector_element(deepcopy(given), mesh)
+
+
+def _present(names: list[str], body: ElasticBody) -> list[str]:
+    """Those boundaries of which a process has facets."""
+    return [n for n in names if np.size((body.mesh.boundaries or {}).get(n, ()))]
 
 
 def _of_cells(name: str, value: Any, cells: NDArray[np.int64], total: int) -> Any:

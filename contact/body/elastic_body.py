@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,19 +15,26 @@ from skfem import Basis, ElementVector, Mesh
 
 from contact.body.anisotropic import Anisotropic
 from contact.body.axisymmetry import AXISYMMETRIC, axis_facets, refuse_axis
-from contact.body.boundary_names import select_components, select_facets
+from contact.body.basis_solid import BasisSolid
+from contact.body.boundary_names import read_mesh, select_components, select_facets
 from contact.body.cell_check import check_basis, check_cells
-from contact.body.coupled_body import CoupledBody
-from contact.body.deferred_basis import DeferredBasis
-from contact.body.dof_numbers import DofNumbers
-from contact.body.facet_dofs import dofs_on_facets
+from contact.body.cell_finder import places_in
+from contact.body.deferred_basis import DeferredBasis, DofNumbers, dofs_on_facets
+from contact.body.elasticity import checked_dilatation
 from contact.body.jacobians import turning_move
-from contact.body.mesh_file import read_mesh
-from contact.body.multipoint import column_lengths, coupled
+from contact.body.material import anisotropic, checked_plane, isotropic
+from contact.body.multipoint import (
+    Coupling,
+    coupled,
+    jump_of,
+    periodic_equations,
+    tied_equations,
+    words_of,
+)
 from contact.body.rigid_modes import dof_lengths
 from contact.body.supports import in_order
-from contact.body.thermal_strain import HeatedBody
-from contact.body.vector_element import DEFAULT_ELEMENT, GRADIENT_DOFS, vector_element
+from contact.body.thermal_strain import interpolated, thermal_forces, thermal_strain
+from contact.body.vector_element import GRADIENT_DOFS, vector_element
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
 from contact.portable import PortableBasis
@@ -36,11 +43,21 @@ from skfem_adini import essential_constraints
 from skfem_adini.ground.arguments import evaluated, function_of_places, numbers
 
 _OF_RADII = 2  # degrees of quadrature for r and 1 / r, beside those of the plane
-Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
+Array = NDArray[np.float64]
+Boundary = str | Sequence[str] | ArrayLike
+Field = float | ArrayLike | Callable[[Array], ArrayLike]
 
 
+def _property(name: str, text: str) -> Any:
+    def change(body: ElasticBody, value: Any) -> None:
+        body._set_material(**{name: value})
+
+    return property(lambda body: body._material[name], change, doc=text)
+
+
+@settled("it follows from E, nu, plane and material; set these", "lam", "mu", "law")
 @settled("make a new body", "basis", "dim", "element")
-class ElasticBody(CoupledBody, HeatedBody):
+class ElasticBody(BasisSolid):
     """A linearly elastic body, discretised by any scikit-fem vector basis.
 
     The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.
@@ -85,6 +102,13 @@ class ElasticBody(CoupledBody, HeatedBody):
     >>> bool(abs(body.f.sum() - 0.1) < 1e-12)
     True
     """
+
+    E = _property("E", "Young's modulus, a number or one a cell; None if anisotropic.")
+    nu = _property("nu", "Poisson's ratio, a number or one a cell; None if anisotropic.")
+    anisotropy = _property("anisotropy", "The `Anisotropic` material; None if isotropic.")
+    plane = _property("plane", '"strain", "stress" or "axisymmetric"; None in three dimensions.')
+    dilatation = _property("dilatation", '"pointwise" or "mean".')
+    _COUPLES: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -154,27 +178,48 @@ class ElasticBody(CoupledBody, HeatedBody):
         mesh = read_mesh(mesh) if isinstance(mesh, str | Path) else mesh
         if not isinstance(mesh, Mesh):
             raise InputError(f"mesh: expected a Mesh or a path, got {type(mesh).__name__}")
-        if element is None:
-            if type(mesh).__name__ not in DEFAULT_ELEMENT:
-                raise InputError(f"element: no default for {type(mesh).__name__}; pass one")
-            element = DEFAULT_ELEMENT[type(mesh).__name__]()
         element = vector_element(element, mesh)
         check_cells(mesh)
         more = _OF_RADII if isinstance(plane, str) and plane == AXISYMMETRIC else 0
         basis = DeferredBasis(mesh, element, 2 * element.maxdeg + more)
         return cls(basis, E, nu, plane, dilatation, material)
 
-    @property
-    def mesh(self) -> Mesh:
-        """The mesh of the basis."""
-        mesh: Mesh = self.basis.mesh
-        return mesh
+    def _set_material(self, **changed: Any) -> None:
+        """Check and store a material; a problem recognises a change by the identity of the dict."""
+        if self.thermal is not None:
+            raise InputError(
+                f"{', '.join(changed)}: the body was heated, and the forces of that hold its old "
+                "material; make a new body, and heat it after its material is set"
+            )
+        new = self.__dict__.get("_material", {}) | changed
+        new["plane"] = checked_plane(new["plane"], self.dim)
+        old = self.__dict__.get("_material", new)["plane"]
+        if old != new["plane"] and AXISYMMETRIC in (old, new["plane"]):
+            raise InputError(
+                f"plane: a body with plane={old!r} does not become one with {new['plane']!r}, for "
+                "its loads and supports are others; make a new body"
+            )
+        new["dilatation"] = checked_dilatation(new["dilatation"], self.element)
+        count = self.mesh.nelements
+        if new["anisotropy"] is None:
+            derived = isotropic(new, self.element, count)
+        else:
+            derived = {"lam": None, "mu": None, "law": anisotropic(new, self.dim, count)}
+        self._material = new
+        self.__dict__.update(derived)
+        self.__dict__.pop("stiffness", None)
 
-    @cached_property
-    def stiffness(self) -> sparse.csr_array:
-        """S of ``a(u, v) = int sigma(u) : eps(v)``, all dofs, shape (ndofs, ndofs)."""
-        self.check_unchanged()
-        return self.law.stiffness(self.basis, self.dilatation == "mean")
+    def check_unchanged(self) -> None:
+        """Raise an `InputError` if the mesh was edited in place, or the loads to invalid values."""
+        super().check_unchanged()
+        if not hasattr(self, "_places"):
+            self._places = self.mesh.doflocs.copy(), self.mesh.t.copy()
+        places, cells = self._places
+        if not (np.array_equal(places, self.mesh.doflocs) and np.array_equal(cells, self.mesh.t)):
+            raise InputError(
+                "mesh: its vertices or cells were changed after the body was made, whose Basis and "
+                "matrices are still those of the old ones; make a new mesh and a new body"
+            )
 
     @cached_property
     def scalar_dofs(self) -> Any:
@@ -186,13 +231,13 @@ class ElasticBody(CoupledBody, HeatedBody):
         """Displacement of corners below which no cell is turned inside out; see `turning_move`."""
         return turning_move(self.mesh)
 
-    def facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
+    def facets(self, boundary: Boundary) -> NDArray[np.int64]:
         """Facet numbers of a boundary of this body; see
         `contact.body.boundary_names.select_facets`.
         """
         return select_facets(self.mesh, boundary)
 
-    def whole_facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
+    def whole_facets(self, boundary: Boundary) -> NDArray[np.int64]:
         """The given facets, refused if the boundary of the body cuts their cells (`CutBody`).
 
         Those on the axis of an axisymmetric body are refused too: they have no area.
@@ -204,7 +249,7 @@ class ElasticBody(CoupledBody, HeatedBody):
 
     def fix(
         self,
-        boundary: str | Sequence[str] | ArrayLike,
+        boundary: Boundary,
         components: str | int | Sequence[int] | None = None,
         value: Field = 0.0,
         smooth: bool | None = None,
@@ -243,11 +288,186 @@ class ElasticBody(CoupledBody, HeatedBody):
             raise InputError(f"smooth={smooth!r}: expected True, False or None")
         smooth = not callable(value) if smooth is None else smooth
         self._supports = [*self._supports, *((facets, c, function, smooth) for c in chosen)]
+        return self._held_anew()
+
+    def _held_anew(self) -> Self:
         for derived in ("constraint", "lengths"):
             self.__dict__.pop(derived, None)
         return self
 
-    def load(self, boundary: str | Sequence[str] | ArrayLike, traction: Field) -> Self:
+    def periodic(
+        self, boundary: Boundary, other: Boundary, jump: ArrayLike | Sequence[float | None] = 0.0
+    ) -> Self:
+        """Let the displacement on one boundary be that on another one, plus a jump.
+
+        All dofs on the two boundaries are linked where they lie: of the elements with derivatives
+        these too, which are equal. The body stays free to be translated; it cannot rotate, unless
+        supports and other conditions say otherwise. Contact points on both boundaries, as where
+        a contact boundary ends at a periodic one, share their unknowns: only the sum of their
+        forces is determined, and a result with contact there is refused.
+
+        Parameters
+        ----------
+        boundary, other : str, list of str or array of facet numbers
+            Boundaries that a translation takes vertex by vertex into each other.
+        jump : float or sequence of float or None, one a component
+            ``u(boundary) - u(other)``; None does not link the component.
+
+        Returns
+        -------
+        Self
+            Itself, for chaining.
+
+        Raises
+        ------
+        InputError
+            An unknown boundary, one that no translation takes into the other, or a jump that is
+            not finite.
+
+        Examples
+        --------
+        A cell of a plate that is stretched by one per cent:
+
+        >>> from skfem import MeshQuad
+        >>> from contact import ElasticBody
+        >>> mesh = MeshQuad().refined(2).with_defaults()
+        >>> body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3)
+        >>> body = body.periodic("right", "left", (0.01, 0.0)).fix("bottom", "y")
+        >>> P, u0 = body.constraint
+        >>> bool(abs(u0).max() > 0.004)
+        True
+        """
+        facets, its = select_facets(self.mesh, boundary), select_facets(self.mesh, other)
+        given = np.asarray(jump, dtype=object)
+        if given.shape not in ((), (self.dim,)):
+            raise InputError(f"jump={jump!r}: expected a number or {self.dim} of them")
+        steps = [jump_of(one) for one in np.broadcast_to(given, (self.dim,))]
+        if all(one is None for one in steps):
+            raise InputError("jump: None for every component links nothing")
+        C, c = periodic_equations(self, facets, its, steps)
+        return self._couple(C, c, f"periodic {words_of(boundary)}")
+
+    def tie(
+        self,
+        boundary: Boundary,
+        components: str | int | Sequence[int] | None = None,
+        rigid: bool = False,
+    ) -> Self:
+        """Let all points of a boundary share one displacement, which is unknown.
+
+        A load on the boundary then acts by its resultant. With Adini elements the tangential
+        derivatives follow, as for `fix`.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        components : "x", "y", "z", "xy", ..., numbers, or None for all
+            Components that are the same at all points of the boundary.
+        rigid : bool
+            The boundary moves as a rigid body instead: it is translated, and turned by small
+            angles. In all components only.
+
+        Returns
+        -------
+        Self
+            Itself, for chaining.
+
+        Raises
+        ------
+        InputError
+            An unknown boundary or component, components of a rigid boundary, or a rigid one of an
+            axisymmetric body.
+
+        Examples
+        --------
+        The side of a block stays plane while it is pulled:
+
+        >>> from skfem import MeshQuad
+        >>> from contact import ElasticBody
+        >>> mesh = MeshQuad().refined(2).with_defaults()
+        >>> body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("left", "xy")
+        >>> free = body.constraint[0].shape[1]
+        >>> body.tie("right", "x").constraint[0].shape[1] - free
+        -8
+        """
+        facets, chosen = select_facets(self.mesh, boundary), select_components(self.dim, components)
+        if not isinstance(rigid, bool):
+            raise InputError(f"rigid={rigid!r}: expected True or False")
+        if rigid and self.is_ring:
+            raise InputError(
+                "rigid=True: a rigid part of an axisymmetric body moves along its axis only; take "
+                "fix(boundary, 'x') and tie(boundary, 'y')"
+            )
+        if rigid and len(chosen) < self.dim:
+            raise InputError("components: a rigid boundary moves in all of them; leave them out")
+        self._check_couples("tie")
+        probe: Any = copy(self)
+        probe._supports, probe._couplings = [], ()
+        held = probe.fix(facets, chosen)._supported()[0]
+        C = tied_equations(self, facets, held, chosen, rigid)
+        return self._couple(C, np.zeros(C.shape[0]), f"tie {words_of(boundary)}")
+
+    def constrain(self, C: Any, c: ArrayLike = 0.0) -> Self:
+        """Prescribe linear equations between dofs, ``C u = c``.
+
+        Parameters
+        ----------
+        C : sparse or dense array, shape (k, ndofs)
+            Redundant equations are found and count once.
+        c : float or ndarray, shape (k,)
+
+        Returns
+        -------
+        Self
+            Itself, for chaining. Equations that contradict each other or the supports are refused
+            where the unknowns are first needed, in `constraint`.
+
+        Raises
+        ------
+        InputError
+            Arrays of the wrong shape, not finite, or an equation without entries.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skfem import MeshQuad
+        >>> from contact import ElasticBody
+        >>> body = ElasticBody.from_mesh(MeshQuad().refined(1), E=1.0, nu=0.3)
+        >>> C = np.zeros((1, body.basis.N))
+        >>> C[0, [0, 3]] = 1.0, -2.0
+        >>> P, u0 = body.constrain(C, 0.3).constraint
+        >>> bool(abs(C @ u0 - 0.3) < 1e-12), bool(abs(C @ P).max() < 1e-12)
+        (True, True)
+        """
+        n = self.basis.N
+        given: Any = C if sparse.issparse(C) else numbers("C", C)
+        if given.ndim != 2 or given.shape[1] != n:
+            raise InputError(f"C: expected the shape (k, {n}), a column a dof, got {given.shape}")
+        matrix: Any = sparse.csr_array(given, copy=True).astype(float)
+        matrix.sum_duplicates()
+        matrix.eliminate_zeros()
+        right = numbers("c", c)
+        if right.shape not in ((), (matrix.shape[0],)):
+            raise InputError(f"c: expected a number or {matrix.shape[0]}, got {right.shape}")
+        if not (np.all(np.isfinite(matrix.data)) and np.all(np.isfinite(right))):
+            raise InputError("C, c: hold values that are not finite")
+        if not matrix.shape[0] or np.any(np.diff(matrix.indptr) == 0):
+            raise InputError("C: an equation without entries constrains nothing; leave it out")
+        return self._couple(matrix, np.broadcast_to(right, matrix.shape[0]).copy(), "constrain")
+
+    def _check_couples(self, name: str) -> None:
+        if not self._COUPLES:
+            raise InputError(
+                f"{name}: a {type(self).__name__} ends inside cells, where dofs are no unknowns of "
+                "its own; take a mesh that fits the boundary (ElasticBody)"
+            )
+
+    def _couple(self, C: sparse.csr_array, c: Array, name: str) -> Self:
+        self._check_couples(name)
+        self._couplings = (*self._couplings, Coupling(C, c, name))
+        return self._held_anew()
+
+    def load(self, boundary: Boundary, traction: Field) -> Self:
         """Add a surface traction (force per area) on a boundary, of a ring on all its surface.
 
         Parameters
@@ -289,7 +509,75 @@ class ElasticBody(CoupledBody, HeatedBody):
         self.f = self.f + self._load_vector(self.basis, force, "force")
         return self
 
-    def _load_vector(self, basis: Any, density: Field, name: str) -> NDArray[np.float64]:
+    def heat(self, temperature: Any, expansion: ArrayLike) -> Self:
+        """Add a change of temperature: thermal strains, and the forces equivalent to them on `f`.
+
+        All stresses that are read out are those without the thermal strain. Repeated calls add.
+        Give the material before: it enters the forces.
+
+        Parameters
+        ----------
+        temperature : float or callable x -> array of shape x.shape[1:]
+            Difference from the temperature at which the body is free of stress. In each cell it is
+            taken as a quadratic polynomial; with mean dilatation, as its mean.
+        expansion : array, shape (), (3,) or (3, 3)
+            Coefficient of thermal expansion, one over the unit of `temperature`: isotropic, three
+            coefficients along x, y, z, or a symmetric tensor in the axes of the mesh. The third
+            direction counts in plane strain too. In each cell another: with a leading axis ncells,
+            for one coefficient a cell shape (ncells, 1, 1).
+
+        Returns
+        -------
+        Self
+            Itself, for chaining.
+
+        Raises
+        ------
+        InputError
+            A temperature or an expansion of another shape, or not finite.
+
+        Examples
+        --------
+        A bar between smooth walls that is heated by 100 K:
+
+        >>> from skfem import MeshHex
+        >>> from contact import ContactProblem, ElasticBody
+        >>> mesh = MeshHex().with_defaults()
+        >>> bar = ElasticBody.from_mesh(mesh, E=2e5, nu=0.25).heat(100.0, 1e-5)
+        >>> bar = bar.fix(["left", "right"], "x").fix(["front", "back"], "z").fix("top", "y")
+        >>> result = ContactProblem(bar, "bottom", 0.0).solve()
+        >>> round(float(result.pressure.mean()), 6)  # E alpha T / (1 - 2 nu)
+        400.0
+        """
+        self.check_unchanged()
+        strain = thermal_strain(self, temperature, expansion)
+        forces = thermal_forces(self, strain)
+        self.thermal = strain if self.thermal is None else self.thermal + strain
+        self.f = self.f + forces
+        return self
+
+    def thermal_strain_in(self, X: Array) -> Array | None:
+        """Thermal strain at reference places, the same ones or others in each cell.
+
+        Parameters
+        ----------
+        X : ndarray, shape (dim, npoints) or (dim, ncells, npoints)
+
+        Returns
+        -------
+        ndarray, shape (3, 3, ncells, npoints), or None
+        """
+        return None if self.thermal is None else interpolated(self, self.thermal, X)
+
+    def thermal_strain_at(self, points: Array) -> Array | None:
+        """Thermal strain at points (dim, npoints), shape (3, 3, npoints), or None."""
+        if self.thermal is None:
+            return None
+        cells = self.cells_of(points)
+        X = places_in(self.mesh, self.basis.mapping, points, cells)
+        return interpolated(self, self.thermal[:, cells], X[:, :, None])[..., 0]
+
+    def _load_vector(self, basis: Any, density: Field, name: str) -> Array:
         self.check_unchanged()
         x = np.asarray(basis.global_coordinates())
         value = evaluated(name, density, x)
@@ -314,7 +602,7 @@ class ElasticBody(CoupledBody, HeatedBody):
         return result
 
     @cached_property
-    def constraint(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+    def constraint(self) -> tuple[sparse.csr_array, Array]:
         """All prescribed displacements as ``u = P z + u0`` with free unknowns z.
 
         Returns
@@ -330,7 +618,7 @@ class ElasticBody(CoupledBody, HeatedBody):
         P, u0 = self._supported()
         return coupled(P, u0, self._couplings, dof_lengths(self)) if self._couplings else (P, u0)
 
-    def _supported(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+    def _supported(self) -> tuple[sparse.csr_array, Array]:
         if not self._supports:
             return sparse.eye_array(self.basis.N, format="csr"), np.zeros(self.basis.N)
         if isinstance(self.element, GRADIENT_DOFS):
@@ -361,7 +649,7 @@ class ElasticBody(CoupledBody, HeatedBody):
         unit = sparse.eye_array(self.basis.N, format="csr")
         return sparse.csr_array(unit[:, free]), np.where(free, 0.0, u0)
 
-    def under(self, f: NDArray[np.float64], u0: NDArray[np.float64], thermal: Any = None) -> Self:
+    def under(self, f: Array, u0: Array, thermal: Any = None) -> Self:
         """The same body, sharing its matrices, with other loads and prescribed displacements.
 
         Parameters
@@ -374,20 +662,13 @@ class ElasticBody(CoupledBody, HeatedBody):
         other.f, other.constraint = f, (self.constraint[0], u0)
         return other
 
-    @cached_property
-    def lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lengths that make each dof, and each free unknown, a displacement; see `dof_lengths`."""
-        of_dof, chosen = dof_lengths(self), self.chosen
-        of_free = column_lengths(self.picked, of_dof) if chosen is None else of_dof[chosen]
-        return of_dof, of_free
 
-
-def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+def _constant(value: Any) -> Callable[[Array], Array]:
     number = numbers("value", value)
     if number.shape != () or not np.isfinite(number):
         raise InputError(f"value={value!r}: expected a finite number or a callable")
     return partial(_everywhere, float(number))
 
 
-def _everywhere(number: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _everywhere(number: float, x: Array) -> Array:
     return np.full(x.shape[1:], number)

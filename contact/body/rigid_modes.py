@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +12,32 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from skfem import Basis
 
+from contact.body.constitutive import StressLaw
 from contact.body.deferred_basis import DeferredBasis
-from contact.body.discretised import Discretised
-from contact.body.dof_entities import dof_entities
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
+
+
+class Discretised(Protocol):
+    """A body by its Basis of a vector element; `is_ring`: the mesh is the section of a ring."""
+
+    basis: Basis
+
+    @property
+    def is_ring(self) -> bool: ...  # noqa: D102
+
+
+class Elastic(Discretised, Protocol):
+    """A body by its Basis and its material."""
+
+    lam: Array
+    law: StressLaw
+    dilatation: str
+
+    @property
+    def measure(self) -> Array: ...  # noqa: D102
+
 
 _VALUE, _MIXED = -1, -2
 _KINDS = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2, "u_xy": _MIXED}
@@ -168,3 +189,32 @@ def reduced_echelon(rows: Array) -> Array:
         rows[others] -= np.outer(rows[others, column], rows[done])
         done += 1
     return rows
+
+
+Index = NDArray[np.int64]
+
+
+def dof_entities(basis: Basis) -> tuple[Index, Array, Index]:
+    """Vertex, edge, facet or cell of each dof (ndofs,), for ordering and for rigid motions.
+    Also returned are the middles of all entities (dim, nentities) and those of each cell,
+    (nentities a cell, ncells)."""
+    dofs, mesh, dim = basis.dofs, basis.mesh, basis.elem.dim
+    tables = (
+        (dofs.nodal_dofs, None, "t"),
+        (dofs.edge_dofs, "edges", "t2e"),  # which a mesh numbers when they are asked for
+        (dofs.facet_dofs, "facets", "t2f"),
+        (dofs.interior_dofs, "t", None),
+    )
+    entity = np.full(basis.N, -1, dtype=np.int64)
+    start, points, cells = 0, [], []
+    for table, of, in_cells in tables:
+        if table is None or table.shape[0] == 0 or (of == "edges" and dim == 2):
+            continue
+        where = mesh.p if of is None else mesh.p[:, getattr(mesh, of)].mean(axis=1)
+        entity[table] = start + np.arange(table.shape[1])
+        points.append(where[:, : table.shape[1]])
+        inside = np.arange(table.shape[1])[None] if in_cells is None else getattr(mesh, in_cells)
+        cells.append(start + np.asarray(inside, dtype=np.int64))
+        start += table.shape[1]
+    whole = np.vstack(cells)
+    return entity, np.hstack(points), whole if basis.tind is None else whole[:, basis.tind]

@@ -18,6 +18,20 @@ from contact.errors import InputError
 Array = NDArray[np.float64]
 
 
+def _largest(quantity: str) -> Any:
+    def of_all(self: Bodies, vector: Array) -> float:
+        return max(float(getattr(body, quantity)(own)) for body, own in self._each(vector))
+
+    return of_all
+
+
+def _one_after_the_other(quantity: str) -> Any:
+    def of_all(self: Bodies, vector: Array) -> Array:
+        return np.concatenate([getattr(body, quantity)(own) for body, own in self._each(vector)])
+
+    return of_all
+
+
 class Bodies(Solid):
     """The bodies of a contact problem, each once and of one dimension, as one `Solid`.
     No matrix is copied: products are formed body by body. Loads, supports and material constants
@@ -206,33 +220,14 @@ class Bodies(Solid):
         found = [body.equilibrium(*own) for body, *own in self._each(u, contact, load)]
         return max(found, key=lambda pair: pair[0] / (pair[1] or 1.0))
 
-    def internal(self, u: Array) -> Array:
-        """Internal forces S u of a displacement, shape (ndofs,)."""
-        return np.concatenate([body.internal(own) for body, own in self._each(u)])
-
-    def reach(self, u: Array) -> float:
-        """Largest displacement at a node; dofs that are derivatives do not count."""
-        return max(float(body.reach(own)) for body, own in self._each(u))
-
-    def deformation(self, u: Array) -> float:
-        """Largest part of a displacement that no rigid motion of a body explains."""
-        return max(float(body.deformation(own)) for body, own in self._each(u))
-
-    def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement."""
-        return max(float(body.support_error(own)) for body, own in self._each(u))
-
-    def at_supports(self, forces: Array) -> Array:
-        """The part of forces on all dofs that acts where a displacement is prescribed."""
-        return np.concatenate([body.at_supports(own) for body, own in self._each(forces)])
+    reach, deformation, support_error, give = map(
+        _largest, ("reach", "deformation", "support_error", "give")
+    )
+    internal, at_supports = map(_one_after_the_other, ("internal", "at_supports"))
 
     def total(self, forces: Array) -> Array:
         """Resultant of forces on all dofs of all bodies, shape (dim,)."""
         return np.sum([body.total(own) for body, own in self._each(forces)], axis=0)
-
-    def give(self, forces: Array) -> float:
-        """Scale of the displacement that the forces would cause; 0 where it is unknown."""
-        return max(float(body.give(own)) for body, own in self._each(forces))
 
     def displacement(self, u: Array, points: Array) -> NoReturn:
         """Raise an `InputError`: a place may belong to several bodies."""

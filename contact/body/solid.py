@@ -1,9 +1,10 @@
-"""The interface of elastic bodies that contact uses."""
+"""The interface of elastic bodies that contact uses, and their surfaces as obstacles."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from copy import copy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -12,16 +13,59 @@ from scipy import sparse
 
 from contact.body.axisymmetry import AXISYMMETRIC, circumference
 from contact.body.constitutive import StressLaw, total_stress
-from contact.body.surface import Surface
 from contact.errors import InputError
 from contact.portable import Portable
 from skfem_adini.ground.arguments import numbers
 
-if TYPE_CHECKING:
-    pass
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Facets of an elastic body that another body may touch; see `ElasticBody.surface`.
+
+    Attributes
+    ----------
+    body : Solid
+    facets : ndarray of int, shape (n,)
+        Numbers of the facets in its mesh.
+    clearance : float, callable, ndarray or None
+        The gap, if it is not that between the two meshes, as for `Pair`.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body.surface("top").facets.size
+    4
+    """
+
+    body: Any
+    facets: NDArray[np.int64]
+    clearance: Any = None
+
+    def __repr__(self) -> str:
+        return f"Surface({self.facets.size} facets of {self.body!r})"
 
 
 Array = NDArray[np.float64]
+
+
+def _no_links(name: str) -> Any:
+    def refused(self: Solid, *given: Any, **named: Any) -> None:
+        raise InputError(
+            f"{name}: a {type(self).__name__} takes no equations between its dofs; use "
+            "ElasticBody.from_mesh for the same body with them"
+        )
+
+    refused.__name__ = name
+    refused.__doc__ = f"""Equations between dofs: for bodies with a mesh, see `ElasticBody.{name}`.
+
+    Raises
+    ------
+    InputError
+        This body takes none.
+    """
+    return refused
 
 
 class Solid(Portable, ABC):
@@ -35,6 +79,9 @@ class Solid(Portable, ABC):
     _couplings: tuple[Any, ...] = ()
     if TYPE_CHECKING:
         stiffness: Any
+        constraint: Any
+        rigid: Any
+        vectors: Any  # its `contact.body.space.Space`
     _material: Any = None
     thermal: Any = None  # strain by temperature, see `contact.body.thermal_strain`
     _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports",)
@@ -173,41 +220,7 @@ class Solid(Portable, ABC):
         """
         return Surface(self, self.trace.whole_facets(boundary), clearance)
 
-    def periodic(self, *given: Any, **named: Any) -> Any:
-        """Links of opposite boundaries: for bodies with a mesh, see `ElasticBody.periodic`.
-
-        Raises
-        ------
-        InputError
-            This body takes none.
-        """
-        raise self._no_links("periodic")
-
-    def tie(self, *given: Any, **named: Any) -> Any:
-        """A boundary that moves as one: for bodies with a mesh, see `ElasticBody.tie`.
-
-        Raises
-        ------
-        InputError
-            This body takes none.
-        """
-        raise self._no_links("tie")
-
-    def constrain(self, *given: Any, **named: Any) -> Any:
-        """Linear equations between dofs: for bodies with a mesh, see `ElasticBody.constrain`.
-
-        Raises
-        ------
-        InputError
-            This body takes none.
-        """
-        raise self._no_links("constrain")
-
-    def _no_links(self, name: str) -> InputError:
-        return InputError(
-            f"{name}: a {type(self).__name__} takes no equations between its dofs; use "
-            "ElasticBody.from_mesh for the same body with them"
-        )
+    periodic, tie, constrain = map(_no_links, ("periodic", "tie", "constrain"))
 
     @property
     def materials(self) -> tuple[Any, ...]:
@@ -267,8 +280,19 @@ class Solid(Portable, ABC):
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
         """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
 
-    @abstractmethod
-    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
+    def forces_on(self, u: Any) -> Any:
+        """The own part of S u, without the mean translations, which would only add rounding."""
+        return self.vectors.forces(u)
+
+    def moduli_on(self, u: Any) -> Any:
+        """The own part of ``|S| |u|``, against which residuals are judged."""
+        return self.vectors.moduli(u)
+
+    def internal(self, u: Any) -> Any:
+        """Internal forces S u of a displacement, where it lies; nobody may change them."""
+        return self.vectors.returned(self.forces_on(self.placed(u)), u)
+
+    def equilibrium(self, u: Any, contact: Any, load: Any) -> tuple[float, float]:
         """Largest residual force at a free dof, and the largest sum of the terms' moduli there.
 
         Parameters
@@ -276,31 +300,48 @@ class Solid(Portable, ABC):
         u, contact, load : ndarray, shape (ndofs,)
             Displacement; contact forces with the opposite sign; applied loads.
         """
+        space, u = self.vectors, self.placed(u)
+        load = space.own(load)
+        forces = self.forces_on(u) + space.own(contact) - load
+        terms = self.moduli_on(u) + abs(load)
+        return (
+            space.largest(space.transposed @ forces / space.free_lengths),
+            space.largest(space.of_moduli @ terms / space.free_lengths),
+        )
 
-    def internal(self, u: Array) -> Array:
-        """Internal forces S u of a displacement, shape (ndofs,)."""
-        forces: Array = self.stiffness @ u
-        return forces
+    def give(self, forces: Any) -> float:
+        """Largest displacement that one of the forces would cause if all other dofs were fixed."""
+        space = self.vectors
+        return float(space.largest(space.own(forces) * space.lengths / space.diagonal))
 
-    @abstractmethod
-    def reach(self, u: Array) -> float:
-        """Largest displacement at a node; dofs that are derivatives do not count."""
+    def reach(self, u: Any) -> float:
+        """Largest displacement at a node; if all are zero, largest derivative times its length."""
+        space = self.vectors
+        own = space.own(u)
+        at_nodes = space.largest(space.arrays.xp.where(space.values, own, 0.0))
+        return float(at_nodes or space.largest(space.lengths * own))
 
-    @abstractmethod
-    def deformation(self, u: Array) -> float:
+    def deformation(self, u: Any) -> float:
         """Largest part of a displacement that no rigid motion explains, in the units of `reach`."""
+        space = self.vectors
+        return float(space.largest(space.strained(space.lengths * space.own(u), self.rigid)))
 
-    @abstractmethod
-    def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement."""
+    def support_error(self, u: Any) -> float:
+        """Largest deviation from a prescribed displacement; derivatives are times their length."""
+        space = self.vectors
+        off = space.own(u) - space.own(self.constraint[1])
+        return float(space.largest(space.lengths * (off - space.P @ (space.picks @ off))))
 
-    @abstractmethod
-    def at_supports(self, forces: Array) -> Array:
+    def at_supports(self, forces: Any) -> Any:
         """The part of forces on all dofs that acts where a displacement is prescribed."""
+        space = self.vectors
+        own = space.own(forces)
+        return space.returned(own - space.picked @ (space.transposed @ own), forces)
 
-    @abstractmethod
-    def total(self, forces: Array) -> Array:
+    def total(self, forces: Any) -> Array:
         """Resultant of forces on all dofs, shape (dim,); of a ring along its axis only."""
+        space = self.vectors
+        return np.asarray(space.resultant(space.own(forces)))
 
     def placed(self, v: Any) -> Any:
         """A vector of all dofs where the body computes: in the memory of its device."""
@@ -365,10 +406,6 @@ class Solid(Portable, ABC):
     def thermal_strain_at(self, points: Array) -> Array | None:
         """Thermal strain at points, shape (3, 3, npoints); None if the body was not heated."""
         return None
-
-    def give(self, forces: Array) -> float:
-        """Scale of the displacement that the forces would cause; 0 where it is unknown."""
-        return 0.0
 
 
 def motion_of_support(held: Any, boundary: Any, components: Any, value: Any) -> Array:

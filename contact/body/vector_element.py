@@ -28,9 +28,13 @@ DEFAULT_ELEMENT = {
 
 
 def vector_element(element: Any, mesh: Mesh) -> ElementVector:
-    """Return an `ElementVector` of a scalar element, or the vector element itself. Elements of
-    `skfem_adini` are made anew without Hessian, which strains do not need and which would double
-    time and memory; those that keep functions of another mesh are copied without them."""
+    """An `ElementVector` of a scalar element, of the mesh's default one, or a given vector element.
+    Elements of `skfem_adini` are made anew without Hessian, which strains do not need and which
+    would double time and memory; those that keep functions of a mesh are copied without them."""
+    if element is None:
+        if type(mesh).__name__ not in DEFAULT_ELEMENT:
+            raise InputError(f"element: no default for {type(mesh).__name__}; pass one")
+        element = DEFAULT_ELEMENT[type(mesh).__name__]()
     if not isinstance(element, Element):
         raise InputError(
             f"element: expected one of scikit-fem's, such as ElementQuad2(), got {element!r}"

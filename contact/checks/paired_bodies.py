@@ -12,8 +12,7 @@ from scipy import sparse
 from contact.arrays.paired_rows import blocks_times, rows_times
 from contact.arrays.pairs import Pairs, dot
 from contact.arrays.ranges import in_ranges
-from contact.body.axisymmetric_law import AxisymmetricLaw
-from contact.body.axisymmetry import strains
+from contact.body.axisymmetry import AxisymmetricLaw, strains
 from contact.body.basis_solid import BasisSolid
 from contact.body.cell_strains import gradients
 from contact.body.constitutive import TensorLaw

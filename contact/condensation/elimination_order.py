@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.body.dof_entities import dof_entities
+from contact.body.rigid_modes import dof_entities
 from contact.condensation import bisection
 from skfem_adini.ground.jit import compiled
 

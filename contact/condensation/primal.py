@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.sparse.linalg import splu
 
-from contact.body.node_blocks import NodeBlocks
+from contact.body.spread_unknowns import NodeBlocks
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import CondensedContact
 from contact.condensation.distributed import CondensedDistributed

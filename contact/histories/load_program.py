@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.body.thermal_strain import HeatedBody
+from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
 from contact.histories.history_folder import fingerprint
 from contact.obstacles.shapes import ObstacleLike
@@ -107,7 +107,7 @@ class LoadProgram(Portable):
         """
         k = self._number(body)
         cold = self._unloaded(k)
-        if not isinstance(cold, HeatedBody):
+        if not isinstance(cold, ElasticBody):
             raise InputError(f"heat: a {type(cold).__name__} takes no thermal strains")
         cold.thermal = None
         cold.heat(temperature, expansion)

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.body.cut_arc import CutArc
-from contact.body.solid import Solid
-from contact.body.surface import Surface
+from contact.body.solid import Solid, Surface
 from contact.condensation.condensed_by_type import condensed_contact
 from contact.condensation.condensed_contact import CondensedContact
 from contact.condensation.device_choice import Device, chosen_device

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.body.deferred_basis import edges_of_facets
 from contact.body.elastic_body import ElasticBody
-from contact.body.facet_dofs import edges_of_facets
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
 from skfem_adini.conditions.vertex_normals import CORNER, corner_weights

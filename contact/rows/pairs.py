@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from contact.body.several_bodies import Bodies
-from contact.body.solid import Solid
-from contact.body.surface import Surface
+from contact.body.solid import Solid, Surface
 from contact.errors import InputError, warn
 from contact.portable import carried
 from skfem_adini.ground.arguments import choice

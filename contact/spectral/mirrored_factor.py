@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays
+from contact.body.layers.lateral_sides import KINDS, odd_of
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.layers.layers import PER_NODE
-from contact.body.layers.mirrored import KINDS, odd_of
 from contact.condensation.layers import FACTORS
 from contact.errors import InputError
 from contact.spectral.lateral_waves import LateralWaves

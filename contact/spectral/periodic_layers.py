@@ -15,7 +15,7 @@ from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import adrift, odd_unknowns, read_sides
 from contact.body.layers.layers import Layer, read_layers, refuse_rings
-from contact.body.layers.meshed_layers import meshed, supported
+from contact.body.layers.meshed_block import meshed, supported
 from contact.errors import InputError
 from contact.spectral.condensed_layers import CondensedLayers
 from contact.spectral.filtered_compliance import FilteredCompliance

@@ -15,12 +15,21 @@ from contact.body.layers.layers import PER_NODE, CellRows
 from contact.body.solid import Solid
 from contact.errors import InputError
 
+Array = NDArray[np.float64]
 
-class BlockLoads(Solid):
-    """The load of a `LayeredBlock`, which acts on few dofs: those of its edges.
-    Until other dofs are loaded the vector is read-only, so that snapshots and devices share it,
-    and known to be zero elsewhere; whoever reads `f` gets a vector that may be edited."""
 
+class BlockVectors(Solid):
+    """What `LayeredBlock` computes with vectors of all its dofs, where its arrays lie.
+    The load acts on few dofs, those of edges: until others are loaded its vector is read-only, so
+    that snapshots and devices share it, and known to be zero elsewhere; `f` may be edited."""
+
+    columns: int  # cells in a row
+    node_rows: int  # rows of nodes
+    x: Any  # coordinates of the nodes, as y
+    y: Any
+    cell_rows: Any  # list of CellRows
+    prescribed: Any  # dofs with a prescribed displacement, and its values
+    cell_size: Any
     arrays = HostArrays()
     _acting: NDArray[np.int64] | None = None  # dofs that may be loaded, ascending; None: any
 
@@ -86,21 +95,6 @@ class BlockLoads(Solid):
         load[at] = xp.asarray(v[self._acting])
         return load
 
-
-Array = NDArray[np.float64]
-
-
-class BlockVectors(BlockLoads):
-    """What `LayeredBlock` computes with vectors of all its dofs, where its arrays lie."""
-
-    columns: int  # cells in a row
-    node_rows: int  # rows of nodes
-    x: Any  # coordinates of the nodes, as y
-    y: Any
-    cell_rows: Any  # list of CellRows
-    prescribed: Any  # dofs with a prescribed displacement, and its values
-    cell_size: Any
-
     def compute_on(self, device: str) -> HostArrays:
         """Apply the stiffness on "cpu" or "cuda" from now on; return the arrays of that device."""
         return self.compute_with(arrays_on(device))
@@ -139,6 +133,14 @@ class BlockVectors(BlockLoads):
         own = self.trace.ndofs
         values: Array = rows[:, :own] @ self.arrays.get(u[:own])
         return values
+
+    def internal(self, u: Any) -> Any:
+        """Internal forces S u of a displacement, where it lies."""
+        return self.stiffness @ u
+
+    def give(self, forces: Any) -> float:
+        """Zero: how far a force would move a dof is unknown."""
+        return 0.0
 
     def equilibrium(self, u: Any, contact: Any, load: Any) -> tuple[float, float]:
         """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""

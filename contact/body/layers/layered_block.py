@@ -19,6 +19,7 @@ from contact.body.constitutive import IsotropicLaw
 from contact.body.deferred_basis import DeferredBasis
 from contact.body.elastic_body import ElasticBody, Field
 from contact.body.layers.block_vectors import BlockVectors
+from contact.body.layers.lateral_sides import elastic_of, hold, meshed_of, vanishing
 from contact.body.layers.layers import (
     PER_NODE,
     CellRows,
@@ -32,7 +33,6 @@ from contact.body.layers.layers import (
     read_sides,
 )
 from contact.body.layers.meshed_block import meshed_block
-from contact.body.layers.mirrored import elastic_of, hold, meshed_of, vanishing
 from contact.body.material import checked_plane
 from contact.body.supports import live_rows
 from contact.errors import InputError

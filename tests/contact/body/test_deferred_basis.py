@@ -27,8 +27,7 @@ from skfem.models.elasticity import linear_elasticity
 from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 
 from contact import ContactProblem, ElasticBody
-from contact.body.deferred_basis import DeferredBasis
-from contact.body.dof_numbers import DofNumbers
+from contact.body.deferred_basis import DeferredBasis, DofNumbers
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 TICKS = np.array([0.0, 0.3, 0.5, 0.9, 1.0])

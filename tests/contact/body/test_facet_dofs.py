@@ -16,7 +16,7 @@ from skfem import (
     MeshTri,
 )
 
-from contact.body.facet_dofs import dofs_on_facets, edges_of_facets
+from contact.body.deferred_basis import dofs_on_facets, edges_of_facets
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 CASES = [

@@ -10,7 +10,7 @@ from skfem import ElementQuad1, ElementTriP2, MeshQuad, MeshTri
 from contact import ElasticBody
 from contact.arrays.dense_arrays import HostArrays
 from contact.arrays.sparse_rows import DeviceRows, SparseRows
-from contact.body.basis_vectors import BasisVectors
+from contact.body.space import Space
 from skfem_adini import ElementQuadAdini
 
 
@@ -100,7 +100,7 @@ def test_another_stiffness_or_support_is_noticed():
 
 def test_a_device_without_room_is_not_used(caplog):
     body, full = square(ElementQuad1), Elsewhere()
-    full.free = BasisVectors.bytes(body) - 1
+    full.free = Space.bytes(body) - 1
     with caplog.at_level("INFO"):
         kept = body.compute_with(full)
     assert type(kept.arrays) is HostArrays

@@ -1,4 +1,4 @@
-"""Vectors of all dofs of a body with a Basis, on the host or a device: forces, sums, measures."""
+"""Where the vectors of all dofs of a body lie, and the matrices that its quantities need there."""
 
 from __future__ import annotations
 
@@ -19,26 +19,33 @@ _AT_ONCE = 40  # vectors of all dofs in memory at the same time, temporary ones 
 _DEPENDENT = 1e-12  # relative singular values of rigid motions' Gram matrix below this are rounding
 
 
-class BasisVectors:
-    """What `BasisSolid` computes with vectors of all its dofs, which lie where `arrays` do.
-    Nothing here depends on loads or on the values that supports prescribe: one object serves a
-    whole load history."""
+class Space:
+    """The vectors of all dofs of a body with a Basis, which lie where `arrays` do.
+    `contact.body.solid.Solid` computes its quantities from the `own` part of each: here all of it.
+    Nothing depends on loads or on values that supports prescribe: one space serves a history."""
+
+    P: Any  # as operators: P, P^T, E of ``z = E^T (u - u0)``, E^T, and P^T for sums of moduli
+    transposed: Any
+    picked: Any
+    picks: Any
+    of_moduli: Any
 
     def __init__(self, body: Any, arrays: HostArrays, stiffness: SparseRows | None = None) -> None:
         P = body.constraint[0]
         self.arrays, self._of = arrays, (body.materials, P)
         put = arrays.xp.asarray
         self._S = stiffness or arrays.rows(body.stiffness)
-        self._P, self._transposed = (arrays.rows(A) for A in (P, transposed(P, body.chosen)))
-        self._picked, self._picks = self._P, self._transposed
+        self.P, self.transposed = (arrays.rows(A) for A in (P, transposed(P, body.chosen)))
+        self.picked, self.picks, self.of_moduli = self.P, self.transposed, self.transposed
         if body.picked is not P:
-            self._picked, self._picks = (arrays.rows(A) for A in (body.picked, body.picked.T))
-        self._lengths, self._free_lengths = map(put, body.lengths)
-        self._values = put(body.are_values.reshape(-1, body.dim))
-        self._diagonal = stiffness.diagonal() if stiffness else put(body.diagonal)
+            self.picked, self.picks = (arrays.rows(A) for A in (body.picked, body.picked.T))
+        self.lengths, self.free_lengths = map(put, body.lengths)
+        self.values = put(body.are_values)
+        self._of_nodes = self.values.reshape(-1, body.dim)
+        self.diagonal = stiffness.diagonal() if stiffness else put(body.diagonal)
         # Those components along which a translation is rigid.
         self._moved = put(np.arange(body.dim) == 1 if body.is_ring else np.ones(body.dim, bool))
-        self._count = self._values.sum(axis=0)
+        self._count = self._of_nodes.sum(axis=0)
         self._last: tuple[Any, Any, bool] | None = None
         self._modes: tuple[Any, Array] | None = None
 
@@ -57,6 +64,8 @@ class BasisVectors:
     def placed(self, v: Any) -> Any:
         """A vector of all dofs, on the host or device where this computes."""
         return self.arrays.xp.asarray(v)
+
+    own = placed
 
     def returned(self, v: Any, like: Any) -> Any:
         """A computed vector, copied to the host if `like` lies there."""
@@ -80,81 +89,62 @@ class BasisVectors:
     def mean_translation(self, u: Any) -> Any:
         """The mean of a displacement along the rigid translations, on all dofs, shape (ndofs,)."""
         xp = self.arrays.xp
-        at_nodes = xp.where(self._values, u.reshape(self._values.shape), 0.0)
+        at_nodes = xp.where(self._of_nodes, u.reshape(self._of_nodes.shape), 0.0)
         mean = xp.where(self._moved, at_nodes.sum(axis=0) / self._count, 0.0)
-        return xp.where(self._values, mean, 0.0).ravel()
+        return xp.where(self._of_nodes, mean, 0.0).ravel()
 
-    def equilibrium(self, forces: Any, u: Any, load: Any) -> tuple[float, float]:
-        """Largest force at a free dof, and the largest sum of the moduli of its terms there."""
-        terms = self._S.moduli(u) + abs(load)
-        return (
-            _largest(self._transposed @ forces / self._free_lengths),
-            _largest(self._transposed @ terms / self._free_lengths),
-        )
+    def moduli(self, u: Any) -> Any:
+        """``|S| |u|``."""
+        return self._S.moduli(u)
 
-    def give(self, forces: Any) -> float:
-        """Largest displacement that one of the forces would cause if all other dofs were fixed."""
-        return _largest(forces * self._lengths / self._diagonal)
+    def largest(self, x: Any) -> float:
+        """Largest modulus."""
+        return float(abs(x).max()) if x.size else 0.0
 
-    def reach(self, u: Any) -> float:
-        """Largest displacement at a node; if all are zero, largest derivative times its length."""
-        at_nodes = self.arrays.xp.where(self._values.ravel(), u, 0.0)
-        return _largest(at_nodes) or _largest(self._lengths * u)
-
-    def deformation(self, u: Any, rigid: Array) -> float:
-        """Largest part of a displacement that no rigid motion explains; these lie on the host."""
+    def strained(self, left: Any, rigid: Array) -> Any:
+        """What rigid motions, which lie on the host, do not explain of a vector in `lengths`."""
         xp, get = self.arrays.xp, self.arrays.get
         if self._modes is None:
-            modes = self.placed(rigid) * self._lengths[:, None]
+            modes = self.placed(rigid) * self.lengths[:, None]
             modes /= xp.linalg.norm(modes, axis=0)
             gram = np.linalg.pinv(get(modes.T @ modes), rcond=_DEPENDENT, hermitian=True)
             self._modes = modes, gram
         modes, inverse = self._modes
-        left = self._lengths * u
         for _ in range(2):  # the second removes what rounding leaves of the first
             left = left - modes @ self.placed(inverse @ get(modes.T @ left))
-        return _largest(left)
+        return left
 
-    def support_error(self, u: Any, u0: Any) -> float:
-        """Largest deviation from u0 where the supports prescribe it."""
-        off = u - u0
-        return _largest(self._lengths * (off - self._P @ (self._picks @ off)))
-
-    def at_supports(self, forces: Any) -> Any:
-        """The part of forces that acts where a displacement is prescribed."""
-        return forces - self._picked @ (self._transposed @ forces)
-
-    def total(self, forces: Any) -> Array:
-        """Resultant of forces, shape (dim,), on the host; of a ring along its axis only."""
+    def resultant(self, forces: Any) -> Array:
+        """Sum of each component, shape (dim,), on the host; of a ring along its axis only."""
         xp = self.arrays.xp
-        sums = xp.where(self._values, forces.reshape(self._values.shape), 0.0).sum(axis=0)
+        sums = xp.where(self._of_nodes, forces.reshape(self._of_nodes.shape), 0.0).sum(axis=0)
         sums = np.asarray(self.arrays.get(xp.where(self._moved, sums, 0.0)))
         return sums if bool(xp.isfinite(forces).all()) else np.full(sums.size, np.nan)
 
 
-class KeptVectors:
-    """The `BasisVectors` of a body and of its copies under other loads.
+class KeptSpaces:
+    """The `Space` of a body and of its copies under other loads.
     Those on a device are kept by the condensation that made them, and go with it."""
 
     def __init__(self) -> None:
-        self._host: BasisVectors | None = None
-        self._there: weakref.ref[BasisVectors] | None = None
+        self._host: Space | None = None
+        self._there: weakref.ref[Space] | None = None
 
-    def of(self, body: Any) -> BasisVectors:
+    def of(self, body: Any) -> Space:
         """Those on the device, as long as they are there, or those on the host."""
         there = None if self._there is None else self._there()
         if there is not None and there.are_of(body):
             return there
         if self._host is None or not self._host.are_of(body):
-            self._host = BasisVectors(body, HostArrays())
+            self._host = Space(body, HostArrays())
         return self._host
 
     def on(
         self, arrays: HostArrays, body: Any, beside: int, stiffness: SparseRows | None = None
-    ) -> BasisVectors:
+    ) -> Space:
         """Those where the arrays lie; `of` returns them as long as somebody keeps them.
         Unless `beside` more bytes are free on the device they lie on the host, which is logged."""
-        room, needed = arrays.room(), BasisVectors.bytes(body, stiffness) + beside
+        room, needed = arrays.room(), Space.bytes(body, stiffness) + beside
         if room is not None and needed > room:
             _log.info(
                 "the certificate is computed on the host: on the device it and the compliance take "
@@ -163,10 +153,6 @@ class KeptVectors:
                 room / 1e9,
             )
             return self.of(body)
-        there = BasisVectors(body, arrays, stiffness)
+        there = Space(body, arrays, stiffness)
         self._there = weakref.ref(there)
         return there
-
-
-def _largest(x: Any) -> float:
-    return float(abs(x).max()) if x.size else 0.0
