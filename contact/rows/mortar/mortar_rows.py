@@ -35,7 +35,9 @@ from contact.errors import InputError, evaluated
 from contact.rows.contact_rows import ContactRows
 from contact.rows.frames import (
     along_supports,
+    by_point,
     directed,
+    interleaved,
     tangent_frame,
     turned_tangents,
     within_supports,
@@ -50,7 +52,6 @@ from contact.rows.outline import Outline
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Clearance = float | ArrayLike | Callable[[Array], ArrayLike]
-Chart = FacetCurves | FaceMaps
 
 FUNCTIONALS = ("dual", "standard", "hat")
 # Degree of the trace on a facet, as a polynomial of two variables; in the plane that of the values.
@@ -202,7 +203,7 @@ class Interface:
         P = Csr(sparse.diags_array(1.0 / w) @ psi.T @ sparse.diags_array(q.w))
         here, there = facet_trace(self.first, q.facet, q.X), facet_trace(self.second, q.other, q.Y)
         # On a plane of symmetry the mean over the modelled half may move across it: the place
-        # decides, see `contact.rows.trace_rows.TraceRows.supported`.
+        # decides, see `contact.rows.discretise.TraceRows.supported`.
         hub = self.basis.at_place[functions.point]
         place, mean = (sparse.diags_array(part.astype(float)) for part in (hub, ~hub))
         own, free = Csr(place @ at[0] + mean @ (P @ here)), self.first.body.constraint[0]
@@ -215,9 +216,7 @@ class Interface:
         t = turned_tangents(tangents[:, :, point], normals[:, point], n)
         directions = [(normals, n), *((tangents[:, j], t[:, j]) for j in range(t.shape[1]))]
         G, *T = (self._held(P, (own, at[1]), *both, (here, there)) for both in directions)
-        count = len(normals) - 1
-        together = np.arange(P.shape[0] * count).reshape(count, P.shape[0]).T.ravel()
-        along, other = (Csr(Csr(sparse.vstack([rows[k] for rows in T]))[together]) for k in (0, 1))
+        along, other = (by_point([rows[k] for rows in T]) for k in (0, 1))
         x = (functions.N.T @ (q.w * q.x).T).T / w
         rows = ContactRows(
             G[0], along, P @ q.gap, w, x, x_nominal, normals, tangents, self.functional
@@ -258,9 +257,9 @@ class Interface:
         return both[0], both[1]
 
 
-def chart(outline: Outline, u: Array | None = None) -> Chart:
-    """The facets of a boundary, at rest or where the displacement u moves them to."""
-    kind = FacetCurves if outline.body.dim == 2 else FaceMaps
+def chart(outline: Outline, u: Array | None = None) -> Any:
+    """`FacetCurves` or `FaceMaps` of a boundary, at rest or where the displacement u moves it."""
+    kind: Any = FacetCurves if outline.body.dim == 2 else FaceMaps
     if u is None:
         return kind.of(outline)
     moved = values(trace_of_nodes(outline), u, outline.body.dim)
@@ -286,14 +285,8 @@ def _mean_normals(functions: Multipliers, q: InterfaceQuadrature) -> Array:
 
 def _along(P: Csr, vectors: Array, trace: Csr) -> Csr:
     """Means of the displacement along vectors given for every entry of P, shape (m, ndofs)."""
-    dim, shape = len(vectors), (P.shape[0], len(vectors) * trace.shape[1])
-    parts = []
-    for c, vector in enumerate(vectors):
-        weighted = Csr((P.data * vector, P.indices, P.indptr), shape=P.shape)
-        part = (weighted @ trace).tocoo()
-        parts.append((part.data, part.row, dim * part.col + c))
-    data, row, column = (np.concatenate(v) for v in zip(*parts, strict=True))
-    return Csr(sparse.coo_array((data, (row, column)), shape=shape))
+    weighted = [Csr((P.data * v, P.indices, P.indptr), shape=P.shape) for v in vectors]
+    return interleaved([part @ trace for part in weighted])
 
 
 def _checked_functional(

@@ -25,10 +25,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact.rows.frames import tangent_frame, turned_tangents
+from contact.rows.frames import (
+    by_point,
+    directed,
+    interleaved,
+    scaled,
+    tangent_frame,
+    turned_tangents,
+)
 from contact.rows.mortar.face_maps import FaceMaps, shapes
 from contact.rows.mortar.facet_curves import FacetCurves, facet_nodes
-from contact.rows.mortar.facet_trace import Csr, along, facet_trace, scaled, values
+from contact.rows.mortar.facet_trace import Csr, facet_trace, values
 from contact.rows.mortar.mortar_rows import Interface, MortarRows, chart, trace_of_nodes
 from contact.rows.outline import Outline, hats, reference_corners
 
@@ -62,48 +69,106 @@ class SlidingDerivative:
     ) -> SlidingDerivative:
         """Differentiate rows of `Interface.displaced` at the displacements of the two bodies.
         `increments`: their parts since the last step; `forces`: mu (m,) and t (m, dim - 1)."""
-        form = _in_plane if interface.first.body.dim == 2 else _in_space
-        return cls(*form(interface, found, displacements, increments, forces))
+        (du, dv), n, dim = increments, found.quadrature.n, len(found.quadrature.n)
+        at = (_in_plane if dim == 2 else _in_space)(interface, found, *displacements)
+        mu, t, each = forces[0], forces[1].reshape(-1, dim - 1), range(dim - 1)
+        change = sum((scaled(-at.steep[a], at.run[a]) for a in each), start=0.0 * at.run[0])
+        normal = found.P @ change
+        slip = values(at.here, du, dim) - values(at.there, dv, dim)
+        against, carried = np.sum(n * slip, axis=0), [values(ahead, dv, dim) for ahead in at.ahead]
+        across = []
+        for b in each:
+            change = scaled(-against, at.turn[b])
+            for a in each:
+                change = change - scaled(np.sum(at.p[:, b] * carried[a], axis=0), at.run[a])
+            across.append(change)
+        tangential = [
+            sum((frame[b] @ across[b] for b in each[1:]), start=frame[0] @ across[0])
+            for frame in at.frames
+        ]
+        normal_force = found.P.T @ mu
+        shear = np.array([sum(at.frames[j][b].T @ t[:, j] for j in each) for b in each])
+        whole = n * normal_force + np.einsum("bn,dbn->dn", shear, at.p)
+        ndofs = at.run[0].shape[1]
+        of_first, of_second = (Csr((dim * part.shape[1], ndofs)) for part in (at.here, at.there))
+        for k in each:
+            turned = normal_force * at.p[:, k] - shear[k] * n
+            of_first = of_first + directed(at.here, turned).T @ at.turn[k]
+            of_second = of_second - directed(at.there, turned).T @ at.turn[k]
+            of_second = of_second - directed(at.ahead[k], whole).T @ at.run[k]
+        force = sparse.vstack((of_first, of_second), format="csr")
+        if dim == 3:
+            spin = _spin(found, at)
+            T = Csr(sparse.hstack((found.rows.T, found.other_T), format="csr"))
+            since = (T @ np.concatenate(increments)).reshape(-1, 2)
+            for j, sign in ((0, 1.0), (1, -1.0)):
+                tangential[j] = tangential[j] + scaled(sign * since[:, 1 - j], spin)
+            force = force + (T[1::2].T @ scaled(t[:, 0], spin) - T[::2].T @ scaled(t[:, 1], spin))
+        return cls(Csr(normal), by_point(tangential), Csr(force))
 
 
-def _in_plane(
-    interface: Interface, found: MortarRows, displacements: Pair, increments: Pair, forces: Pair
-) -> tuple[Csr, Csr, Csr]:
-    """The three matrices of `SlidingDerivative` in the plane."""
-    q, (one, two) = found.quadrature, (interface.first, interface.second)
+@dataclass(frozen=True)
+class _Places:
+    """The integration points with their derivatives in the dofs; a and b count tangents."""
+
+    p: Array  # tangents across the normals, shape (dim, dim - 1, n)
+    here: Csr  # trace of the first body, shape (n, scalar dofs)
+    there: Csr  # trace of the second body
+    ahead: list[Csr]  # derivatives of `there` with respect to Y_a
+    steep: Array  # n . tau_a, shape (dim - 1, n)
+    turn: list[Csr]  # changes of the normals along p_b, shape (n, ndofs)
+    run: list[Csr]  # changes of Y_a, shape (n, ndofs)
+    frames: list[list[Csr]]  # means of values along p_b, along tangents j of points, [j][b], (m, n)
+
+
+def _in_plane(interface: Interface, found: MortarRows, u: Array, v: Array) -> _Places:
+    """Places in the plane, where all changes along p are numbers."""
+    q, (one, two), (X, Y) = found.quadrature, (interface.first, interface.second), interface.rest
     n, p = q.n, np.array([-q.n[1], q.n[0]])
-    (u, v), (du, dv) = displacements, increments
     here, there = facet_trace(one, q.facet, q.X), facet_trace(two, q.other, q.Y)
     ahead = sum(
         (facet_trace(two, q.other, q.Y + h) * w for h, w in zip(_STEPS, _WEIGHTS, strict=True)),
         start=0.0 * there,
     ) * (1.0 / 3.0)
-    X, Y = interface.rest
     gap = np.sum((Y.at(q.other, q.Y) + values(there, v, 2)) * n, axis=0)
     gap -= np.sum((X.at(q.facet, q.X) + values(here, u, 2)) * n, axis=0)
     tau = Y.slope(q.other, q.Y) + values(ahead, v, 2)
-    count = 2 * here.shape[1], 2 * there.shape[1]
-    turn = sparse.hstack(
-        (_turns(one, u, q.facet, q.X[0]), Csr((q.facet.size, count[1]))), format="csr"
-    )
-    run = sparse.hstack((along(here, p), -along(there, p)), format="csr")
-    run = scaled(1.0 / np.sum(tau * p, axis=0), run + scaled(gap, turn))
+    none = Csr((q.facet.size, 2 * there.shape[1]))
+    turn = sparse.hstack((_turns(one, u, q.facet, q.X[0]), none), format="csr")
+    run = sparse.hstack((directed(here, p), -directed(there, p)), format="csr")
+    run = scaled(1.0 / np.sum(tau * p, axis=0), Csr(run + scaled(gap, turn)))
     # The tangents of contact points are their normals turned, one way or the other.
-    way = np.sign(found.rows.tangents[1, 0] * found.rows.normals[0]
-                  - found.rows.tangents[0, 0] * found.rows.normals[1])  # fmt: skip
-    normal = found.P @ scaled(-np.sum(n * tau, axis=0), run)
-    slip = values(here, du, 2) - values(there, dv, 2)
-    tangential = scaled(-np.sum(p * values(ahead, dv, 2), axis=0), run)
-    tangential = found.P @ (tangential - scaled(np.sum(n * slip, axis=0), turn))
-    a, b = found.P.T @ forces[0], found.P.T @ (way * forces[1].ravel())
-    turned, whole = p * a - n * b, n * a + p * b
-    of_first = along(here, turned).T @ turn
-    of_second = -(along(there, turned).T @ turn) - along(ahead, whole).T @ run
-    return (
-        Csr(normal),
-        Csr(scaled(way, tangential)),
-        Csr(sparse.vstack((of_first, of_second), format="csr")),
-    )
+    normals, tangents = found.rows.normals, found.rows.tangents[:, 0]
+    way = np.sign(tangents[1] * normals[0] - tangents[0] * normals[1])
+    steep, frames = np.sum(n * tau, axis=0)[None], [[scaled(way, found.P)]]
+    return _Places(p[:, None], here, there, [ahead], steep, [turn], [run], frames)
+
+
+def _in_space(interface: Interface, found: MortarRows, u: Array, v: Array) -> _Places:
+    """Places in space."""
+    q, (one, two) = found.quadrature, (interface.first, interface.second)
+    nodes = trace_of_nodes(one), trace_of_nodes(two)
+    here, _ = _between(nodes[0], one.facets.size, q.facet, q.X)
+    there, ahead = _between(nodes[1], two.facets.size, q.other, q.Y)
+    slope = interface.rest[1].tangents(q.other, q.Y)
+    tau = slope + np.stack([values(part, v, 3) for part in ahead], axis=1)
+    p = tangent_frame(q.n)
+    parts = turning_normals(one, chart(one, u), nodes[0], q.facet, q.X)
+    none = Csr((q.facet.size, 3 * there.shape[1]))
+    turn = []
+    for b in (0, 1):
+        along = sum((scaled(p[c, b], parts[c]) for c in range(3)), 0.0 * parts[0])
+        turn.append(Csr(sparse.hstack((along, none), format="csr")))
+    inverse = np.linalg.inv(np.einsum("dbn,dan->nba", p, tau))
+    # dY_a = reach_a . (dx - dy + g dn).
+    reach, run = np.einsum("nab,dbn->dan", inverse, p), []
+    for way in reach.transpose(1, 0, 2):
+        rows = Csr(sparse.hstack((directed(here, way), -directed(there, way)), format="csr"))
+        for b in (0, 1):
+            rows = rows + scaled(q.gap * np.sum(way * p[:, b], axis=0), turn[b])
+        run.append(Csr(rows))
+    steep = np.einsum("dn,dan->an", q.n, tau)
+    return _Places(p, here, there, ahead, steep, turn, run, _frames(found, p))
 
 
 def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Csr:
@@ -120,7 +185,7 @@ def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Cs
         n = curves.sign * np.array([slope[1], -slope[0]]) / size
         # The outward normal is the tangent turned by -90 degrees times the sign.
         pick = sparse.kron(sparse.eye_array(count), _SLOPE[end][None], format="csr")
-        angles.append(along(Csr(pick @ trace), -n * curves.sign / size))
+        angles.append(directed(Csr(pick @ trace), -n * curves.sign / size))
     own = sparse.vstack(angles, format="csr")  # all starts, then all ends
     continued, (beyond, corner) = outline.continued, outline.beyond
     weight, rows, columns, shares = 1.0 / curves.length, [], [], []
@@ -141,96 +206,6 @@ def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Cs
         shape=(k, 2 * count),
     )
     return Csr(between.tocsr() @ mean.tocsr() @ own)
-
-
-def _in_space(
-    interface: Interface, found: MortarRows, displacements: Pair, increments: Pair, forces: Pair
-) -> tuple[Csr, Csr, Csr]:
-    """The three matrices of `SlidingDerivative` in space."""
-    places = _Places.of(interface, found, displacements)
-    (du, dv), (mu, t) = increments, forces
-    n, p, here, there = found.quadrature.n, places.p, places.here, places.there
-    inverse = np.linalg.inv(np.einsum("dbn,dan->nba", p, places.tau))
-    # dY_a = reach_a . (dx - dy + g dn).
-    reach = np.einsum("nab,dbn->dan", inverse, p)
-    run = [places.run(reach[:, a]) for a in (0, 1)]
-    steep = np.einsum("dn,dan->an", n, places.tau)
-    normal = found.P @ sum((scaled(-steep[a], run[a]) for a in (0, 1)), start=0.0 * run[0])
-    slip = values(here, du, 3) - values(there, dv, 3)
-    against, carried = np.sum(n * slip, axis=0), [values(ahead, dv, 3) for ahead in places.ahead]
-    across = []
-    for b in (0, 1):
-        change = scaled(-against, places.turn[b])
-        for a in (0, 1):
-            change = change - scaled(np.sum(p[:, b] * carried[a], axis=0), run[a])
-        across.append(change)
-    frames = _frames(found, p)
-    T = Csr(sparse.hstack((found.rows.T, found.other_T), format="csr"))
-    spin = _spin(found, places)
-    since = (T @ np.concatenate(increments)).reshape(-1, 2)
-    tangential = [
-        frames[j][0] @ across[0] + frames[j][1] @ across[1] + scaled(sign * since[:, 1 - j], spin)
-        for j, sign in ((0, 1.0), (1, -1.0))
-    ]
-    together = np.arange(2 * mu.size).reshape(2, mu.size).T.ravel()
-    normal_force = found.P.T @ mu
-    shear = np.array([sum(frames[j][b].T @ t[:, j] for j in (0, 1)) for b in (0, 1)])
-    whole = n * normal_force + np.einsum("bn,dbn->dn", shear, p)
-    of_first = Csr((3 * here.shape[1], run[0].shape[1]))
-    of_second = Csr((3 * there.shape[1], run[0].shape[1]))
-    for k in (0, 1):
-        turned = normal_force * p[:, k] - shear[k] * n
-        of_first = of_first + along(here, turned).T @ places.turn[k]
-        of_second = of_second - along(there, turned).T @ places.turn[k]
-        of_second = of_second - along(places.ahead[k], whole).T @ run[k]
-    spun = T[1::2].T @ scaled(t[:, 0], spin) - T[::2].T @ scaled(t[:, 1], spin)
-    return (
-        Csr(normal),
-        Csr(Csr(sparse.vstack(tangential, format="csr"))[together]),
-        Csr(sparse.vstack((of_first, of_second)) + spun),
-    )
-
-
-@dataclass(frozen=True)
-class _Places:
-    """The integration points with their derivatives in the dofs."""
-
-    p: Array  # tangents across the normals, shape (3, 2, n)
-    here: Csr  # trace of the first body, shape (n, scalar dofs)
-    there: Csr  # trace of the second body
-    ahead: list[Csr]  # derivatives of `there` with respect to either coordinate
-    tau: Array  # derivatives of the places y, shape (3, 2, n)
-    gap: Array  # shape (n,)
-    turn: list[Csr]  # change of the normals along either tangent p, shape (n, ndofs)
-
-    @classmethod
-    def of(cls, interface: Interface, found: MortarRows, displacements: Pair) -> _Places:
-        q, (one, two), (u, v) = found.quadrature, (interface.first, interface.second), displacements
-        nodes = trace_of_nodes(one), trace_of_nodes(two)
-        here, _ = _between(nodes[0], one.facets.size, q.facet, q.X)
-        there, ahead = _between(nodes[1], two.facets.size, q.other, q.Y)
-        slope = interface.rest[1].tangents(q.other, q.Y)
-        tau = slope + np.stack([values(each, v, 3) for each in ahead], axis=1)
-        p = tangent_frame(q.n)
-        parts = turning_normals(one, chart(one, u), nodes[0], q.facet, q.X)
-        none = Csr((q.facet.size, 3 * there.shape[1]))
-        turn = [
-            Csr(
-                sparse.hstack(
-                    (sum((scaled(p[c, b], parts[c]) for c in range(3)), 0.0 * parts[0]), none),
-                    format="csr",
-                )
-            )
-            for b in (0, 1)
-        ]
-        return cls(p, here, there, ahead, tau, q.gap, turn)
-
-    def run(self, v: Array) -> Csr:
-        """The change of x - y + g n along vectors v across the normals, shape (n, ndofs)."""
-        rows = Csr(sparse.hstack((along(self.here, v), -along(self.there, v)), format="csr"))
-        for b in (0, 1):
-            rows = rows + scaled(self.gap * np.sum(v * self.p[:, b], axis=0), self.turn[b])
-        return Csr(rows)
 
 
 def _between(of_nodes: Csr, count: int, facet: Index, X: Array) -> tuple[Csr, list[Csr]]:
@@ -330,11 +305,8 @@ def _at_corners(outline: Outline, maps: FaceMaps, trace: Csr) -> list[Csr]:
     mean, free = outline.averaging(own, maps.nodes[:, :, :corners])
     parts = []
     for i in range(3):
-        of_components = [
-            _embedded(sparse.coo_array((change[i, j].ravel(), (row, column)), shape) @ trace, j)
-            for j in range(3)
-        ]
-        total = of_components[0] + of_components[1] + of_components[2]
+        each = [sparse.coo_array((v.ravel(), (row, column)), shape) @ trace for v in change[i]]
+        total = interleaved(each)
         parts.append(Csr(sparse.diags_array(free[i].ravel().astype(float)) @ (mean @ total)))
     return _across(parts, maps.normals.reshape(3, -1))
 
@@ -343,10 +315,3 @@ def _across(parts: list[Csr], n: Array) -> list[Csr]:
     """Components of the derivatives of vectors without those along unit vectors n (3, nrows)."""
     along = sum((sparse.diags_array(n[i]) @ parts[i] for i in range(3)), start=0.0 * parts[0])
     return [Csr(parts[i] - sparse.diags_array(n[i]) @ along) for i in range(3)]
-
-
-def _embedded(of_scalar: Csr, j: int) -> Csr:
-    """Rows of a scalar trace in the dofs of component j."""
-    coo = of_scalar.tocoo()
-    shape = coo.shape[0], 3 * coo.shape[1]
-    return Csr(sparse.coo_array((coo.data, (coo.row, 3 * coo.col + j)), shape=shape))
