@@ -21,6 +21,14 @@ def vector(name: str, value: ArrayLike) -> Array:
     return array
 
 
+def direction(name: str, value: ArrayLike) -> Array:
+    """A vector as of `vector` that is not zero; need not be a unit vector."""
+    array = vector(name, value)
+    if not np.any(array):
+        raise InputError(f"{name}: the zero vector is no direction")
+    return array
+
+
 def finite_number(name: str, value: float) -> float:
     """One finite number."""
     number = numbers(name, value)

@@ -6,7 +6,7 @@ sagittas of both sides; and the coarser of the two meshes limits the pressure.""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -170,24 +170,19 @@ class Interfaces:
 
     def gap(self, opposites: Sequence[Any]) -> Array:
         """Gap of every contact point, shape (m,); the rigid obstacles among the opposites."""
-        return np.concatenate(
-            [
-                side.gap(o) if isinstance(side, ContactBoundaries) else gap
-                for o, side, gap in zip(
-                    opposites, self.sides, self._of_each(self.rows.gap), strict=True
-                )
-            ]
-        )
+        return self._read(ContactBoundaries.gap, opposites, self.rows.gap)
 
     def rise(self, opposites: Sequence[Any]) -> Array:
         """Gap from the curve that straight facets approximate minus the gap from them, (m,)."""
+        return self._read(ContactBoundaries.rise, opposites, self.risen)
+
+    def _read(
+        self, read: Callable[[ContactBoundaries, Any], Array], opposites: Any, known: Array
+    ) -> Array:
+        """Values of every contact point: `known` between bodies, read off rigid obstacles."""
+        each = zip(opposites, self.sides, self._of_each(known), strict=True)
         return np.concatenate(
-            [
-                side.rise(o) if isinstance(side, ContactBoundaries) else own
-                for o, side, own in zip(
-                    opposites, self.sides, self._of_each(self.risen), strict=True
-                )
-            ]
+            [read(side, o) if isinstance(side, ContactBoundaries) else own for o, side, own in each]
         )
 
     def travel(
@@ -231,14 +226,7 @@ class Interfaces:
                 tangent[slips * start : slips * (start + size)] = own.tangent
                 found.append(replace(own, normal=normal, tangent=tangent))
             start += size
-        if not found:
-            return None
-        return ObstacleMotion(
-            np.hstack([own.normal for own in found]),
-            np.hstack([own.tangent for own in found]),
-            np.concatenate([own.prescribed for own in found]),
-            np.concatenate([own.force for own in found]),
-        )
+        return ObstacleMotion.of_all(found)
 
     def friction(self, given: Any) -> Array:
         """Coefficient or bound of every contact point, shape (m,), for all pairs or one for each.
