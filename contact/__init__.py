@@ -25,11 +25,9 @@ from contact.histories.load_stepper import LoadStepper
 from contact.laws.iteration import Iteration
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.status import Status
-from contact.obstacles.cone import Cone
 from contact.obstacles.rigid import Rigid
-from contact.obstacles.rough import Rough
-from contact.obstacles.self_affine import self_affine
-from contact.obstacles.shapes import ClosestPoint, Cylinder, Moved, Parabola, Plane, Sphere
+from contact.obstacles.rough import Rough, self_affine
+from contact.obstacles.shapes import ClosestPoint, Cone, Cylinder, Moved, Parabola, Plane, Sphere
 from contact.obstacles.signed_distance import SignedDistance
 from contact.obstacles.surface_mesh import SurfaceMesh
 from contact.problem.contact_problem import ContactProblem

@@ -38,7 +38,6 @@ from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.contact_rows import ContactRows
 from contact.rows.interfaces import Interfaces
 from contact.rows.mortar.mortar_rows import Interface
-from contact.rows.mortar.solid_interface import SolidInterface
 from contact.rows.outline import Outline
 from skfem_adini.ground.arguments import numbers
 
@@ -296,7 +295,7 @@ def refuse_large_rotations(interfaces: Interfaces, u: Array, largest: float) -> 
     be negligible (P. Wriggers, Computational Contact Mechanics, 2006, section 3.1)."""
     bodies = interfaces.bodies
     for side in interfaces.sides:
-        if not isinstance(side, Interface | SolidInterface):
+        if not isinstance(side, Interface):
             continue
         for outline in (side.first, side.second):
             k = bodies.number_of_trace(outline.body)

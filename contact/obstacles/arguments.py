@@ -22,6 +22,14 @@ def vector(name: str, value: ArrayLike) -> Array:
     return array
 
 
+def direction(name: str, value: ArrayLike) -> Array:
+    """A vector as of `vector` that is not zero; need not be a unit vector."""
+    array = vector(name, value)
+    if not np.any(array):
+        raise InputError(f"{name}: the zero vector is no direction")
+    return array
+
+
 def keep_vectors(obstacle: Any, *names: str) -> None:
     """Copy given vectors, so that later edits of the caller's array have no effect.
 

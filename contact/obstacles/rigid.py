@@ -106,6 +106,11 @@ class Rigid:
         return centre
 
 
+def plain(obstacle: ObstacleLike) -> Any:
+    """The obstacle itself, where it is given with a motion of its own."""
+    return obstacle.obstacle if isinstance(obstacle, Rigid) else obstacle
+
+
 def _read(name: str, given: Any, count: int) -> Array:
     if given is None:
         return np.full(count, np.nan)
@@ -129,6 +134,18 @@ class ObstacleMotion:
     prescribed: Array  # NaN for a free motion, shape (k,)
     force: Array  # force or moment on a free motion, else NaN, (k,)
     travel: Array | None = None  # tangential path of shapes since rest, (m, dim - 1)
+
+    @classmethod
+    def of_all(cls, found: Sequence[ObstacleMotion]) -> ObstacleMotion | None:
+        """The motions of several obstacles at the same contact points; None of none."""
+        if not found:
+            return None
+        return cls(
+            np.hstack([own.normal for own in found]),
+            np.hstack([own.tangent for own in found]),
+            np.concatenate([own.prescribed for own in found]),
+            np.concatenate([own.force for own in found]),
+        )
 
     @classmethod
     def with_travel(cls, motion: ObstacleMotion | None, travel: Array) -> ObstacleMotion:

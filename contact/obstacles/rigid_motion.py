@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError
-from contact.obstacles.rigid import Rigid
+from contact.obstacles.rigid import Rigid, plain
 from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ class RigidMotion:
 def motion_between(before: Any, now: Any) -> RigidMotion | None:
     """How an obstacle moved from step to step; None where its shapes do not tell.
     The motion of a `Rigid` is its own and comes on top of that of the obstacle within."""
-    before, now = (o.obstacle if isinstance(o, Rigid) else o for o in (before, now))
+    before, now = plain(before), plain(now)
     for moved in (now, before):  # a Moved knows the shape within, whichever side it is on
         if hasattr(moved, "moved_between"):
             known: RigidMotion | None = moved.moved_between(before, now)
@@ -77,7 +77,7 @@ def along_normal(before: Any, now: Any, first: bool = False) -> bool:
     """Whether the obstacle is a number, a gap along the normal alone, in both steps.
     In the first step of a history it may also be replaced by a shape, which then starts where it
     is."""
-    before, now = (o.obstacle if isinstance(o, Rigid) else o for o in (before, now))
+    before, now = plain(before), plain(now)
     return is_number(before) and (is_number(now) or first)
 
 
@@ -172,7 +172,7 @@ def said_motion(said: Any, dim: int) -> Array | None:
 
 def unknown_motion(before: Any, now: Any, where: str = "") -> InputError:
     """The error that asks for a motion which friction needs and the shapes do not tell."""
-    one, other = (type(o.obstacle if isinstance(o, Rigid) else o).__name__ for o in (before, now))
+    one, other = (type(plain(o)).__name__ for o in (before, now))
     if before is None:
         one = "unknown in a result from a file"
     return InputError(

@@ -14,16 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError
 from contact.obstacles.box_tree import BoxTree
-from contact.obstacles.facet_checks import (
+from contact.obstacles.facets import (
     check_facets,
+    coordinates,
     edges_of,
+    facet_normals,
+    gap_to_facets,
     is_free,
     merged,
     outwards,
     read_facets,
     read_points,
 )
-from contact.obstacles.facet_rays import coordinates, facet_normals, gap_to_facets
 from contact.obstacles.rigid_motion import RigidMotion, fitted
 from contact.obstacles.surface_files import polydata, read_surface
 from skfem_adini.ground.arguments import flag, numbers

@@ -20,8 +20,7 @@ from contact.body.elastic_body import ElasticBody
 from contact.body.jacobians import middle_determinants
 from contact.errors import CHANGED, InputError, LargeMotionWarning, warn
 from contact.rows.contact_boundaries import ContactBoundaries
-from contact.rows.interfaces import Interfaces
-from contact.rows.mortar.resolution import facet_lengths
+from contact.rows.interfaces import Interfaces, facet_lengths
 
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult

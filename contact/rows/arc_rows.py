@@ -27,7 +27,7 @@ from contact.body.cut_arc import CutArc
 from contact.errors import InputError
 from contact.obstacles.shapes import ObstacleLike, evaluate_gap, within_reach
 from contact.rows.contact_rows import ContactRows
-from contact.rows.frames import tangent_frame
+from contact.rows.frames import interleaved, tangent_frame
 from contact.rows.gap_rule import given_gaps
 from contact.rows.shares import check_weights
 
@@ -97,14 +97,7 @@ class ArcGap:
 
 def _directed(arc: CutArc, mean: sparse.csr_array, direction: Array) -> sparse.csr_array:
     """Means of ``direction . u`` as rows of all dofs."""
-    parts = [(mean @ sparse.diags_array(direction[c]) @ arc.trace).tocoo() for c in range(2)]
-    place = (
-        np.concatenate([part.row for part in parts]),
-        np.concatenate([2 * part.col + c for c, part in enumerate(parts)]),
-    )
-    shape = mean.shape[0], 2 * arc.trace.shape[1]
-    data = np.concatenate([part.data for part in parts])
-    return sparse.csr_array(sparse.coo_array((data, place), shape=shape))
+    return interleaved([mean @ sparse.diags_array(v) @ arc.trace for v in direction])
 
 
 def hats_along(arc: CutArc) -> tuple[sparse.csr_array, Array]:

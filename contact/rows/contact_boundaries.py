@@ -8,16 +8,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy import sparse
+from skfem import Mesh
 
 from contact.body.axisymmetry import refuse_motions
 from contact.body.cut_arc import CutArc
 from contact.body.elastic_body import ElasticBody
 from contact.body.rigid_modes import rigid_field
-from contact.errors import InputError
-from contact.obstacles.placement import check_placement, outward_normals
-from contact.obstacles.rigid import ObstacleMotion, Rigid
+from contact.errors import InputError, warn
+from contact.facet_basis import facet_basis
+from contact.obstacles.rigid import ObstacleMotion, Rigid, plain
 from contact.obstacles.rigid_motion import (
     RigidMotion,
     along_normal,
@@ -26,7 +28,16 @@ from contact.obstacles.rigid_motion import (
     said_motion,
     unknown_motion,
 )
-from contact.obstacles.shapes import ClosestPoint, ObstacleLike, evaluate_gap
+from contact.obstacles.shapes import (
+    ClosestPoint,
+    Cylinder,
+    Moved,
+    ObstacleLike,
+    Plane,
+    Sphere,
+    evaluate_gap,
+)
+from contact.obstacles.surface_mesh import SurfaceMesh
 from contact.rows.arc_rows import ArcGap, arc_rows
 from contact.rows.contact_rows import ContactRows
 from contact.rows.discretise import contact_boundary
@@ -34,6 +45,17 @@ from contact.rows.gap_rule import GapRule
 from skfem_adini.ground.arguments import evaluated
 
 Array = NDArray[np.float64]
+# The axis of contact points of the arrays in `ContactRows`.
+_AXES = {
+    "gap": 0,
+    "weights": 0,
+    "x": 1,
+    "x_nominal": 1,
+    "normals": 1,
+    "tangents": 2,
+    "owner": 0,
+    "axes": 0,
+}
 
 
 @dataclass(frozen=True)
@@ -91,14 +113,12 @@ class ContactBoundaries:
         """Gap of every contact point, shape (m,)."""
         obstacles = self._obstacles(obstacle)
         self._check_directions(obstacles)
-        plain = [o.obstacle if isinstance(o, Rigid) else o for o in obstacles]
-        gaps = [rule(o) for rule, o in zip(self.rules, plain, strict=True)]
-        size = self.body.extent
-        for rule, o, gap in zip(self.rules, plain, gaps, strict=True):
+        gaps = [rule(plain(o)) for rule, o in zip(self.rules, obstacles, strict=True)]
+        for rule, o, gap in zip(self.rules, map(plain, obstacles), gaps, strict=True):
             n = rule.normals
             if isinstance(o, ClosestPoint) and not isinstance(rule, ArcGap):  # n are directions
                 n = outward_normals(self.body.mesh, rule.x)
-            check_placement(o, gap, rule.x, n, size)
+            check_placement(o, gap, rule.x, n, self.body.extent)
         return np.concatenate(gaps)
 
     def change_of_gap(self, obstacle: Any, points: NDArray[np.int64], moves: Array) -> Array:
@@ -108,23 +128,21 @@ class ContactBoundaries:
         for rule, o in zip(self.rules, self._obstacles(obstacle), strict=True):
             here = np.flatnonzero((points >= start) & (points < start + rule.order.size))
             start += rule.order.size
-            plain = o.obstacle if isinstance(o, Rigid) else o
-            if not here.size or not callable(plain):
+            if not here.size or not callable(plain(o)):
                 continue
             x, n = self.rows.x_nominal[:, points[here]], self.rows.normals[:, points[here]]
             with suppress(InputError, ValueError, ArithmeticError, LookupError):
-                rest, now = (evaluate_gap(plain, y, n) for y in (x, x + moves[:, here]))
+                rest, now = (evaluate_gap(plain(o), y, n) for y in (x, x + moves[:, here]))
                 known = np.isfinite(rest)
                 change[here] = np.where(known, now - np.where(known, rest, 0.0), 0.0)
         return change
 
     def rise(self, obstacle: Any) -> Array:
         """Gap from the curve that straight facets approximate minus the gap from them, (m,)."""
-        plain = [o.obstacle if isinstance(o, Rigid) else o for o in self._obstacles(obstacle)]
         return np.concatenate(
             [
-                rule.rise(o) if isinstance(rule, GapRule) else np.zeros(rule.order.size)
-                for rule, o in zip(self.rules, plain, strict=True)
+                rule.rise(plain(o)) if isinstance(rule, GapRule) else np.zeros(rule.order.size)
+                for rule, o in zip(self.rules, self._obstacles(obstacle), strict=True)
             ]
         )
 
@@ -146,8 +164,7 @@ class ContactBoundaries:
     def motion(self, obstacle: Any) -> ObstacleMotion | None:
         """The motions of those obstacles that are `Rigid`; None when none is."""
         rows, dim = self.rows, self.body.dim
-        blocks: list[tuple[Array, Array, Array, Array]] = []
-        start = 0
+        start, found = 0, []
         for rule, o in zip(self.rules, self._obstacles(obstacle), strict=True):
             here = slice(start, start + rule.order.size)
             start = here.stop
@@ -162,13 +179,8 @@ class ContactBoundaries:
             along = slice(here.start * (dim - 1), here.stop * (dim - 1))
             tangent = np.zeros((rows.T.shape[0], unit.shape[1]))
             tangent[along] = rows.T[along] @ unit
-            blocks.append((normal, tangent, motion, force))
-        if not blocks:
-            return None
-        normals, tangents, motions, forces = zip(*blocks, strict=True)
-        return ObstacleMotion(
-            np.hstack(normals), np.hstack(tangents), np.concatenate(motions), np.concatenate(forces)
-        )
+            found.append(ObstacleMotion(normal, tangent, motion, force))
+        return ObstacleMotion.of_all(found)
 
     def travel(
         self,
@@ -249,8 +261,8 @@ def _discretised(
 
 
 def _direction(obstacle: Any) -> Callable[[Array], Array] | None:
-    plain = obstacle.obstacle if isinstance(obstacle, Rigid) else obstacle
-    return plain.direction if isinstance(plain, ClosestPoint) else None
+    within = plain(obstacle)
+    return within.direction if isinstance(within, ClosestPoint) else None
 
 
 def _towards(obstacle: Any, x: Array) -> Array | None:
@@ -282,25 +294,20 @@ def friction_values(friction: Any, x: Array) -> Array:
 
 def joined(parts: list[ContactRows]) -> ContactRows:
     """The rows of several boundaries, one after the other."""
-    names = dict.fromkeys(rows.functional for rows in parts)
-    first = parts[0]
+    names, first = dict.fromkeys(rows.functional for rows in parts), parts[0]
+    tied = any(rows.bonded.size for rows in parts)
+    several: dict[str, Any] = {
+        name: np.concatenate([getattr(rows, name) for rows in parts], axis=axis)
+        for name, axis in _AXES.items()
+    }
     return replace(
         first,
         G=sparse.vstack([rows.G for rows in parts], format="csr"),
         T=sparse.vstack([rows.T for rows in parts], format="csr"),
-        gap=np.concatenate([rows.gap for rows in parts]),
-        weights=np.concatenate([rows.weights for rows in parts]),
-        x=np.hstack([rows.x for rows in parts]),
-        x_nominal=np.hstack([rows.x_nominal for rows in parts]),
-        normals=np.hstack([rows.normals for rows in parts]),
-        tangents=np.concatenate([rows.tangents for rows in parts], axis=2),
         functional=",".join(names),
         part=np.repeat(np.arange(len(parts)), [rows.gap.size for rows in parts]),
-        bonded=np.concatenate([rows.ties for rows in parts])
-        if any(rows.bonded.size for rows in parts)
-        else first.bonded,
-        owner=np.concatenate([rows.owner for rows in parts]),
-        axes=np.concatenate([rows.axes for rows in parts]),
+        bonded=np.concatenate([rows.ties for rows in parts]) if tied else first.bonded,
+        **several,
     )
 
 
@@ -308,18 +315,84 @@ def selected(rows: ContactRows, points: NDArray[np.int64]) -> ContactRows:
     """Some of the contact points."""
     slips = rows.tangents.shape[1]
     along = (slips * points[:, None] + np.arange(slips)).ravel()
-    return replace(
-        rows,
-        G=rows.G[points],
-        T=rows.T[along],
-        gap=rows.gap[points],
-        weights=rows.weights[points],
-        x=rows.x[:, points],
-        x_nominal=rows.x_nominal[:, points],
-        normals=rows.normals[:, points],
-        tangents=rows.tangents[:, :, points],
-        part=rows.part[points] if rows.part.size else rows.part,
-        bonded=rows.bonded[points] if rows.bonded.size else rows.bonded,
-        owner=rows.owner[points] if rows.owner.size else rows.owner,
-        axes=rows.axes[points] if rows.axes.size else rows.axes,
-    )
+    known = _AXES | {"part": 0, "bonded": 0}
+    some: dict[str, Any] = {
+        name: np.take(getattr(rows, name), points, axis=axis)
+        for name, axis in known.items()
+        if getattr(rows, name).size
+    }
+    return replace(rows, G=rows.G[points], T=rows.T[along], **some)
+
+
+def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) -> None:
+    """Raise or warn if the position of an obstacle is almost certainly a mistake. Warn if no ray
+    meets it, if most of the boundary lies inside it with its nearest surface ahead (the body
+    would be pushed out on the other side), or if they overlap by more than the body's `size`."""
+    if obstacle is None:
+        return
+    shape = obstacle.obstacle if isinstance(obstacle, ClosestPoint) else obstacle
+    x, n = x.reshape(x.shape[0], -1), n.reshape(n.shape[0], -1)
+    if isinstance(shape, Moved):
+        (x, n), shape = shape.at_home(x, n), shape.obstacle
+    if isinstance(shape, Plane):
+        _check_facing(shape, n)
+    share = float(np.mean(_within(shape, x, n, size)))
+    if share > 0.5:
+        remedy = "turn its normal round" if isinstance(shape, Plane) else "change its place or sign"
+        if isinstance(shape, Cylinder | Sphere | SurfaceMesh):
+            remedy = f"for a hole that the body lies in, {type(shape).__name__}(..., hollow=True)"
+            remedy = "hollow=False, for a body around it" if shape.hollow else remedy
+        warn(
+            f"obstacle: {share:.0%} of the contact boundary lie inside the "
+            f"{_name(shape)} and face its surface from within, so that the body is pushed through "
+            f"it to the other side; {remedy}"
+        )
+    elif gap.size and np.all(np.isposinf(gap)):
+        if callable(shape):
+            warn(
+                f"obstacle: no normal of the contact boundary meets the {_name(shape)}, so that "
+                "nothing can touch; check its place, or name the part of the boundary that faces "
+                "it (ClosestPoint(obstacle) looks beside the normals, too)"
+            )
+    elif np.median(-gap[np.isfinite(gap)]) > size:
+        warn(
+            f"obstacle: most of the contact boundary overlaps it by more than {size:.4g}, the "
+            "size of the body; a gap is positive where there is one, and a Plane's normal points "
+            "towards the body"
+        )
+
+
+def outward_normals(mesh: Mesh, x: Array) -> Array:
+    """Outward normals of the boundary facets nearest to places x, (dim, ...)."""
+    basis = facet_basis(mesh, mesh.elem(), mesh.boundary_facets(), intorder=1)
+    middle = np.asarray(basis.global_coordinates()).mean(axis=2)
+    near = scipy.spatial.KDTree(middle.T).query(x.reshape(x.shape[0], -1).T)[1]
+    normals: Array = np.asarray(basis.normals).mean(axis=2)[:, near].reshape(x.shape)
+    return normals
+
+
+def _check_facing(plane: Plane, n: Array) -> None:
+    normal = np.asarray(plane.normal, dtype=float)
+    if np.all(normal @ n >= -1e-12 * np.linalg.norm(normal)):
+        turned = tuple(float(0.0 - c) for c in normal)
+        raise InputError(
+            f"obstacle: no part of the contact boundary faces the plane with normal={plane.normal}"
+            f"; a normal points out of the obstacle towards the body: normal={turned}, or another "
+            "boundary"
+        )
+
+
+def _within(obstacle: Any, x: Array, n: Array, size: float) -> NDArray[np.bool_]:
+    """Where the boundary lies inside the obstacle and the nearest way out is ahead of it."""
+    if not hasattr(obstacle, "distance"):
+        return np.zeros(1, dtype=bool)
+    try:
+        distance, gradient = obstacle.distance(x)
+    except InputError:  # the centre, or where a function is flat: no direction to judge by
+        return np.zeros(1, dtype=bool)
+    inside: NDArray[np.bool_] = distance < -1e-9 * size
+    return inside & (np.sum(gradient * n, axis=0) > 0)
+
+
+def _name(obstacle: Any) -> str:
+    return type(obstacle).__name__ if hasattr(obstacle, "distance") else "obstacle"

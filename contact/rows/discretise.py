@@ -1,9 +1,23 @@
-"""Discretisation of a contact boundary: its contact rows, and the rule that evaluates its gap."""
+r"""Discretisation of a contact boundary: its contact rows, and the rule that evaluates its gap.
+
+Where straight facets of unequal size approximate a curve, `Leaning` corrects the normal rows.
+The normal displacement of a contact point is :math:`\bar n \cdot u` at its vertex. Where facets
+differ in length the mean normal is :math:`\bar n = n + \beta t`, so that a tangential displacement
+counts as :math:`\beta u_t`, of alternating sign: the pressure oscillates on any mesh.
+
+A uniform pressure needs the mean normals. So each facet adds to the row of its corner k
+:math:`\omega_k (n_k - \tfrac1\omega \sum_j \omega_j n_j)` times the displacement of the point whose
+smooth normal is that of the facet, n_k being the smooth normals at corners. The sum over corners is
+zero, that over the facets of a vertex turns :math:`\bar n` into n to second order.
+
+On triangles a straight edge ij in place of a parabola adds, by the divergence theorem,
+:math:`\nu l \, (n_i - n_j) \cdot (x_i - x_j) / 36`, with the edge's outward normal :math:`\nu`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,22 +25,31 @@ from scipy import sparse
 from skfem import FacetBasis
 
 from contact.body.elastic_body import ElasticBody
+from contact.body.supports import few_times, norms
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
 from contact.obstacles.shapes import ObstacleLike
 from contact.rows.contact_rows import ContactRows
-from contact.rows.frames import along_supports, tangent_frame, within_supports
+from contact.rows.frames import (
+    along_supports,
+    by_point,
+    directed,
+    tangent_frame,
+    turned_tangents,
+    within_supports,
+)
 from contact.rows.functionals import FacetFunctional, facet_functional
 from contact.rows.gap_rule import GapRule
 from contact.rows.numbering import along, first_occurrence, numbering
 from contact.rows.outline import Outline
 from contact.rows.shares import Shares, placed_on
-from contact.rows.trace_rows import TraceRows
-from contact.rows.unequal_facets import Leaning
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Direction = Callable[[Array], Array]
+
+# ``centroid`` evaluates u a sixth of a facet from the vertex: two thirds of the correction remain.
+_OF_MEAN = 2.0 / 3.0
 
 
 def contact_rows(
@@ -63,7 +86,7 @@ def contact_boundary(
     tangents = tangent_frame(normals)
     if body.dim == 3:
         tangents = along_supports(trace.supported, tangents, body.constraint[0])
-    order = along(outline, form, number, count)
+    order, sides = along(outline, form, number, count), tangents.transpose(1, 0, 2)
     rule = GapRule(
         trace.x,
         trace.normals,
@@ -81,7 +104,7 @@ def contact_boundary(
     )
     rows = ContactRows(
         G[order],
-        _along_tangents(trace, normals, tangents, sharp, order),
+        by_point([trace.tangential(normals, along, sharp)[order] for along in sides]),
         np.full(count, np.inf),
         shares.weights[order],
         _mean_places(outline, form, shares, integrals)[:, order],
@@ -157,16 +180,6 @@ def _along_normals(
     return G, normals, (read, turned)
 
 
-def _along_tangents(
-    trace: TraceRows, normals: Array, tangents: Array, sharp: NDArray[np.bool_], order: Index
-) -> sparse.csr_array:
-    """Rows of the tangential displacement, sorted, those of one contact point together."""
-    count, columns = order.size, tangents.shape[1]
-    T = [trace.tangential(normals, tangents[:, j], sharp)[order] for j in range(columns)]
-    together = np.arange(count * columns).reshape(columns, count).T.ravel()
-    return sparse.csr_array(sparse.vstack(T))[together]
-
-
 def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | None) -> FacetBasis:
     """Scalar trace at given reference points, or at Gauss points exact for x times the trace."""
     rule = None if points is None else (points, np.ones(points.shape[1]))
@@ -174,3 +187,207 @@ def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | N
     return facet_basis(
         body.mesh, body.element, facets, quadrature=rule, intorder=order, dofs=body.scalar_dofs
     )
+
+
+@dataclass(frozen=True)
+class TraceRows:
+    """The trace of a body on its contact facets, at the points of their functional."""
+
+    outline: Outline
+    shares: Shares
+    x: Array  # points of the functional, shape (dim, nfacets, npoints)
+    normals: Array  # of the facets, along which contact acts, shape as x
+    smooth: Array  # smooth normals, for the tangents, shape as x
+    parts: Array  # from functions to values, (nfacets, nvalues, npoints, nfunctions)
+    dofs: NDArray[np.int64]  # scalar dofs of the functions, shape (nfacets, nfunctions)
+
+    @classmethod
+    def of(
+        cls,
+        outline: Outline,
+        basis: FacetBasis,
+        shares: Shares,
+        direction: Callable[[Array], Array] | None,
+    ) -> TraceRows:
+        """Evaluate the trace with a scalar basis at the points of the functional.
+        `direction` x -> n gives unit vectors in place of the normals."""
+        x, points = np.asarray(basis.global_coordinates()), np.asarray(basis.X)
+        values = np.stack([np.asarray(field[0]) for field in basis.basis], axis=-1)
+        dofs = np.asarray(basis.element_dofs.T, dtype=np.int64)
+        if shares.mean:
+            carried = outline.body.scalar_dofs.nodal_dofs[:, outline.corners]
+            mine = (dofs[:, None, :] == carried[..., None]).any(axis=0)
+            measure = np.asarray(basis.dx) * outline.body.depth(x)
+            parts = (values * measure[..., None])[:, None] * mine[:, :, None]
+        else:
+            # All other functions vanish on the facet, up to rounding of the coordinates.
+            on_facet = (dofs[:, None, :] == outline.scalar_dofs[..., None]).any(axis=1)
+            parts = shares.C[..., None] * (values * on_facet[:, None])[:, None]
+        normals = np.asarray(basis.normals) if direction is None else direction(x)
+        smooth = outline.smooth(normals, points) if direction is None else normals
+        return cls(outline, shares, x, normals, smooth, parts, dofs)
+
+    @cached_property
+    def scalar(self) -> sparse.csr_array:
+        """Rows of a scalar trace, shape (m, scalar dofs)."""
+        return self._rows(self.parts.sum(axis=2)[None], 1)
+
+    @cached_property
+    def supported(self) -> sparse.csr_array:
+        """Rows of a scalar trace that decide whether supports fix a contact point, as its vertex.
+        At a plane of symmetry the mean over one side's facets may move across the plane; that over
+        both sides does not."""
+        hub = self.shares.hub
+        k, place = np.unique(self.shares.number[hub >= 0], return_index=True)
+        value = self.outline.body.scalar_dofs.nodal_dofs[0, hub[hub >= 0][place]]
+        vertex = sparse.csr_array((np.ones(k.size), (k, value)), shape=self.scalar.shape)
+        rest = np.ones(self.scalar.shape[0])
+        rest[k] = 0.0
+        return sparse.csr_array(vertex + sparse.diags_array(rest) @ self.scalar)
+
+    def normal(self, normals: Array, sharp: NDArray[np.bool_]) -> sparse.csr_array:
+        """Rows of the normal displacement, (m, ndofs); in `sharp` corners along `normals` (dim, m).
+        Elsewhere along the normals of the facets."""
+        rows = self._rows(np.einsum("fspb,cfp->cfsb", self.parts, self.normals), self.dim)
+        return _chosen(sharp, directed(self.scalar, normals), rows)
+
+    def tangential(
+        self, normals: Array, tangents: Array, sharp: NDArray[np.bool_]
+    ) -> sparse.csr_array:
+        """Rows of the displacement along one tangent (dim, m) per contact point, (m, ndofs).
+        The tangents follow the smooth normals along the facets, except in corners and where
+        supports fix a point in the direction of its tangent."""
+        number = self.shares.number
+        mean, along = (
+            np.broadcast_to(v[:, number][..., None], (self.dim, *self.parts.shape[:3]))
+            for v in (normals, tangents)
+        )
+        here = np.broadcast_to(self.smooth[:, :, None], mean.shape)
+        turned = turned_tangents(along[:, None], mean, here)[:, 0]
+        rows = self._rows(np.einsum("fspb,cfsp->cfsb", self.parts, turned), self.dim)
+        rows = _chosen(sharp, directed(self.scalar, tangents), rows)
+        # Rows that vanish, up to rounding, in the free unknowns: supports fix this direction.
+        straight, P = directed(self.supported, tangents), self.outline.body.constraint[0]
+        return _chosen(norms(few_times(straight, P)) <= 1e-9 * norms(straight), straight, rows)
+
+    @property
+    def dim(self) -> int:
+        """Number of components."""
+        return self.outline.body.dim
+
+    def _rows(self, values: Array, components: int) -> sparse.csr_array:
+        """Sum the parts (components, nfacets, nvalues, nfunctions) of all facets."""
+        body, (_, facets, slots, functions) = self.outline.body, values.shape
+        shape = components, facets, slots, functions
+        number = np.broadcast_to(self.shares.number[None, :, :, None], shape)
+        component = np.arange(components)[:, None, None, None]
+        column = np.broadcast_to(components * self.dofs[None, :, None] + component, shape)
+        size = self.shares.weights.size, components * body.scalar_dofs.N
+        place = number.ravel(), column.ravel()
+        result = sparse.csr_array(sparse.coo_array((values.ravel(), place), shape=size))
+        result.data *= np.repeat(1.0 / self.shares.weights, np.diff(result.indptr))
+        # Drop rounding: a direction along an axis has no other component.
+        length = body.lengths[0][body.dim * (result.indices // components)]
+        result.data[np.abs(result.data) < 1e-11 * length] = 0.0
+        result.eliminate_zeros()
+        return result
+
+
+def _chosen(
+    where: NDArray[np.bool_], rows: sparse.csr_array, other: sparse.csr_array
+) -> sparse.csr_array:
+    """Rows of the first matrix where chosen, else of the second."""
+    both = sparse.csr_array(sparse.vstack([rows, other], format="csr"))
+    result = sparse.csr_array(both[np.arange(where.size) + np.where(where, 0, where.size)])
+    result.eliminate_zeros()
+    return result
+
+
+@dataclass(frozen=True)
+class Leaning:
+    """Terms with displacements of vertices that are added to the rows of contact points."""
+
+    point: Index  # contact point of each term, shape (n,)
+    vertex: Index  # mesh vertex of each term, shape (n,)
+    part: Array  # factors of its displacement over the weight of the point, shape (dim, n)
+
+    @classmethod
+    def of(cls, outline: Outline, form: FacetFunctional, shares: Shares) -> Leaning:
+        """The terms of the facets of a boundary."""
+        dim, slot = outline.body.dim, form.corners
+        bent = np.flatnonzero(outline.bent & (slot.size > 0))
+        if not bent.size:
+            nowhere = np.zeros(0, dtype=np.int64)
+            return cls(nowhere, nowhere, np.zeros((dim, 0)))
+        corners, number = outline.corners[bent], shares.number[bent][:, slot]
+        normal, omega = outline.turned[:, bent], shares.omega[bent][:, slot]
+        mean = np.sum(omega * normal, axis=2) / omega.sum(axis=1)
+        part = omega * (normal - mean[:, :, None]) * (_OF_MEAN if shares.mean else 1.0)
+        count = corners.shape[1]
+        shape = len(bent), count, count
+        point = [np.broadcast_to(number[:, :, None], shape).ravel()]
+        vertex = [np.broadcast_to(corners[:, None], shape).ravel()]
+        share = _at_their_normals(normal, outline.at_corners[:, bent].mean(axis=2))
+        parts = [(part[..., None] * share[:, None]).reshape(dim, -1)]
+        if count == 3:
+            for k, v, moved in _edges(outline, corners, number, normal):
+                point.append(k)
+                vertex.append(v)
+                parts.append(moved)
+        k = np.concatenate(point)
+        return cls(k, np.concatenate(vertex), np.hstack(parts) / shares.weights[k])
+
+    def turn(self, count: int) -> Array:
+        """Change of the normals of the contact points, shape (dim, count)."""
+        return np.array([np.bincount(self.point, part, count) for part in self.part])
+
+    def rows(self, value: Index, shape: tuple[int, int]) -> sparse.csr_array:
+        """The terms as a sparse matrix (m, ndofs), by the scalar dofs of the vertices' values."""
+        dim = len(self.part)
+        column = dim * value[self.vertex] + np.arange(dim)[:, None]
+        place = np.broadcast_to(self.point, column.shape).ravel(), column.ravel()
+        return sparse.coo_array((self.part.ravel(), place), shape=shape).tocsr()
+
+
+def _at_their_normals(normal: Array, own: Array) -> Array:
+    """Barycentric weights of the point whose smooth normal is the facet's, (nfacets, ncorners).
+    Of several such points it is the one nearest to the middle. A polygon that shrinks evenly has no
+    tangential displacement there."""
+    count = normal.shape[2]
+    lean = normal - own[:, :, None]
+    lean = lean - np.sum(lean * own[:, :, None], axis=0) * own[:, :, None]
+    lean = lean.transpose(1, 0, 2)
+    lean = lean / np.linalg.norm(lean, axis=(1, 2), keepdims=True)
+    equations = np.concatenate((lean, np.full((len(lean), 1, count), 1.0)), axis=1)
+    wrong = np.concatenate((-lean.mean(axis=2), np.zeros((len(lean), 1))), axis=1)
+    # Directions with hardly any curvature do not determine the point: rcond drops them. A point far
+    # outside the facet is replaced by the middle.
+    off = np.einsum("fkc,fc->fk", np.linalg.pinv(equations, rcond=0.05), wrong)
+    off = np.where(np.abs(off).max(axis=1, keepdims=True) < 1.0, off, 0.0)
+    return np.asarray(off + 1.0 / count)
+
+
+def _edges(
+    outline: Outline, corners: Index, number: Index, normal: Array
+) -> list[tuple[Index, Index, Array]]:
+    """Terms of the corner opposite to each edge of a triangle, at the two ends of the edge."""
+    x = outline.body.mesh.p[:, corners]
+    across = np.cross(x[:, :, 1] - x[:, :, 0], x[:, :, 2] - x[:, :, 0], axis=0)
+    across /= np.linalg.norm(across, axis=0)
+    apex, i, j = np.arange(3), np.array([1, 2, 0]), np.array([2, 0, 1])
+    edge, step = x[..., j] - x[..., i], normal[..., j] - normal[..., i]
+    out = np.cross(edge, across[..., None], axis=0)  # l times nu
+    size = np.sum(edge * step, axis=0) / 36.0
+    ends = np.sort(np.stack((corners[:, i], corners[:, j])), axis=0).reshape(2, -1)
+    _, which, met = np.unique(ends, axis=1, return_inverse=True, return_counts=True)
+    which = which.ravel()
+    order = np.argsort(which, kind="stable")
+    one, two = order[met[which[order]] == 2].reshape(-1, 2).T
+    out, size = out.reshape(3, -1), size.ravel()
+    moved = 0.5 * (out[:, one] - out[:, two]) * 0.5 * (size[one] + size[two])
+    point = number[:, apex].ravel()
+    found = []
+    for end in ends:
+        found.append((point[one], end[one], -0.5 * moved))
+        found.append((point[two], end[one], 0.5 * moved))
+    return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -74,10 +76,29 @@ def along_supports(B: sparse.csr_array, tangents: Array, P: sparse.csr_array) ->
 
 def directed(B: sparse.csr_array, direction: Array) -> sparse.csr_array:
     """Rows of ``direction . u`` from rows of the scalar trace; direction has the shape (dim, m)."""
-    dim, coo = direction.shape[0], B.tocoo()
-    data = np.concatenate([coo.data * direction[c][coo.row] for c in range(dim)])
-    columns = np.concatenate([dim * coo.col + c for c in range(dim)])
-    rows = np.tile(coo.row, dim)
-    result = sparse.coo_array((data, (rows, columns)), shape=(B.shape[0], dim * B.shape[1])).tocsr()
+    result = interleaved([scaled(v, B) for v in direction])
     result.eliminate_zeros()
     return result
+
+
+def interleaved(parts: Sequence[sparse.csr_array]) -> sparse.csr_array:
+    """Rows in the dofs of all components, from rows of the scalar trace for each of them."""
+    dim, (m, n) = len(parts), parts[0].shape
+    coo = [part.tocoo() for part in parts]
+    data, row = (np.concatenate([getattr(c, name) for c in coo]) for name in ("data", "row"))
+    column = np.concatenate([dim * part.col + c for c, part in enumerate(coo)])
+    return sparse.csr_array(sparse.coo_array((data, (row, column)), shape=(m, dim * n)))
+
+
+def scaled(v: Array, rows: sparse.csr_array) -> sparse.csr_array:
+    """Rows times the numbers v."""
+    result = rows.copy()
+    result.data *= np.repeat(v, np.diff(rows.indptr))
+    return result
+
+
+def by_point(rows: Sequence[sparse.csr_array]) -> sparse.csr_array:
+    """Rows along one tangent after the other, as those of one contact point after the other."""
+    count, m = len(rows), rows[0].shape[0]
+    together = np.arange(m * count).reshape(count, m).T.ravel()
+    return sparse.csr_array(sparse.csr_array(sparse.vstack(rows))[together])

@@ -26,7 +26,7 @@ have weight zero; all Bernstein coefficients of a face have the same weight.
 
 On curves ``bernstein`` is one value a vertex, see `contact.rows.shares`, and replaces ``gauss``,
 with which pressure and shear oscillate by a fifth; ``thesis`` is refused. Where facets differ in
-length see `contact.rows.unequal_facets`; ``nodal`` of Adini stays 1.5 % off there.
+length see `contact.rows.discretise`; ``nodal`` of Adini stays 1.5 % off there.
 
 Pressures of linear triangles and tetrahedra are of first order: with parallel diagonals the rms
 error on a roller with 24 facets a quarter is .026 of the largest pressure, with crossed triangles

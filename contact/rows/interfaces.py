@@ -1,8 +1,12 @@
-"""All pairs of boundaries of several bodies, discretised together."""
+"""All pairs of boundaries of several bodies, discretised together.
+
+Two numbers of every contact point tell how well two meshes resolve their interface. Straight facets
+of length h lie off a curve of radius R by up to h^2 / 8R, so that the measured gap is wrong by the
+sagittas of both sides; and the coarser of the two meshes limits the pressure."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,22 +22,13 @@ from contact.errors import InputError
 from contact.obstacles.rigid import ObstacleMotion
 from contact.rows.contact_boundaries import ContactBoundaries, friction_values, joined, selected
 from contact.rows.contact_rows import ContactRows
-from contact.rows.mortar.displaced import displaced_rows
-from contact.rows.mortar.interface_rows import MortarRows
-from contact.rows.mortar.mortar_rows import (
-    Interface,
-    interface_of,
-    with_clearance,
-)
-from contact.rows.mortar.resolution import facet_ratio, interface_rise
+from contact.rows.mortar.mortar_rows import Interface, MortarRows, with_clearance
 from contact.rows.mortar.sliding_derivative import SlidingDerivative
-from contact.rows.mortar.solid_interface import SolidInterface
-from contact.rows.mortar.solid_sliding_derivative import solid_sliding_derivative
+from contact.rows.outline import Outline, hats
 from contact.rows.pairs import Pair, Tie
 
 Array = NDArray[np.float64]
-Elastic = Interface | SolidInterface
-Side = Elastic | ContactBoundaries
+Side = Interface | ContactBoundaries
 
 
 @dataclass(frozen=True)
@@ -54,7 +49,7 @@ class Interfaces:
     pairs: tuple[Pair, ...]
     sides: tuple[Side, ...]  # of two bodies, or opposite a rigid obstacle
     risen: Array  # `interface_rise`, 0 for ties, obstacles and given clearances, shape (m,)
-    facet_ratio: Array  # see `contact.rows.mortar.resolution`, 1 for ties and obstacles, (m,)
+    facet_ratio: Array  # see the function of this name, 1 for ties and obstacles, (m,)
     projected: tuple[MortarRows | None, ...] = ()  # by `displaced`, of pairs that slide
 
     def __repr__(self) -> str:
@@ -108,7 +103,7 @@ class Interfaces:
                 u[self.bodies.slices[self.bodies.number_of_trace(outline.body)]]
                 for outline in (side.first, side.second)
             )
-            found = displaced_rows(side, one, two)
+            found = side.displaced(one, two)
             parts.append(_of_two(self.bodies, side, found))
             projected.append(found)
         return replace(self, rows=joined(parts), projected=tuple(projected))
@@ -131,11 +126,7 @@ class Interfaces:
             if own.stop > mu.size:
                 return None
             state = found, now, (since[0], since[1])
-            of_pair = (
-                SlidingDerivative.of(side, *state, (mu[own], t[own, 0]))
-                if isinstance(side, Interface)
-                else solid_sliding_derivative(side, *state, (mu[own], t[own]))
-            )
+            of_pair = SlidingDerivative.of(side, *state, (mu[own], t[own]))
             dofs = np.concatenate([np.arange(s.start, s.stop) for s in slices])
             place = sparse.csr_array(
                 (np.ones(dofs.size), (np.arange(dofs.size), dofs)), shape=(dofs.size, total)
@@ -179,24 +170,19 @@ class Interfaces:
 
     def gap(self, opposites: Sequence[Any]) -> Array:
         """Gap of every contact point, shape (m,); the rigid obstacles among the opposites."""
-        return np.concatenate(
-            [
-                side.gap(o) if isinstance(side, ContactBoundaries) else gap
-                for o, side, gap in zip(
-                    opposites, self.sides, self._of_each(self.rows.gap), strict=True
-                )
-            ]
-        )
+        return self._read(ContactBoundaries.gap, opposites, self.rows.gap)
 
     def rise(self, opposites: Sequence[Any]) -> Array:
         """Gap from the curve that straight facets approximate minus the gap from them, (m,)."""
+        return self._read(ContactBoundaries.rise, opposites, self.risen)
+
+    def _read(
+        self, read: Callable[[ContactBoundaries, Any], Array], opposites: Any, known: Array
+    ) -> Array:
+        """Values of every contact point: `known` between bodies, read off rigid obstacles."""
+        each = zip(opposites, self.sides, self._of_each(known), strict=True)
         return np.concatenate(
-            [
-                side.rise(o) if isinstance(side, ContactBoundaries) else own
-                for o, side, own in zip(
-                    opposites, self.sides, self._of_each(self.risen), strict=True
-                )
-            ]
+            [read(side, o) if isinstance(side, ContactBoundaries) else own for o, side, own in each]
         )
 
     def travel(
@@ -240,14 +226,7 @@ class Interfaces:
                 tangent[slips * start : slips * (start + size)] = own.tangent
                 found.append(replace(own, normal=normal, tangent=tangent))
             start += size
-        if not found:
-            return None
-        return ObstacleMotion(
-            np.hstack([own.normal for own in found]),
-            np.hstack([own.tangent for own in found]),
-            np.concatenate([own.prescribed for own in found]),
-            np.concatenate([own.force for own in found]),
-        )
+        return ObstacleMotion.of_all(found)
 
     def friction(self, given: Any) -> Array:
         """Coefficient or bound of every contact point, shape (m,), for all pairs or one for each.
@@ -280,7 +259,7 @@ def _said_of(bodies: Bodies, pair: Pair) -> Iterator[None]:
         raise InputError(f"{said} ({whose})") from error
 
 
-def _interface(pair: Pair) -> Elastic:
+def _interface(pair: Pair) -> Interface:
     if isinstance(pair.boundary, CutArc):
         raise InputError(
             "boundary: the arc of a CutBody touches rigid obstacles; two elastic bodies touch each "
@@ -293,10 +272,10 @@ def _interface(pair: Pair) -> Elastic:
     tied, functional = isinstance(pair, Tie), pair.functional
     if functional is None and tied and first.dim == 2:
         functional = "standard"  # in space their degree is not lowered at held edges
-    return interface_of(first.trace, facets, second.trace, others, functional, tied)
+    return Interface.of(first.trace, facets, second.trace, others, functional, tied)
 
 
-def _of_two(bodies: Bodies, interface: Elastic, found: MortarRows) -> ContactRows:
+def _of_two(bodies: Bodies, interface: Interface, found: MortarRows) -> ContactRows:
     """Rows of an interface on the dofs of all bodies."""
     own, first, second = found.rows, interface.first.body, interface.second.body
     i, k = (bodies.number_of_trace(body) for body in (first, second))
@@ -352,3 +331,39 @@ def _refuse_shared(bodies: Bodies, pairs: Sequence[Pair]) -> None:
                 f"boundary: {place} of {bodies.called(k)} belongs to two pairs, or to both sides "
                 "of one"
             )
+
+
+def interface_rise(first: Outline, second: Outline, found: MortarRows) -> Array:
+    """Gap between the curves that straight facets approximate less the measured one, (m,)."""
+    q = found.quadrature
+    raised = _heights(first, q.facet, q.x, q.X) + _heights(second, q.other, q.y, q.Y)
+    return np.asarray(-(found.P @ raised))
+
+
+def facet_ratio(first: Outline, second: Outline, found: MortarRows) -> Array:
+    """Largest ratio, at least 1, of the lengths of two facets facing at a contact point, (m,)."""
+    own, other = (
+        facet_lengths(first)[found.quadrature.facet],
+        facet_lengths(second)[found.quadrature.other],
+    )
+    ratio, P = np.maximum(own / other, other / own), found.P
+    largest = np.ones(P.shape[0])
+    point = np.repeat(np.arange(P.shape[0]), np.diff(P.indptr))
+    np.maximum.at(largest, point, ratio[P.indices])
+    return largest
+
+
+def _heights(outline: Outline, facet: NDArray[np.int64], x: Array, X: Array) -> Array:
+    """Height of the smooth curve above places on facets, see `Outline.raised`."""
+    corner = outline.body.mesh.p[:, outline.corners]
+    change = outline.turned - outline.at_corners
+    off = np.sum(change[:, facet] * (x[:, :, None] - corner[:, facet]), axis=0)
+    height = -0.5 * np.sum(off * hats(X, corner.shape[2]).T, axis=1)
+    return np.where(outline.bent[facet], height, 0.0)
+
+
+def facet_lengths(outline: Outline) -> Array:
+    """Mean length of the sides of each facet."""
+    corner = outline.body.mesh.p[:, outline.corners]
+    sides = np.roll(corner, -1, axis=2) - corner
+    return np.asarray(np.linalg.norm(sides, axis=0).mean(axis=1))

@@ -2,5 +2,5 @@
 
 In: contact facets of two bodies, the first of which carries the multipliers (the non-mortar side).
 Out: rows G and T of the first body with the columns of both; weights, places, frames, gap.
-Start: `mortar_rows`; `interface_quadrature` is all that it needs to know of a pairing of facets.
+Start: `Interface` in `mortar_rows`; charts, `FacetCurves` or `FaceMaps`, know the facets.
 """

@@ -1,6 +1,8 @@
-"""Values of a body's scalar element at places on its facets, one place a row."""
+"""Displacements of a body at places on its facets, and the integration points of an interface."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +13,41 @@ from contact.rows.outline import Outline
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Csr = sparse.csr_array
+
+# What a user reads where no facet faces another one.
+SAME_WAY = (
+    "others: the normals of the two boundaries point the same way; a contact boundary must face "
+    "the surface of the other body"
+)
+NONE_OPPOSITE = (
+    "others: no facet lies opposite the contact boundary, along its normals{}; check the places of "
+    "the bodies and the names of the boundaries"
+)
 
 
-def facet_trace(outline: Outline, facet: Index, X: Array) -> sparse.csr_array:
+@dataclass(frozen=True)
+class InterfaceQuadrature:
+    r"""Integration points on the covered part of a non-mortar boundary, with their partners.
+    The integral of a product is :math:`\sum_q w_q f(x_q) g(y_q)`, g given on the mortar side.
+    M. A. Puso, A 3D mortar method for solid mechanics, Int. J. Numer. Meth. Engng 59 (2004)."""
+
+    x: Array  # places on the non-mortar facets, shape (dim, n)
+    y: Array  # where their normals meet the mortar facets, shape (dim, n)
+    n: Array  # unit normals interpolated between averaged ones, shape (dim, n)
+    w: Array  # lengths or areas on the non-mortar facets, shape (n,)
+    facet: Index  # position of the non-mortar facet on its side, shape (n,)
+    other: Index  # position of the mortar facet on its side, shape (n,)
+    X: Array  # x on the reference facet, shape (dim - 1, n)
+    Y: Array  # y on the reference facet, shape (dim - 1, n)
+
+    @property
+    def gap(self) -> Array:
+        """Measured gap (y - x) . n at each point, negative where the bodies overlap, shape (n,)."""
+        return np.asarray(np.sum((self.y - self.x) * self.n, axis=0))
+
+
+def facet_trace(outline: Outline, facet: Index, X: Array) -> Csr:
     """Trace of all scalar functions at X (dim - 1, n) on reference facets, (n, scalar dofs).
     `facet` counts positions in ``outline.facets``. Functions not connected to the facet vanish
     there and are left out, so that no rounding of theirs remains."""
@@ -36,4 +70,9 @@ def facet_trace(outline: Outline, facet: Index, X: Array) -> sparse.csr_array:
             values.append(np.broadcast_to(np.asarray(field), (on.size, 1))[:, 0])
     place = np.concatenate(rows), np.concatenate(columns)
     shape = facet.size, int(body.scalar_dofs.N)
-    return sparse.csr_array(sparse.coo_array((np.concatenate(values), place), shape=shape))
+    return Csr(sparse.coo_array((np.concatenate(values), place), shape=shape))
+
+
+def values(trace: Csr, u: Array, dim: int) -> Array:
+    """Displacement at the rows of a scalar trace, shape (dim, n)."""
+    return np.array([trace @ u[c::dim] for c in range(dim)])

@@ -24,7 +24,7 @@ from skfem import (
 
 from contact import ContactProblem, ElasticBody, Plane
 from contact.facet_basis import facet_basis, places_on_facets
-from contact.obstacles.placement import outward_normals
+from contact.rows.contact_boundaries import outward_normals
 from skfem_adini import ElementQuadAdini
 
 

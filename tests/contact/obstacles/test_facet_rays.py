@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from contact import Cylinder, Plane
 from contact.obstacles.box_tree import BoxTree
-from contact.obstacles.facet_rays import gap_to_facets
+from contact.obstacles.facets import gap_to_facets
 
 
 def gap(corners, x, n):

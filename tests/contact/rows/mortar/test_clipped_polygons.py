@@ -10,9 +10,8 @@ from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2
 from solid_boxes import box, pair, rows
 
 from contact import InputError
-from contact.rows.mortar.clipped_polygons import anticlockwise, clipped, measured
-from contact.rows.mortar.face_maps import shapes
-from contact.rows.mortar.mortar_rows import interface_of, mortar_rows
+from contact.rows.mortar.face_maps import anticlockwise, clipped, measured, shapes
+from contact.rows.mortar.mortar_rows import Interface, mortar_rows
 from contact.rows.outline import reference_corners
 from skfem_adini import ElementHexAdini
 
@@ -104,7 +103,7 @@ def test_forces_and_moments_of_normal_forces_cancel(element, functional):
 def test_dual_functions_have_the_trace_as_their_partner(element):
     upper, lower = pair(element, shift=(0.25, 0.0))
     found = rows(upper, lower)
-    interface = interface_of(upper, upper.facets("bottom"), lower, lower.facets("top"))
+    interface = Interface.of(upper, upper.facets("bottom"), lower, lower.facets("top"))
     q = found.quadrature
     N = interface.basis.values(q.facet, q.X)
     number = interface.basis.number[q.facet]

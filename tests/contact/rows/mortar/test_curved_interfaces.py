@@ -14,7 +14,7 @@ from skfem import (
 from solid_boxes import box, pair, rows
 
 from contact import ElasticBody
-from contact.rows.mortar.clipped_polygons import anticlockwise, measured, nearest_polygons
+from contact.rows.mortar.face_maps import anticlockwise, measured, nearest_polygons
 
 elements = pytest.mark.parametrize(
     "element", [ElementTetP1, ElementTetP2, ElementHex1, ElementHex2], ids=lambda e: e.__name__

@@ -11,9 +11,7 @@ from two_blocks import block, facing, ring, sides
 from contact.rows.functionals import facet_functional
 from contact.rows.mortar.facet_curves import FacetCurves
 from contact.rows.mortar.facet_trace import facet_trace
-from contact.rows.mortar.multipliers import LEAST_WEIGHT, Multipliers
-from contact.rows.mortar.positive_basis import PositiveBasis
-from contact.rows.mortar.segments import interface_quadrature
+from contact.rows.mortar.multipliers import LEAST_WEIGHT, Multipliers, PositiveBasis
 from contact.rows.outline import Outline
 from skfem_adini import ElementQuadAdini, ElementQuadBFS
 
@@ -27,8 +25,7 @@ def interface(pair, kind, tied=False):
     outline = Outline(first, facets)
     form = facet_functional(first.element, None)
     basis = PositiveBasis.of(outline, form, kind == "hat", tied)
-    curves = FacetCurves.of(outline), FacetCurves.of(Outline(second, others))
-    q = interface_quadrature(*curves, 9)
+    q = FacetCurves.of(outline).cut(FacetCurves.of(Outline(second, others)), 9)
     return outline, basis, q, Multipliers.of(basis, q, kind != "standard")
 
 

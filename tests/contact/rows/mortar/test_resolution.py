@@ -6,8 +6,8 @@ from families import PLANE
 from skfem import ElementQuad1, ElementQuad2, ElementTriP2
 from two_blocks import block, facing, ring, sides
 
+from contact.rows.interfaces import facet_ratio, interface_rise
 from contact.rows.mortar.mortar_rows import mortar_rows
-from contact.rows.mortar.resolution import facet_ratio, interface_rise
 from contact.rows.outline import Outline
 
 

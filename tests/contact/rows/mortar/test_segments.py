@@ -10,11 +10,10 @@ from skfem import ElementQuad1, ElementQuad2, ElementTriP2
 from two_blocks import block, facing, ring, sides, turned
 
 from contact import InputError
-from contact.rows.mortar.facet_curves import FacetCurves
-from contact.rows.mortar.segments import (
+from contact.rows.mortar.facet_curves import (
+    FacetCurves,
     _near_the_lines,
     _sides,
-    interface_quadrature,
     interface_segments,
 )
 from contact.rows.outline import Outline
@@ -46,7 +45,7 @@ def test_covered_length_of_blocks(n, m, shift, angle, size, gap):
     place = turned(angle, (2.0, -1.0))
     upper, lower = facing(ElementQuad1, n, m, shift=shift, gap=gap, place=place, size=size)
     for one, two in (both(upper, lower), both(upper, lower)[::-1]):
-        q = interface_quadrature(one, two, 3)
+        q = one.cut(two, 3)
         # Rounding of places of size 3 against a length of 1 - |shift|, at least .01.
         assert abs(q.w.sum() - size * (1 - abs(shift))) < 1e-14 * size
         assert np.abs(q.gap - size * gap).max() < 1e-14 * size
@@ -88,7 +87,7 @@ def rays(one, two, q):
 def test_polygons_against_rays(n, m):
     pair = cylinders(ElementQuad1, n, m, False, height=0.1)
     for one, two in (pair, pair[::-1]):
-        q = interface_quadrature(one, two, 3)
+        q = one.cut(two, 3)
         assert np.abs(cross(q.y - q.x, q.n)).max() < 1e-15
         assert np.abs(q.gap - rays(one, two, q)).max() < 1e-13
 
@@ -99,7 +98,7 @@ def test_curved_facets_against_a_bracketing_solver(element, n, m):
     """Places lie on the curved facets of either side, found by Brent's method here."""
     pair = cylinders(element, n, m, True)
     for one, two in (pair, pair[::-1]):
-        q = interface_quadrature(one, two, 9)
+        q = one.cut(two, 9)
         assert np.any(two.bulge)
         for k in range(0, q.w.size, 5):
             at, n_k, x = q.other[[k]], q.n[:, k], q.x[:, k]
@@ -117,7 +116,8 @@ def test_gap_of_cylinders_converges(curved, order):
     """Against the gap between the circles themselves, along the normals of the upper one."""
     R, error, counts = 2.0, [], [8, 16, 32]
     for n in counts:
-        q = interface_quadrature(*cylinders(ElementQuad2, n, int(1.37 * n), curved, R, 0.3), 9)
+        upper, lower = cylinders(ElementQuad2, n, int(1.37 * n), curved, R, 0.3)
+        q = upper.cut(lower, 9)
         n_x = q.n * (np.abs(q.x[0]) < 0.5)
         centre = np.array([0.0, 1.3])[:, None] - np.array([0.0, -R])[:, None]
         # |centre + n (1 + g)| = R on the lower circle.
@@ -142,7 +142,7 @@ def test_the_nearest_of_several_layers():
         np.concatenate((far.sign, near.sign)),
         np.concatenate((far.normals, near.normals), axis=1),
     )
-    q = interface_quadrature(one, two, 3)
+    q = one.cut(two, 3)
     on = (q.x[0] > 0.3) & (q.x[0] < 0.8)
     assert abs(q.w.sum() - 1.0) < 1e-15
     assert np.abs(q.gap - np.where(on, 0.1, 2.1)).max() < 1e-15
@@ -152,20 +152,20 @@ def test_the_nearest_of_several_layers():
 def test_a_facet_a_thousand_times_as_long():
     upper, lower = facing(ElementQuad1, 1000, 1)
     for one, two in (both(upper, lower), both(upper, lower)[::-1]):
-        q = interface_quadrature(one, two, 3)
+        q = one.cut(two, 3)
         assert abs(q.w.sum() - 1.0) < 1e-13
         assert np.abs(q.x - q.y).max() < 1e-15
 
 
 def test_displaced_places():
-    """Moved nodes instead of those of the mesh: the interface of a mesh that lies there."""
+    """Moved nodes: the interface of a mesh that lies there."""
     upper, lower = facing(ElementTriP2, 4, 7)
     outline = Outline(upper, upper.facets("bottom"))
     there = Outline(lower, lower.facets("top"))
     moved = facing(ElementTriP2, 4, 7, place=lambda x: x + np.array([[0.13], [0.2]]))[0]
-    nodes = FacetCurves.of(outline).ends + np.array([0.13, 0.2])[:, None, None]
-    got = interface_quadrature(FacetCurves.of(outline, nodes), FacetCurves.of(there), 5)
-    expected = interface_quadrature(curves(moved, "bottom"), FacetCurves.of(there), 5)
+    shift = np.broadcast_to(np.array([0.13, 0.2])[:, None, None], (2, 4, 3))
+    got = FacetCurves.of(outline, shift).cut(FacetCurves.of(there), 5)
+    expected = curves(moved, "bottom").cut(FacetCurves.of(there), 5)
     for name in ("x", "y", "n", "w", "X", "Y"):
         assert np.abs(getattr(got, name) - getattr(expected, name)).max() < 1e-14
     assert np.array_equal(got.other, expected.other)

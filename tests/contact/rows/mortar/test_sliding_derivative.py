@@ -7,7 +7,6 @@ from scipy import sparse
 from two_blocks import block, ring
 
 from contact.body.rigid_modes import value_dofs
-from contact.rows.mortar.displaced import displaced_rows
 from contact.rows.mortar.mortar_rows import Interface
 from contact.rows.mortar.sliding_derivative import SlidingDerivative
 
@@ -38,12 +37,12 @@ def test_derivatives_of_gap_slip_and_forces(element, place):
     interface = Interface.of(upper, upper.facets("bottom"), lower, lower.facets("top"))
     u, v, du, dv = (field(body, rng, 1e-2) for body in (upper, lower, upper, lower))
     a, b = field(upper, rng, 1.0), field(lower, rng, 1.0)
-    found = displaced_rows(interface, u, v)
+    found = interface.displaced(u, v)
     mu, t = rng.random(found.rows.gap.size), rng.normal(size=found.rows.gap.size)
     derivative = SlidingDerivative.of(interface, found, (u, v), (du, dv), (mu, t))
 
     def at(step):
-        now = displaced_rows(interface, u + step * a, v + step * b)
+        now = interface.displaced(u + step * a, v + step * b)
         rows = now.rows
         through = rows.G @ (u + step * a) + now.other_G @ (v + step * b) - rows.gap
         slip = rows.T @ (du + step * a) + now.other_T @ (dv + step * b)

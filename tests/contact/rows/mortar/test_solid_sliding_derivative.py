@@ -7,9 +7,8 @@ from scipy import sparse
 from solid_boxes import box
 
 from contact.body.rigid_modes import dof_kinds, rigid_field, value_dofs
-from contact.rows.mortar.displaced import displaced_maps, displaced_rows, trace_of_nodes
-from contact.rows.mortar.solid_interface import SolidInterface
-from contact.rows.mortar.solid_sliding_derivative import solid_sliding_derivative, turning_normals
+from contact.rows.mortar.mortar_rows import Interface, chart, trace_of_nodes
+from contact.rows.mortar.sliding_derivative import SlidingDerivative, turning_normals
 
 STEP = 1e-6
 elements = pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)
@@ -49,7 +48,7 @@ def state(element, place, gap=0.002):
     upper = box(element, (2, 2, 1), corner, sizes, place=place)
     lower = box(element, (4, 5, 1), place=place)
     facets = upper.facets("bottom"), lower.facets("top")
-    interface = SolidInterface.of(upper, facets[0], lower, facets[1], "dual")
+    interface = Interface.of(upper, facets[0], lower, facets[1], "dual")
     fields = [field(body, rng, 1e-3) for body in (upper, lower, upper, lower)]
     ways = field(upper, rng, 1.0), field(lower, rng, 1.0)
     return interface, fields, ways, rng
@@ -60,15 +59,15 @@ def state(element, place, gap=0.002):
 @pytest.mark.parametrize("place", [None, bent, tilted], ids=["flat", "bent", "tilted"])
 def test_derivatives_of_gap_slip_and_forces(element, place):
     interface, (u, v, du, dv), (a, b), _rng = state(element, place)
-    found = displaced_rows(interface, u, v)
+    found = interface.displaced(u, v)
     m = found.rows.gap.size
     # Pressures that vary little over a facet: how forces are shared between points is held.
     mu = found.rows.weights * (1.0 + 0.1 * found.rows.x_nominal[0])
     t = 0.3 * mu[:, None] * np.ones((m, 2))
-    derivative = solid_sliding_derivative(interface, found, (u, v), (du, dv), (mu, t))
+    derivative = SlidingDerivative.of(interface, found, (u, v), (du, dv), (mu, t))
 
     def at(step):
-        now = displaced_rows(interface, u + step * a, v + step * b)
+        now = interface.displaced(u + step * a, v + step * b)
         rows = now.rows
         through = rows.G @ (u + step * a) + now.other_G @ (v + step * b) - rows.gap
         slip = rows.T @ (du + step * a) + now.other_T @ (dv + step * b)
@@ -98,11 +97,11 @@ def test_normals_turn_as_their_differences_say(element, place):
     outline, count = interface.first, 40
     facet = rng.integers(outline.facets.size, size=count)
     X = rng.random((2, count)) * 0.5
-    parts = turning_normals(outline, displaced_maps(outline, u), trace_of_nodes(outline), facet, X)
+    parts = turning_normals(outline, chart(outline, u), trace_of_nodes(outline), facet, X)
     ours = np.array([part @ a for part in parts])
 
     def at(step):
-        return displaced_maps(outline, u + step * a).direction(facet, X)
+        return chart(outline, u + step * a).direction(facet, X)
 
     exact = (at(STEP) - at(-STEP)) / (2 * STEP)
     assert np.abs(ours - exact).max() <= 2e-2 * np.abs(exact).max()
@@ -113,7 +112,7 @@ def test_a_rotation_turns_the_normals_by_itself(element):
     interface, (u, *_), _, _rng = state(element, tilted)
     outline = interface.first
     facet, X = np.arange(outline.facets.size), np.full((2, outline.facets.size), 0.3)
-    maps = displaced_maps(outline, 0.0 * u)
+    maps = chart(outline, 0.0 * u)
     parts = turning_normals(outline, maps, trace_of_nodes(outline), facet, X)
     rotations = rigid_field(outline.body, np.zeros(3))[:, 3:]
     n = maps.direction(facet, X)
