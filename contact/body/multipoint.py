@@ -15,7 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from contact.body.axisymmetry import check_shift
 from contact.body.deferred_basis import dofs_on_facets
 from contact.body.rigid_modes import dof_kinds, dof_lengths, rigid_field
-from contact.errors import InputError, numbers
+from contact.errors import InputError
+from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
