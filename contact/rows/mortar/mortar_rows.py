@@ -91,7 +91,7 @@ def mortar_rows(
 ) -> MortarRows:
     """Discretise the interface of two bodies; the first is the non-mortar side.
     The second may be the first body with other facets. `clearance`, on x (2, n) or at the contact
-    points, replaces the measured gap; `tied` lowers the degree at held ends (`positive_basis`)."""
+    points, replaces the measured gap; `tied` lowers the degree at held ends (`PositiveBasis`)."""
     interface = Interface.of(first, facets, second, others, functional, tied)
     found = interface.rows()
     return found if clearance is None else with_clearance(found, clearance)
