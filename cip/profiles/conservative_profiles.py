@@ -20,7 +20,7 @@ from __future__ import annotations
 from math import sqrt
 
 from cip.jit import Real, kernel
-from cip.profiles.records import Limits
+from cip.profiles.catalogue import Limits
 
 
 @kernel

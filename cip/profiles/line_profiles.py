@@ -16,7 +16,7 @@ from __future__ import annotations
 from math import exp, floor
 
 from cip.jit import Array, Index, Real, kernel
-from cip.profiles.records import Line
+from cip.profiles.catalogue import Line
 
 
 @kernel
