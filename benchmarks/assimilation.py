@@ -26,7 +26,7 @@ from machine import describe
 
 from cip import Covariance, Grid, Sensors, Solver, Velocity
 from cip.assimilation.assimilation_window import AssimilationWindow
-from cip.assimilation.data_combinations import combined_analysis
+from cip.assimilation.four_d_var import combined_analysis
 
 ROOT = Path(__file__).parents[1]
 DT, STEPS = 0.01, 100

@@ -2,6 +2,6 @@
 
 In: a solver, a background state with its covariance, `Sensors`.
 Out: an analysis with its deviations; places of sensors with a bound on what any others could do.
-Start: `four_d_var` and `place_sensors`; `assimilation_window` is the model with its unknowns,
-`linearised` its derivative.
+Start: `four_d_var` and `place_sensors`; `assimilation_window` is the model with its unknowns, and
+its derivative.
 """

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from cip.assimilation.assimilation_window import AssimilationWindow
+from cip.assimilation.assimilation_window import AssimilationWindow, Linearised
 from cip.assimilation.covariance import Covariance
-from cip.assimilation.linearised import Linearised
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError
 from cip.grid import Grid
@@ -22,8 +21,18 @@ from skfem_adini.ground.arguments import real_array, real_number
 
 Array = NDArray[np.float64]
 _GOALS = ("start", "parameters", "amplitudes")
-# Gains that differ by less than this fraction are equal: rounding of the kernels.
-_TIE = 1e-9
+
+
+class _Limits(NamedTuple):
+    tie: float = (
+        1e-9  # relative: gains that differ by less are equal, up to rounding of the kernels
+    )
+    gap: float = 1e-3  # relative, of the two bounds at which the relaxation ends
+    steps: int = 200  # of the relaxation, at most
+    bisections: int = 20  # of the interval in which the best length of a step lies
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +256,7 @@ def _greedy(
                 "smaller one"
             )
         best = fresh[free].max()
-        equal = np.flatnonzero(free & (fresh >= best - _TIE * abs(best)))
+        equal = np.flatnonzero(free & (fresh >= best - LIMITS.tie * abs(best)))
         pick = int(equal[0])
         chosen.append(pick)
         ties.append(tuple(int(j) for j in equal[1:]))
@@ -268,12 +277,6 @@ def _distances(points: Array, point: Array, grid: Grid) -> Array:
             d = np.minimum(d, high - low - d)
         total += d * d
     return np.asarray(np.sqrt(total))
-
-
-# Relative gap of the two bounds at which the relaxation ends, and most steps.
-_GAP, _STEPS = 1e-3, 200
-# Halvings of the interval in which the best length of a step lies.
-_BISECTIONS = 20
 
 
 @dataclass(frozen=True)
@@ -333,14 +336,14 @@ def relaxed_bound(kernels: DesignKernels, allowed: NDArray[Any], budget: int) ->
     criterion, so its maximum over all choices is a bound, even far from the optimum."""
     weights = np.where(allowed, budget / np.count_nonzero(allowed), 0.0)
     bound = np.inf
-    for _ in range(_STEPS):
+    for _ in range(LIMITS.steps):
         value, slopes = kernels.value(weights), kernels.slopes(weights)
         best = np.flatnonzero(allowed)[np.argsort(-slopes[allowed], kind="stable")[:budget]]
         vertex = np.zeros(weights.size)
         vertex[best] = 1.0
         gap = float(slopes @ (vertex - weights))
         bound = min(bound, value + gap)
-        if bound - value <= _GAP * abs(bound):
+        if bound - value <= LIMITS.gap * abs(bound):
             break
         weights = weights + _length(kernels, weights, vertex - weights) * (vertex - weights)
     return bound
@@ -351,7 +354,7 @@ def _length(kernels: DesignKernels, weights: Array, direction: Array) -> float:
     low, high = 0.0, 1.0
     if kernels.slopes(weights + direction) @ direction >= 0.0:
         return 1.0
-    for _ in range(_BISECTIONS):
+    for _ in range(LIMITS.bisections):
         middle = 0.5 * (low + high)
         if kernels.slopes(weights + middle * direction) @ direction > 0.0:
             low = middle

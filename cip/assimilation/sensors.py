@@ -12,10 +12,9 @@ from scipy.sparse import block_array, csr_array
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from cip.errors import InputError
-from cip.formulas.seconds import seconds
+from cip.formulas.velocity import seconds
 from cip.grid import AXES, Grid
-from cip.output.sample import sample
-from cip.output.sample_rows import sample_rows
+from cip.output.sample import sample, sample_rows
 from cip.output.state_dataset import xarray_module
 from cip.output.stored import read_words, reading, write_words
 from cip.output.trajectory import Trajectory
@@ -359,7 +358,10 @@ class Sensors:
         MissingDependency
             xarray is not installed.
         """
-        return sensors_dataset(self.points, self.times, self.values, self.deviations)
+        xarray, dims = xarray_module(), ["t", "sensor"]
+        places = {name: ("sensor", x) for name, x in zip(AXES, self.points, strict=False)}
+        data = {"value": (dims, self.values), "deviation": (dims, self.deviations)}
+        return xarray.Dataset(data, {"t": self.times, **places})
 
     @classmethod
     def from_xarray(cls, dataset: Any, since: Any = None) -> Sensors:
@@ -382,7 +384,17 @@ class Sensors:
         InputError
             A variable or coordinate is missing, or of other dimensions or type; `since` is no date.
         """
-        return cls(*parts_of_dataset(dataset, since))
+        try:
+            points = [dataset[name].values for name in AXES if name in dataset.coords]
+            value, deviation = dataset["value"].transpose("t", "sensor"), dataset["deviation"]
+            spread = (deviation + 0.0 * value.fillna(0.0)).transpose("t", "sensor").values
+            times = dataset["t"].values
+        except (KeyError, ValueError, TypeError, AttributeError) as error:
+            raise InputError(
+                "dataset: expected variables value and deviation over t and sensor, and "
+                f"coordinates x, y, z along sensor: {error}"
+            ) from error
+        return cls(points, seconds(times, "dataset: 't'", since), value.values, spread)
 
     def _require(self, grid: Grid) -> None:
         if not isinstance(grid, Grid):
@@ -437,29 +449,3 @@ def checked_deviations(deviations: ArrayLike, shape: tuple[int, int]) -> Array:
 
 _FORMAT = "cip sensors 1"
 _STORED = ("points", "times", "values", "deviations")
-
-
-def sensors_dataset(points: Array, times: Array, values: Array, deviations: Array) -> Any:
-    """An xarray.Dataset of sensors."""
-    xarray = xarray_module()
-    dims = ["t", "sensor"]
-    places = {name: ("sensor", x) for name, x in zip(AXES, points, strict=False)}
-    data = {"value": (dims, values), "deviation": (dims, deviations)}
-    return xarray.Dataset(data, {"t": times, **places})
-
-
-def parts_of_dataset(dataset: Any, since: Any) -> tuple[Any, Any, Any, Any]:
-    """Points, times, values and deviations of a dataset; deviations may lack dimensions. Dates
-    become seconds since the date `since`.
-    """
-    try:
-        points = [dataset[name].values for name in AXES if name in dataset.coords]
-        value, deviation = dataset["value"].transpose("t", "sensor"), dataset["deviation"]
-        spread = (deviation + 0.0 * value.fillna(0.0)).transpose("t", "sensor").values
-        times = dataset["t"].values
-    except (KeyError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(
-            "dataset: expected variables value and deviation over t and sensor, and coordinates "
-            f"x, y, z along sensor: {error}"
-        ) from error
-    return points, seconds(times, "dataset: 't'", since), value.values, spread

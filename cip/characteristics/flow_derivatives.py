@@ -15,9 +15,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cip.formulas.expression import COORDINATES, Expression, apply, constant, raised, variable
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    apply,
+    constant,
+    numpy_function,
+    raised,
+    variable,
+)
 from cip.formulas.parameters import parameters_in
-from cip.formulas.straight_line_code import numpy_function
 
 Orders = tuple[int, int, int, int]
 ZERO: Orders = (0, 0, 0, 0)

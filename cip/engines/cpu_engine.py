@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cip.engines.engine import Engine
-from cip.engines.setting import Setting
-from cip.profiles.records import Limits, Line, Update
+from cip.engines.engine import Engine, Setting
+from cip.profiles.catalogue import Limits, Line, Update
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, state_of
 
@@ -52,63 +51,51 @@ class CpuEngine(Engine):
         else:
             flat[places] = values
 
-    def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
-        """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
-        from cip.engines import cpu_loops, line_blocks, plane_blocks
-        from cip.profiles import conservative_kernels, line_kernels, plane_kernels
-        from skfem_adini.ground.jit import loop_over
-
-        grid, limiter = self.grid, self.limiter
+    def _update(self, stage: Stage) -> tuple[list[Any], Any, int]:
+        """What the loops of a stage take: its lines and its `Update`; and the number of rows."""
         lines = [self._lines[axis] for axis in stage.moving]
         update = tuple(Update(self.grid.size, self.grid.dim, stage.axis or 0, int(stage.advect)))
-        if stage.axis is None:
-            if limiter == 0:
-                blocks: Any = getattr(plane_blocks, f"run_{stage.profile}")
+        rows = self.grid.nodes[0] if stage.axis is None else self.grid.size // lines[0][2]
+        return lines, update, rows
 
-                def rows(start: int, stop: int) -> None:
-                    near = plane_blocks.corner_room(m.size // grid.size, self.dtype, *self.widths)
-                    blocks(start, stop, m, out, feet, *lines, update, int(all(grid.uniform)), near)
+    def _node(self, stage: Stage) -> Any:
+        """The kernel of a node."""
+        from cip.profiles import conservative_kernels, line_kernels, plane_kernels
 
-            else:
-                run_plane = loop_over(
-                    cpu_loops.run_plane, node=getattr(plane_kernels, self.name(stage))
-                )
+        module: Any = conservative_kernels if stage.conservative else line_kernels
+        return getattr(plane_kernels if stage.axis is None else module, self.name(stage))
 
-                def rows(start: int, stop: int) -> None:
-                    run_plane(start, stop, m, out, feet, *lines, update, limiter)
+    def _limits(self, stage: Stage) -> Any:
+        return tuple(Limits(self.limiter, *self.bounds(stage), self.setting.bounds_tolerance))
 
-            cpu_loops.share(rows, grid.nodes[0], grid.size)
-            return
-        (line,) = lines
-        if stage.conservative:
-            node = getattr(conservative_kernels, self.name(stage))
-            run_conservative = loop_over(cpu_loops.run_conservative, node=node)
-            limits = tuple(Limits(limiter, *self.bounds(stage), self.setting.bounds_tolerance))
+    def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
+        """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
+        from cip.engines import cpu_blocks, cpu_loops
+        from skfem_adini.ground.jit import loop_over
 
-            def sweep(start: int, stop: int) -> None:
-                run_conservative(start, stop, m, out, feet, line, update, limits)
+        grid, profile = self.grid, stage.profile
+        lines, update, rows = self._update(stage)
+        if self.limiter == 0 and (stage.axis is None or (grid.dim == 1 and profile == "cubic")):
+            run: Any = cpu_blocks.run_cubic
+            if stage.axis is None:
+                block = getattr(cpu_blocks, f"{profile}_block")
+                run = loop_over(cpu_blocks.run_plane_blocks, block=block)
+            uniform, moments = int(all(grid.uniform)), m.size // grid.size
 
-        elif grid.dim == 1 and stage.profile == "cubic" and limiter == 0:
-            run_cubic: Any = line_blocks.run_cubic
-
-            def sweep(start: int, stop: int) -> None:
-                near = line_blocks.end_room(self.dtype, self.widths[0])
-                uniform = int(grid.uniform[0])
-                run_cubic(start, stop, m, out, feet, line, update, uniform, near)
-
-        elif grid.dim == 1:
-            run_line = loop_over(cpu_loops.run_line, node=getattr(line_kernels, self.name(stage)))
-
-            def sweep(start: int, stop: int) -> None:
-                run_line(start, stop, m, out, feet, line, update, limiter)
+            def work(start: int, stop: int) -> None:
+                near = cpu_blocks.block_room(moments, self.dtype, self.widths)
+                run(start, stop, m, out, feet, *lines, update, uniform, near)
 
         else:
-            run_lines = loop_over(cpu_loops.run_lines, node=getattr(line_kernels, self.name(stage)))
+            name = "run_line" if grid.dim == 1 and not stage.conservative else "run_lines"
+            name = "run_plane" if stage.axis is None else name
+            run = loop_over(getattr(cpu_loops, name), node=self._node(stage))
+            limits = self._limits(stage)
 
-            def sweep(start: int, stop: int) -> None:
-                run_lines(start, stop, m, out, feet, line, update, limiter)
+            def work(start: int, stop: int) -> None:
+                run(start, stop, m, out, feet, *lines, update, limits)
 
-        cpu_loops.share(sweep, grid.size // line[2], grid.size)
+        cpu_loops.share(work, rows, grid.size)
 
     def launch_path(
         self,
@@ -123,31 +110,21 @@ class CpuEngine(Engine):
         """Run a stage's kernel that computes the feet too, and write them to `kept` if given. The
         result is 0, `LEFT`, `COARSE` or both bits.
         """
-        from cip.engines import cpu_loops, path_loops
-        from cip.profiles import line_kernels, plane_kernels
+        from cip.engines import cpu_loops
         from skfem_adini.ground.jit import loop_over
 
         path, box = self._path(stage)
-        lines = [self._lines[axis] for axis in stage.moving]
-        update = tuple(Update(self.grid.size, self.grid.dim, stage.axis or 0, int(stage.advect)))
+        lines, update, rows = self._update(stage)
         x, y, z = self.coordinates
-        paths = tuple(path_loops.Paths(x, y, z, t_end, dt / count, count, box))
-        if stage.axis is None:
-            node: Any = getattr(plane_kernels, self.name(stage))
-            run, rows = (
-                loop_over(path_loops.run_plane_path, node=node, path=path),
-                self.grid.nodes[0],
-            )
-        else:
-            node = getattr(line_kernels, self.name(stage))
-            run = loop_over(path_loops.run_lines_path, node=node, path=path)
-            rows = self.grid.size // lines[0][2]
+        paths = tuple(cpu_loops.Paths(x, y, z, t_end, dt / count, count, box))
+        loop = cpu_loops.run_plane_path if stage.axis is None else cpu_loops.run_lines_path
+        run, limits = loop_over(loop, node=self._node(stage), path=path), self._limits(stage)
         said = np.zeros(rows, np.int64)
         components = 0 if kept is None else len(stage.jets)
         kept = np.empty(0) if kept is None else kept
 
         def work(start: int, stop: int) -> None:
-            run(start, stop, m, out, said, kept, components, paths, *lines, update, self.limiter)
+            run(start, stop, m, out, said, kept, components, paths, *lines, update, limits)
 
         cpu_loops.share(work, rows, self.grid.size)
         return int(np.bitwise_or.reduce(said))

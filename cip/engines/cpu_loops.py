@@ -1,20 +1,30 @@
 """The kernels over all nodes on the CPU: rows of nodes, shared among threads.
 
-The loops are plain Python: `loop_over` compiles one for each kernel `node`. They take the records
-of `cip.profiles.records` as plain tuples: numba unpacks these ten times faster.
+The loops are plain Python: `loop_over` compiles one for each kernel `node`; those with a
+`path` compute the feet themselves, for velocities that are formulas. They take the records of
+`cip.profiles.catalogue` as plain tuples: numba unpacks these ten times faster.
 """
 
 from __future__ import annotations
 
+import math
 import os
+import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
-from cip.profiles.records import Foot, Limits, Line, Update
-from skfem_adini.ground.jit import Array, Index, Out, kernel, pointer
+import numpy as np
+
+from cip.engines.path_kernel import SPLINE_ROOM, box_of, path_source
+from cip.formulas.expression import RULES
+from cip.formulas.snapshots import snapshots_of
+from cip.grid import Grid
+from cip.profiles.catalogue import Foot, Limits, Line, Update
+from cip.stages.stage import Stage
+from skfem_adini.ground.jit import Array, Index, Out, Real, generated, kernel, pointer, room
 
 # With fewer nodes per thread than this, starting the thread takes longer than it saves.
 _NODES_A_THREAD = 40_000
@@ -29,33 +39,37 @@ def at_addresses(line: Line) -> Line:
     return Line(address(h), first, stride, n, periodic)
 
 
-# `loop_over` replaces it by a kernel.
+# On the stack: numba would free an array after its last use, the taking of its address.
+foot_room = room(SPLINE_ROOM)
+
+# `loop_over` replaces these two by kernels.
 node: Any = None
+path: Any = None
 
 
 def run_line(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
-    limiter: Index,
+    limits: Limits,
 ) -> None:  # fmt: skip
     """Nodes start..stop of the one line of a grid in one dimension."""
     m, out, feet = address(m), address(out), address(feet)
-    line, advect = at_addresses(line), Update(*update).advect
+    line, advect, limits = at_addresses(line), Update(*update).advect, Limits(*limits)
     # Constants, so that the compiler removes the code for other dimensions.
     n, own = line.n, Line(line.h, 0, 1, line.n, line.periodic)
     known = Update(n, 1, 0, advect)
     for i in range(start, stop):
-        node(m, out, Foot(feet, n, i), own, known, i, i, limiter)
+        node(m, out, Foot(feet, n, i), own, known, i, i, limits)
 
 
 def run_lines(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
-    limiter: Index,
+    limits: Limits,
 ) -> None:  # fmt: skip
     """Rows start..stop of a sweep; `line` is the first line of the grid in its direction. Row
     ``block line.n + i`` holds node i of ``line.stride`` adjacent lines.
     """
     m, out, feet = address(m), address(out), address(feet)
-    line, update = at_addresses(line), Update(*update)
+    line, update, limits = at_addresses(line), Update(*update), Limits(*limits)
     inner, n = line.stride, line.n
     block = start // n
     i = start - block * n
@@ -64,29 +78,7 @@ def run_lines(
         for q in range(inner):
             o = base + i * inner + q
             own = Line(line.h, base + q, inner, n, line.periodic)
-            node(m, out, Foot(feet, update.size, o), own, update, o, i, limiter)
-        i += 1
-        if i == n:
-            i = 0
-            block += 1
-
-
-def run_conservative(
-    start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
-    limits: Limits,
-) -> None:  # fmt: skip
-    """As `run_lines`, for the conservative profiles."""
-    m, out, feet = address(m), address(out), address(feet)
-    line, update = at_addresses(line), Update(*update)
-    limits = Limits(*limits)
-    inner, n = line.stride, line.n
-    block = start // n
-    i = start - block * n
-    for _ in range(start, stop):
-        base = block * n * inner
-        for q in range(inner):
-            own = Line(line.h, base + q, inner, n, line.periodic)
-            node(m, out, feet, own, update, base + i * inner + q, i, limits)
+            node(m, out, Foot(feet, update.size, o), own, update, o, i, limits)
         i += 1
         if i == n:
             i = 0
@@ -95,15 +87,15 @@ def run_conservative(
 
 def run_plane(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, x: Line, y: Line, update: Update,
-    limiter: Index,
+    limits: Limits,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane; x and y are the lines through its first node."""
     m, out, feet = address(m), address(out), address(feet)
-    x, y, update = at_addresses(x), at_addresses(y), Update(*update)
+    x, y, update, limits = at_addresses(x), at_addresses(y), Update(*update), Limits(*limits)
     for i in range(start, stop):
         for j in range(y.n):
             o = i * y.n + j
-            node(m, out, Foot(feet, update.size, o), x, y, update, o, i, j, limiter)
+            node(m, out, Foot(feet, update.size, o), x, y, update, o, i, j, limits)
 
 
 @cache
@@ -134,3 +126,103 @@ def share(work: Callable[[int, int], Any], rows: int, size: int) -> None:
     tasks = [_pool(threads()).submit(work, *cut) for cut in pairwise(cuts)]
     for task in tasks:
         task.result()
+
+
+class Paths(NamedTuple):
+    """End points of paths and how they are followed back."""
+
+    x: Array  # coordinates along the grid's lines (`run_feet`: of the points)
+    y: Array  # likewise; 0 in a direction that the grid lacks
+    z: Array
+    t: Real  # at the end of the path
+    step: Real  # length of a sub-step
+    substeps: Index
+    box: Array  # of `box_of`, then the values of parameters
+
+
+def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
+    """The compiled kernel `path` of a stage, and the array for its last argument `box`."""
+    box = box_of(grid, stage.system, stage.limit, float(np.finfo(float).eps))
+    field = snapshots_of(stage.velocity)
+    path = kernel_of(path_source(stage.system, stage.jets, box, constant=False, field=field))
+    table = np.empty(0) if field is None else field.table
+    return path, np.concatenate([box, stage.parameters, table])
+
+
+@cache
+def kernel_of(source: str, **more: Any) -> Any:
+    """The last function of a source, compiled; `more` are further names that it uses."""
+    namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES} | more
+    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
+    namespace.update(nan=math.nan, inf=math.inf, abs=abs, floor=math.floor)
+    names = re.findall(r"^def (\w+)", source, re.MULTILINE)
+    return generated(source, names, namespace, __name__)
+
+
+def run_plane_path(
+    start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
+    paths: Paths, x: Line, y: Line, update: Update, limits: Limits,
+) -> None:  # fmt: skip
+    """Rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`. The
+    first components of the feet are written to `kept`, laid out as by `run_feet`.
+    """
+    m, out, said, kept = address(m), address(out), address(said), address(kept)
+    x, y, update, paths = at_addresses(x), at_addresses(y), Update(*update), Paths(*paths)
+    limits = Limits(*limits)
+    x1, x2 = address(paths.x), address(paths.y)
+    feet, box = foot_room(np.empty(1)), address(paths.box)
+    t, step, count = paths.t, paths.step, paths.substeps
+    for i in range(start, stop):
+        found = 0
+        for j in range(y.n):
+            found |= path(feet, x1[i], x2[j], 0.0, t, step, count, box)
+            node(m, out, Foot(feet, 1, 0), x, y, update, i * y.n + j, i, j, limits)
+            for f in range(components):
+                kept[f * update.size + i * y.n + j] = feet[f]
+        said[i] = found
+
+
+def run_lines_path(
+    start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
+    paths: Paths, line: Line, update: Update, limits: Limits,
+) -> None:  # fmt: skip
+    """As `run_plane_path` for rows start..stop of a sweep, counted as in `run_lines`."""
+    m, out, said, kept = address(m), address(out), address(said), address(kept)
+    line, update, paths = at_addresses(line), Update(*update), Paths(*paths)
+    limits = Limits(*limits)
+    feet, box = foot_room(np.empty(1)), address(paths.box)
+    x, y, z = address(paths.x), address(paths.y), address(paths.z)
+    t, step, count = paths.t, paths.step, paths.substeps
+    ny, nz, inner, n = paths.y.size, paths.z.size, line.stride, line.n
+    block = start // n
+    i = start - block * n
+    for row in range(start, stop):
+        found = 0
+        base = block * n * inner
+        for q in range(inner):
+            o = base + i * inner + q
+            found |= path(feet, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, step, count, box)
+            own = Line(line.h, base + q, inner, n, line.periodic)
+            node(m, out, Foot(feet, 1, 0), own, update, o, i, limits)
+            for f in range(components):
+                kept[f * update.size + o] = feet[f]
+        said[row] = found
+        i += 1
+        if i == n:
+            i = 0
+            block += 1
+
+
+def run_feet(
+    start: Index, stop: Index, feet: Out, said: Out, paths: Paths, size: Index, components: Index
+) -> None:
+    """Feet of the points start..stop; component f of point o is at ``feet[f size + o]``."""
+    paths = Paths(*paths)
+    foot, box = foot_room(np.empty(1)), address(paths.box)
+    feet, said = address(feet), address(said)
+    x, y, z = address(paths.x), address(paths.y), address(paths.z)
+    t, step, count = paths.t, paths.step, paths.substeps
+    for o in range(start, stop):
+        said[o] = path(foot, x[o], y[o], z[o], t, step, count, box)
+        for f in range(components):
+            feet[f * size + o] = foot[f]

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from cip.engines.cuda_source import prelude, translate
-from cip.engines.engine import Engine
+from cip.engines.engine import Engine, Setting
 from cip.engines.path_kernel import COARSE, FOOT_ROOM, LEFT, SPLINE_ROOM, box_of, path_source
-from cip.engines.setting import Setting
 from cip.errors import InputError
 from cip.formulas.snapshots import snapshots_of
+from cip.grid import Grid
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, state_of
 from skfem_adini.ground.errors import optional
@@ -43,7 +43,7 @@ def device_source(
     """
     modules = _modules(stage)
     entries = [name]
-    grid, uniform = stage.grid, all(stage.grid.uniform)
+    grid = stage.grid
     if computed:
         rounding = float(np.finfo(np.float64 if real == "double" else np.float32).eps)
         box = box_of(grid, stage.system, stage.limit, rounding)
@@ -52,7 +52,7 @@ def device_source(
         entries.append("path")
     parameters = ["const real* __restrict__ m", "real* __restrict__ out"]
     if computed:
-        parameters += [f"const real* __restrict__ line{axis}" for axis in range(grid.dim)]
+        parameters += point_of(grid)[1]
         parameters += ["const real t", "const real step", "const index count", "int* said"]
         if field is not None:
             parameters.append("const real* __restrict__ box")
@@ -60,39 +60,25 @@ def device_source(
     else:
         parameters.append("const real* __restrict__ feet")
     constants, place, lines = node_place(stage)
-    body = [place]
-    if uniform:
-        widths = enumerate(float(width[0]) for width in grid.widths)
-        body += [f"    const real h{axis} = (real){width!r};" for axis, width in widths]
-    else:
-        parameters += [f"const real* __restrict__ h{axis}" for axis in range(grid.dim)]
-    body.append(lines)
+    widths, uneven = widths_of(grid)
+    parameters += uneven
+    body = [place, *widths, lines]
     axis, advect = stage.axis or 0, int(stage.advect)
     body.append(f"    const Update update = {{size, {grid.dim}, {axis}, {advect}}};")
     foot = "feet, size, o"
     if computed:
         foot = "room, 1, 0"
         body += _path_call(stage, field is not None)
+    limits = "0, 0, 0"
     if stage.conservative:
+        limits = "low, high, slack"
         parameters += ["const real low", "const real high", "const real slack"]
-        body.append(f"    const Limits limits = {{{limiter}, low, high, slack}};")
-        body.append(f"    {name}(m, out, feet, x, update, o, i, limits);")
-    else:
-        along = "x, y, update, o, i, j" if stage.axis is None else "x, update, o, i"
-        body.append(f"    const Foot foot = {{{foot}}};")
-        body.append(f"    {name}(m, out, foot, {along}, {limiter});")
-    head = f'extern "C" __global__ void run({", ".join(parameters)}) {{'
-    return "\n".join(
-        [
-            kernel_head(real, index, uniform),
-            *constants,
-            translate(modules, *entries),
-            head,
-            *body,
-            "}",
-            "",
-        ]
-    )
+    along = "x, y, update, o, i, j" if stage.axis is None else "x, update, o, i"
+    body.append(f"    const Limits limits = {{{limiter}, {limits}}};")
+    body.append(f"    const Foot foot = {{{foot}}};")
+    body.append(f"    {name}(m, out, foot, {along}, limits);")
+    code = translate(modules, *entries)
+    return kernel_text(constants, code, parameters, body, grid, index, real)
 
 
 def feet_source(stage: Stage, real: str, index: str) -> str:
@@ -103,7 +89,7 @@ def feet_source(stage: Stage, real: str, index: str) -> str:
     rounding = float(np.finfo(np.float64 if real == "double" else np.float32).eps)
     box = box_of(grid, stage.system, stage.limit, rounding)
     parameters = ["real* __restrict__ feet"]
-    parameters += [f"const real* __restrict__ line{axis}" for axis in range(grid.dim)]
+    parameters += point_of(grid)[1]
     parameters += ["const real t", "const real step", "const index count", "int* said"]
     parameters += [f"const real {name}" for name in stage.system.parameters]
     body = [
@@ -112,24 +98,13 @@ def feet_source(stage: Stage, real: str, index: str) -> str:
         *_path_call(stage, False),
         f"    for (int f = 0; f < {count}; f++) feet[(index)f * size_ + o] = room[f];",
     ]
-    return "\n".join(
-        [
-            kernel_head(real, index, all(grid.uniform)),
-            *_constants(size=grid.size),
-            translate([path_source(stage.system, stage.jets, box)], "path"),
-            f'extern "C" __global__ void run({", ".join(parameters)}) {{',
-            *body,
-            "}",
-            "",
-        ]
-    )
+    code = translate([path_source(stage.system, stage.jets, box)], "path")
+    return kernel_text(_constants(size=grid.size), code, parameters, body, grid, index, real)
 
 
 def _path_call(stage: Stage, splines: bool) -> list[str]:
     """Code that computes the foot of node o in the array `room` and notes the code of `path`."""
-    x = ["(real)0"] * 3
-    for axis, index_of in enumerate(indices_of(stage.grid)):
-        x[axis] = f"line{axis}[{index_of}]"
+    x, _ = point_of(stage.grid)
     lines = [f"    real room[{SPLINE_ROOM if splines else FOOT_ROOM}];"]
     more = ", box" if splines else ""
     if stage.system.parameters:
@@ -140,9 +115,40 @@ def _path_call(stage: Stage, splines: bool) -> list[str]:
     return [*lines, "    if (found != 0) ((unsigned char*)said)[found - 1] = 1;"]
 
 
-def kernel_head(real: str, index: str, uniform: bool) -> str:
-    """What stands before all functions of a kernel; arguments as for `prelude`."""
-    return _HEAD + prelude(real, index, uniform)
+def kernel_text(
+    constants: list[str], code: str, arguments: list[str], body: list[str], grid: Grid, index: str,
+    real: str = "double",
+) -> str:  # fmt: skip
+    """The source of the kernel ``run``; `index` and `real` as for `prelude`."""
+    first = _HEAD + prelude(real, index, all(grid.uniform))
+    head = f'extern "C" __global__ void run({", ".join(arguments)}) {{'
+    return "\n".join([first, *constants, code, head, *body, "}", ""])
+
+
+def widths_of(grid: Grid) -> tuple[list[str], list[str]]:
+    """Code of the widths of equal cells, or the arguments that hold those of others."""
+    if all(grid.uniform):
+        widths = enumerate(float(width[0]) for width in grid.widths)
+        return [f"    const real h{axis} = (real){width!r};" for axis, width in widths], []
+    return [], [f"const real* __restrict__ h{axis}" for axis in range(grid.dim)]
+
+
+def point_of(grid: Grid) -> tuple[list[str], list[str]]:
+    """Code of the coordinates of node o, and the arguments for the grid's lines."""
+    x = ["(real)0"] * 3
+    for axis in range(grid.dim):
+        after = int(np.prod(grid.nodes[axis + 1 :]))
+        x[axis] = f"line{axis}[o / (index){after} % (index){grid.nodes[axis]}]"
+    return x, [f"const real* __restrict__ line{axis}" for axis in range(grid.dim)]
+
+
+def launch(kernel: Any, stage: Stage, *arguments: Any) -> None:
+    """Run a kernel whose threads find their node by `node_place`."""
+    if stage.axis is None:
+        nx, ny = stage.grid.nodes
+        kernel((-(-ny // 64), -(-nx // 4)), (64, 4), arguments)
+    else:
+        kernel((-(-stage.grid.size // 256),), (256,), arguments)
 
 
 def node_place(stage: Stage) -> tuple[list[str], str, str]:
@@ -154,20 +160,20 @@ def _modules(stage: Stage) -> list[Any]:
     """The modules of the kernels of a stage."""
     # Here only their source text is used.
     from cip.profiles import (
+        catalogue,
         conservative_kernels,
         conservative_profiles,
         line_kernels,
         line_profiles,
         plane_kernels,
-        records,
     )
 
     if stage.conservative:
-        return [records, line_profiles, conservative_profiles, conservative_kernels]
-    return [records, line_profiles, plane_kernels, line_kernels]
+        return [catalogue, line_profiles, conservative_profiles, conservative_kernels]
+    return [catalogue, line_profiles, plane_kernels, line_kernels]
 
 
-def _plane(grid: Any) -> tuple[list[str], str, str]:
+def _plane(grid: Grid) -> tuple[list[str], str, str]:
     (nx, ny), (px, py) = grid.nodes, map(int, grid.periodic)
     constants = _constants(size=grid.size, nx_=nx, ny_=ny)
     place = f"    const index size = size_, nx = nx_, ny = ny_;{_PLANE_PLACE}"
@@ -188,15 +194,6 @@ def _line(stage: Stage) -> tuple[list[str], str, str]:
 def _constants(size: int, **others: int) -> list[str]:
     named = {"size_": size, **others}
     return [f"#define {name} ((index){value})" for name, value in named.items()]
-
-
-def indices_of(grid: Any) -> list[str]:
-    """Index of node o in each direction."""
-    found = []
-    for axis in range(grid.dim):
-        after = int(np.prod(grid.nodes[axis + 1 :]))
-        found.append(f"o / (index){after} % (index){grid.nodes[axis]}")
-    return found
 
 
 @cache
@@ -323,8 +320,4 @@ class CudaEngine(Engine):
                 stage, self.name(stage), self.limiter, computed, self._real, self._index
             )
             kernel = self._compiled[key] = compiled(source)
-        if stage.axis is None:
-            nx, ny = self.grid.nodes
-            kernel((-(-ny // 64), -(-nx // 4)), (64, 4), tuple(arguments))
-        else:
-            kernel((-(-self.grid.size // 256),), (256,), tuple(arguments))
+        launch(kernel, stage, *arguments)

@@ -2,7 +2,7 @@
 
 The kernel language is the part of Python in `ground.jit`. A function becomes an inline C
 function with the same arithmetic in the same order; several results become output pointers, records
-(`cip.profiles.records`) structs. Types follow from the annotations of the arguments and from the
+(`cip.profiles.catalogue`) structs. Types follow from the annotations of the arguments and from the
 operations: whole numbers are `index`, all others `real`, which the prelude sets to double or float.
 """
 
@@ -60,7 +60,7 @@ def translate(modules: Sequence[ModuleType | str], *entries: str) -> str:
         for node in ast.parse(text).body:
             if isinstance(node, ast.FunctionDef):
                 trees[node.name] = node
-            elif isinstance(node, ast.ClassDef):
+            elif isinstance(node, ast.ClassDef) and _is_record(node):
                 records[node.name] = _fields(node)
     done: dict[str, str] = {}
 
@@ -76,6 +76,10 @@ def translate(modules: Sequence[ModuleType | str], *entries: str) -> str:
     for entry in entries:
         visit(entry)
     return "\n".join([*(_struct(name, of) for name, of in records.items()), *done.values()])
+
+
+def _is_record(node: ast.ClassDef) -> bool:
+    return any(isinstance(base, ast.Name) and base.id == "NamedTuple" for base in node.bases)
 
 
 def _fields(record: ast.ClassDef) -> dict[str, str]:

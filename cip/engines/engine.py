@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from cip.characteristics.feet import MAX_SUBSTEPS
 from cip.engines.path_kernel import COARSE, LEFT
-from cip.engines.setting import Setting
+from cip.formulas.formula import Formula
+from cip.grid import Grid
 from cip.profiles.catalogue import LIMITER_CODES
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
@@ -166,11 +167,11 @@ class Engine:
         return stage.feet(t, dt)
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
-        from cip.engines import cpu_loops, path_loops
+        from cip.engines import cpu_loops
         from skfem_adini.ground.jit import loop_over
 
         path, box = self._path(stage)
-        run_feet, size = loop_over(path_loops.run_feet, path=path), self.grid.size
+        run_feet, size = loop_over(cpu_loops.run_feet, path=path), self.grid.size
         t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
 
         feet = np.empty((len(stage.blocks), len(stage.jets) * size))
@@ -182,7 +183,7 @@ class Engine:
                 points: list[Any] = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
                 points += [np.zeros(size)] * (3 - self.grid.dim)
                 x, y, z = points
-                paths = tuple(path_loops.Paths(x, y, z, t_end, length / count, count, box))
+                paths = tuple(cpu_loops.Paths(x, y, z, t_end, length / count, count, box))
                 arguments = (row, said, paths, size, len(stage.jets))
 
                 def work(start: int, stop: int, arguments: Any = arguments) -> None:
@@ -214,11 +215,11 @@ class Engine:
         return False
 
     def _path(self, stage: Stage) -> Any:
-        from cip.engines import path_loops
+        from cip.engines import cpu_loops
 
         key = (stage.axis, stage.blocks[0])
         if key not in self._paths:
-            self._paths[key] = path_loops.compiled(self.grid, stage)
+            self._paths[key] = cpu_loops.compiled(self.grid, stage)
         return self._paths[key]
 
     def name(self, stage: Stage) -> str:
@@ -253,3 +254,23 @@ class Engine:
             # once: take at least half of the last number, and an even one.
             found = self._counts[key] = (t, max(stage.substeps(t, dt), 2 * (found[1] // 4)))
         return found[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A scheme on a grid: everything about it that its stages need."""
+
+    grid: Grid
+    formulas: tuple[Formula, ...]  # the velocity, a component for each direction
+    profile: str
+    limiter: str | None
+    bounds: tuple[float, float]  # (low, high) of the field, for the limiter "bounds"
+    bounds_tolerance: float  # smaller violations are not limited; in the unit of the field
+    dtype: np.dtype[Any]  # of the moments and the stored feet
+    store_feet: bool | None  # None: if the velocity is steady
+    steady: bool  # whether the velocity is the same at all times
+
+    @property
+    def stores_feet(self) -> bool:
+        """Whether feet are stored even if a kernel could compute them: by default, steady ones."""
+        return self.steady if self.store_feet is None else self.store_feet

@@ -21,13 +21,13 @@ from cip.engines.snapshot_kernel import (
     with_names,
 )
 from cip.errors import NotSupported
-from cip.formulas.expression import COORDINATES, Expression, variable
+from cip.formulas.expression import COORDINATES, Expression, statements, variable
 from cip.formulas.snapshots import Snapshots
-from cip.formulas.straight_line_code import statements
 from cip.grid import Grid
 
-# Fractions of a sub-step at which the classical Runge-Kutta method evaluates the rates.
-_STAGES = (0.0, 0.5, 0.5, 1.0)
+# Fractions of a sub-step at which the classical Runge-Kutta method evaluates the rates, and sixths
+# of it by which it weighs them.
+SHIFT, WEIGHT = (0.0, 0.5, 0.5, 1.0), (1.0, 2.0, 2.0, 1.0)
 # Codes that `path` returns: the path left the box; its sub-steps were too long. They are bits.
 LEFT, COARSE = 1, 2
 _NUMBERS = 5  # how many `box_of` gives for each direction
@@ -221,7 +221,7 @@ def _room(splines: Layout | None) -> list[str]:
 
 def _stage(system: System, stage: int, splines: Layout | None) -> list[str]:
     letter, before = "abcd"[stage], "abcd"[stage - 1]
-    weight = _STAGES[stage]
+    weight = SHIFT[stage]
     values = [
         f"y{q}" if stage == 0 else f"y{q} + {weight!r} * step * {before}{q}"
         for q in range(len(system.jets))

@@ -12,8 +12,15 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
-from cip.formulas.expression import COORDINATES, Expression, constant, ordered, rebuilt, variable
-from cip.formulas.straight_line_code import statements
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    constant,
+    ordered,
+    rebuilt,
+    statements,
+    variable,
+)
 
 # Numbers of `Snapshots.table` for each axis: coefficients, halvings, period.
 _HEAD = 3

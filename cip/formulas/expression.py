@@ -9,7 +9,7 @@ numbering).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -374,3 +374,122 @@ def _differentiate(node: Expression, name: str) -> Expression:
     if _is(slopes[0], 0.0):
         return slopes[0]
     return RULES[node.op](a) * slopes[0]
+
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+
+def statements(outputs: Mapping[str, Expression], indent: str = "    ") -> list[str]:
+    """Lines of code: one assignment for each node after its arguments, then the named outputs."""
+    names: dict[Expression, str] = {}
+    lines: list[str] = []
+    for node in ordered(list(outputs.values())):
+        if node.op == "variable":
+            names[node] = node.value
+        elif node.op == "constant":
+            names[node] = _number(node.value)
+        else:
+            names[node] = f"v{len(lines)}"
+            code = _operation(node, [names[argument] for argument in node.args])
+            lines.append(f"{indent}{names[node]} = {code}")
+    return [*lines, *(f"{indent}{name} = {names[node]}" for name, node in outputs.items())]
+
+
+def _number(value: float) -> str:
+    if not math.isfinite(value):
+        return "nan" if value != value else ("inf" if value > 0 else "(-inf)")
+    return repr(value) if value >= 0 else f"({value!r})"
+
+
+def _operation(node: Expression, args: list[str]) -> str:
+    if node.op in ("opaque", "linear"):
+        function, orders = node.value
+        return f"{function}_{''.join(map(str, orders))}(x1, x2, x3, t)"
+    if node.op in RULES:
+        return f"{node.op}({args[0]})"
+    if node.op == "-" and node.args[0].op == "constant" and node.args[0].value == 0.0:
+        return f"-{args[1]}"
+    return f"{args[0]} {node.op} {args[1]}"
+
+
+def numpy_function(
+    outputs: Sequence[Expression],
+    arguments: Sequence[str],
+    functions: Mapping[str, Any] | None = None,
+) -> Callable[..., tuple[Any, ...]]:
+    """A function of the arguments that returns a tuple of the formulas' values, numbers if
+    constant. `functions` are the callables of opaque nodes and the numbers of parameters, by their
+    names."""
+    named = {f"out{q}": node for q, node in enumerate(outputs)}
+    body = [f"def evaluate({', '.join(arguments)}):", *statements(named)]
+    body.append(f"    return ({''.join(f'{name}, ' for name in named)})")
+    namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
+    namespace.update(functions or {}, nan=math.nan, inf=math.inf)
+    exec("\n".join(body), namespace)
+    evaluate: Callable[..., tuple[Any, ...]] = namespace["evaluate"]
+    return evaluate
+
+
+def derived(node: Expression, orders: Sequence[int]) -> Expression:
+    """The derivative of a formula of these orders in the coordinates and time."""
+    for name, order in zip(COORDINATES, orders, strict=True):
+        for _ in range(order):
+            node = node.derivative(name)
+    return node
+
+
+def gradient(
+    output: Expression, names: Sequence[str], parts: Sequence[Expression] = ()
+) -> list[Expression]:
+    """The derivatives of a formula in variables and in nodes of it (`parts`), by reverse
+    accumulation: together they take a few times the operations of the formula, however many the
+    variables are (Griewank and Walther, Evaluating Derivatives, 2008, chapter 3)."""
+    every = [*(variable(name) for name in names), *parts]
+    nodes, wanted = ordered([output]), set(every)
+    moves = any(name in COORDINATES for name in names)
+    active: set[Expression] = set()
+    for node in nodes:
+        depends = node in wanted or (node.op in ("opaque", "linear") and moves)
+        if depends or any(argument in active for argument in node.args):
+            active.add(node)
+    slopes = {output: constant(1.0)}
+    for node in reversed(nodes):
+        if node not in active or node not in slopes:
+            continue
+        for argument, partial in _partials(node):
+            if argument in active or argument in wanted:
+                part = slopes[node] * partial
+                slopes[argument] = slopes[argument] + part if argument in slopes else part
+    return [slopes.get(node, constant(0.0)) for node in every]
+
+
+def _partials(node: Expression) -> Iterator[tuple[Expression, Expression]]:
+    """Each argument of a node and the derivative of the node with respect to it."""
+    if node.op == "opaque":
+        name, orders = node.value
+        for place, coordinate in enumerate(COORDINATES):
+            yield variable(coordinate), opaque(name, raised(orders, place))
+    elif node.op == "linear":
+        name, orders = node.value
+        for place, coordinate in enumerate(COORDINATES):
+            yield variable(coordinate), linear(name, raised(orders, place), node.args)
+        for place, argument in enumerate(node.args):
+            yield argument, opaque(f"{name}{place}", orders)
+    elif node.op in RULES:
+        yield node.args[0], RULES[node.op](node.args[0])
+    elif len(node.args) == 2:
+        a, b = node.args
+        if node.op in ("+", "-"):
+            yield a, constant(1.0)
+            yield b, constant(1.0 if node.op == "+" else -1.0)
+        elif node.op == "*":
+            yield a, b
+            yield b, a
+        elif node.op == "/":
+            yield a, 1.0 / b
+            yield b, -node / b
+        elif b.op == "constant":
+            yield a, b * a ** (b - 1.0)
+        else:
+            yield a, b * node / a
+            yield b, node * apply("log", a)

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 
 from cip.errors import InputError
-from cip.formulas.clock import clock_of, timed
 from cip.formulas.expression import COORDINATES
-from cip.formulas.formula import Formula, spline
+from cip.formulas.formula import Box, Formula, spline
 from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.parsing import parse
-from cip.formulas.pointwise_check import Box
 from cip.formulas.snapshots import SnapshotFormula, Snapshots
-from cip.formulas.traced_function import portable
+from cip.formulas.traced_function import clock_of, portable, timed
 from cip.grid import Grid
 from skfem_adini.ground.arguments import own_array, real_number
 

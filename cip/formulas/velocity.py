@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.errors import InputError
-from cip.formulas.clock import clock_of, timed, with_time
+from cip.errors import InputError, PeriodicityWarning
 from cip.formulas.expression import COORDINATES, raised, traced
-from cip.formulas.formula import Formula, Orders, agree, spline
+from cip.formulas.formula import Box, Formula, Orders, agree, spline
 from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.parsing import parse
-from cip.formulas.pointwise_check import Box
-from cip.formulas.seconds import seconds
-from cip.formulas.snapshots import Snapshots
-from cip.formulas.traced_function import portable
-from cip.grid import Grid
+from cip.formulas.snapshots import SnapshotFormula, Snapshots
+from cip.formulas.spline_basis import SplineFormula
+from cip.formulas.traced_function import clock_of, portable, timed, with_time
+from cip.grid import AXES, Grid
 from skfem_adini.ground.arguments import own_array, real_array, real_number
+from skfem_adini.ground.errors import warn
 
 
 class Velocity(Parametrised):
@@ -514,3 +513,146 @@ def _closed(periodic: Any, count: int) -> list[bool]:
 def _reals(data: Any, name: str, *dims: str) -> Array:
     """A variable or coordinate as real numbers."""
     return real_array(f"winds: {name!r}", data[name].transpose(*dims).values).astype(float)
+
+
+_SECOND = np.timedelta64(1, "s")
+
+
+def seconds(times: Any, name: str, since: Any = None) -> Array:
+    """Times as numbers: durations in seconds, dates in seconds since the date `since` (by default
+    the first of them), numbers as given. Messages of `InputError` call them `name`.
+    """
+    if np.ma.is_masked(times):
+        raise InputError(f"{name} holds masked times; leave them out")
+    found = np.asarray(times)
+    if since is not None and found.dtype.kind != "M":
+        raise InputError(f"since: {name} holds {found.dtype}, no dates; leave since out")
+    if found.dtype.kind == "M":
+        found = (found - (found.flat[0] if since is None else _date(since))) / _SECOND
+    elif found.dtype.kind == "m":
+        found = found / _SECOND
+    elif found.dtype.kind not in "fiu":
+        raise InputError(
+            f"{name} holds {found.dtype}, expected numbers, datetime64 or timedelta64; "
+            "convert dates of other calendars to seconds before"
+        )
+    return found.astype(float)
+
+
+def _date(since: Any) -> np.datetime64:
+    try:
+        found = np.datetime64(since, "ns")
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"since: expected a date such as '2010-05-04T12:00', got {since!r}: {error}"
+        ) from error
+    if isinstance(since, int | np.integer) or np.isnat(found):
+        raise InputError(f"since: expected a date such as '2010-05-04T12:00', got {since!r}")
+    return found
+
+
+class _Limits(NamedTuple):
+    """Of jumps between the sides of a periodic direction, relative to the largest value."""
+
+    rounding: float = 1e-6  # jumps below are rounding, of difference quotients too
+    jump: float = 1e-3  # a field that jumps by more is not periodic
+    kink: float = 1e-3  # the same of derivatives
+    nodes: int = 256  # about so many points on a side, so that narrow streams are seen
+    # Times: no zeros or periods of usual functions (roots of 1/7, 2 and 11).
+    clocks: tuple[float, ...] = (0.3779644730092272, 1.4142135623730951, 3.3166247903554)
+
+
+LIMITS = _Limits()
+# Uneven places along a side.
+_PLACES = (np.sqrt(2.0) * np.arange(1, 8) + 0.17) % 1.0
+
+
+def check_periodic(velocity: Sequence[Formula], grid: Grid) -> None:
+    """Raise `InputError` if a velocity jumps between opposite sides of a periodic direction. Warn
+    of a small jump, or of one of the derivative across the side.
+    """
+    for axis in range(grid.dim):
+        if not grid.periodic[axis]:
+            continue
+        for q, formula in enumerate(velocity):
+            if isinstance(formula, SplineFormula):  # its basis is periodic where the grid is
+                continue
+            if COORDINATES[axis] in formula.expression.variables():
+                _compare(formula, f"c{q + 1}", grid, axis)
+
+
+def _clocks(formula: Formula) -> Sequence[float]:
+    if isinstance(formula, SnapshotFormula):
+        return tuple(float(t) for t in np.quantile(formula.field.times, (0.0, 0.4, 1.0)))
+    return LIMITS.clocks[:1] if formula.exact and formula.steady else LIMITS.clocks
+
+
+def _compare(formula: Formula, name: str, grid: Grid, axis: int) -> None:
+    """The values on both sides, and the derivatives across them."""
+    low, high = grid.bounds[axis]
+    lines = [a + (b - a) * _PLACES for a, b in grid.bounds]
+    most = LIMITS.nodes if grid.dim == 2 else int(LIMITS.nodes**0.5)
+    for q, x in enumerate(grid.coordinates):
+        more = (low, high) if q == axis else x[:: -(-x.size // most)]
+        lines[q] = np.sort([*lines[q], *more])
+    points = np.meshgrid(*lines, indexing="ij")
+    for clock in _clocks(formula):
+        floor = 0.0
+        for order, allowed in ((0, LIMITS.rounding), (1, LIMITS.kink)):
+            try:
+                values = np.moveaxis(_values(formula, order, axis, grid, points, clock), axis, 0)
+            except InputError:  # a callable that is not defined on the sides themselves
+                return
+            if not np.isfinite(values).all():
+                break
+            jump, size = np.abs(values[-1] - values[0]), float(np.abs(values).max())
+            worst = np.unravel_index(int(np.argmax(jump)), jump.shape)
+            if jump[worst] > max(allowed * size, floor):  # a narrow field lies between the places
+                inside = _values(formula, order, axis, grid, grid.mesh(), clock)
+                size = float(np.max(np.abs(inside), where=np.isfinite(inside), initial=size))
+            if jump[worst] <= max(allowed * size, floor):
+                # Difference quotients of a velocity that hardly varies are rounding themselves.
+                floor = LIMITS.rounding * size / (high - low)
+                continue
+            places = [np.moveaxis(x, axis, 0)[(0, *worst)] for x in points]
+            ends = values[(0, *worst)], values[(-1, *worst)]
+            text = _text(name, axis, order, places, ends, high)
+            if order == 0 and jump[worst] > LIMITS.jump * size:
+                raise InputError(f"{text}; {_remedy(grid, axis)}")
+            warn(
+                f"{text}, and the field is less accurate near there; {_remedy(grid, axis)}",
+                PeriodicityWarning,
+            )
+            return
+
+
+def _values(
+    formula: Formula, order: int, axis: int, grid: Grid, points: Sequence[Array], clock: float
+) -> Array:
+    """The velocity, or its derivative in the direction of an axis, at points of the box."""
+    i, j, k = (order * (axis == q) for q in range(3))
+    steps = (*grid.spacing, *([1.0] * (4 - grid.dim)))
+    point = [*points, *([np.zeros(())] * (3 - grid.dim))]
+    found = formula.derivative((i, j, k, 0), steps)(*point, clock)
+    return np.broadcast_to(found, points[0].shape)
+
+
+def _remedy(grid: Grid, axis: int) -> str:
+    flags = tuple(periodic and q != axis for q, periodic in enumerate(grid.periodic))
+    given = flags if any(flags) else False
+    return (
+        f"pass a velocity with the period of the box, or make the grid not periodic in "
+        f"{AXES[axis]} (periodic={given}) and pass the solver data for what then comes in through "
+        f"the walls (boundary=0.0, or a dict with '{AXES[axis]}-' and '{AXES[axis]}+')"
+    )
+
+
+def _text(
+    name: str, axis: int, order: int, places: Any, ends: tuple[float, float], high: float
+) -> str:
+    what = f"the derivative of {name} across the side" if order else name
+    at = ", ".join(f"{x:.6g}" for x in places)
+    return (
+        f"velocity: {what} is not periodic in {AXES[axis]}, as the grid is: {ends[0]:.6g} at "
+        f"({at}), {ends[1]:.6g} at {AXES[axis]} = {high:.6g}"
+    )

@@ -7,7 +7,7 @@ p within their bounds, with the derivatives of the discrete scheme.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,18 +26,19 @@ from skfem_adini.ground.arguments import real_number
 from skfem_adini.ground.errors import warn
 
 Array = NDArray[np.float64]
-# The weight has settled when it changes by less than this factor: far less than its uncertainty.
-_SETTLED = 1.1
-# Evaluations of the optimiser between two choices of the weight, and most choices.
-_FEW, _CHOICES = 6, 40
-# Largest factor by which the weight falls at once: far from the solution the linear problem says
-# little about it, and a smooth estimate is a good start.
-_FALL = 100.0
-# The optimiser stops at relative changes of the parameters below the first, or of the sum of
-# squares below the second over the number of data: chi-square by .001 (1 is one deviation).
-_SMALL_STEP, _SMALL_CHANGE = 1e-8, 1e-3
-# Standard deviations of chi-square above its mean at which the misfit is not explained by noise.
-_UNLIKELY = 3.0
+
+
+class _Limits(NamedTuple):
+    settled: float = 1.1  # factor: a weight that changes by less has settled, far below its error
+    evaluations: int = 6  # of the optimiser between two choices of the weight
+    choices: int = 40  # of the weight, at most
+    fall: float = 100.0  # most at once, as factor: the linear problem says little far from its end
+    step: float = 1e-8  # the optimiser stops at smaller relative changes of the parameters,
+    change: float = 1e-3  # or of chi-square (1 is one deviation)
+    unlikely: float = 3.0  # deviations of chi-square that noise does not explain
+
+
+LIMITS = _Limits()
 
 
 def identify_velocity(
@@ -165,17 +166,17 @@ def _iterated(
         if done:
             return _Estimate(p, choice, free)
     else:
-        weight, evaluations = first.scale, _FEW
-        for _ in range(_CHOICES):
+        weight, evaluations = first.scale, LIMITS.evaluations
+        for _ in range(LIMITS.choices):
             p, free, done = _minimised(problem, p, bounds, weight, evaluations)
             left = max_runs - problem.prediction.runs
             if left <= 0:
                 break
-            chosen = max(choice(linearised(problem, p, free)), weight / _FALL)
-            settled = weight / _SETTLED <= chosen <= weight * _SETTLED
+            chosen = max(choice(linearised(problem, p, free)), weight / LIMITS.fall)
+            settled = weight / LIMITS.settled <= chosen <= weight * LIMITS.settled
             if settled and done:
                 return _Estimate(p, weight, free)
-            weight, evaluations = (weight, left) if settled else (chosen, _FEW)
+            weight, evaluations = (weight, left) if settled else (chosen, LIMITS.evaluations)
     raise NotConverged(
         f"max_runs: the estimate has not settled after {problem.prediction.runs} runs of the "
         "model; start nearer, give bounds, more data or a fixed weight"
@@ -199,7 +200,7 @@ def _minimised(
 
     found = least_squares(
         rows, p, slopes, bounds, x_scale="jac", max_nfev=evaluations,
-        xtol=_SMALL_STEP, ftol=_SMALL_CHANGE / problem.data.size, gtol=None,
+        xtol=LIMITS.step, ftol=LIMITS.change / problem.data.size, gtol=None,
     )  # fmt: skip
     return np.asarray(found.x), np.asarray(found.active_mask == 0), found.status > 0
 
@@ -222,7 +223,7 @@ def _result(problem: Problem, estimate: _Estimate) -> IdentifiedVelocity:
         size, variance, grid, () if isinstance(velocity, SplineVelocity) else names,
     )  # fmt: skip
     excess = square / left - 1.0
-    explained = not problem.data.known or excess <= _UNLIKELY * np.sqrt(2.0 / left)
+    explained = not problem.data.known or excess <= LIMITS.unlikely * np.sqrt(2.0 / left)
     found = IdentifiedVelocity(
         velocity=velocity,
         grid=grid,

@@ -1,11 +1,18 @@
-"""The profiles: which moments each one carries and which derivatives of the feet it needs."""
+"""The profiles: which moments each one carries and which derivatives of the feet it needs.
+
+The `NamedTuple` records are arguments of the kernels of one node besides the arrays: for numba
+tuples, which cost nothing once a kernel is inlined; `cip.engines.cuda_source` translates them to C
+structs. Flags are 0 or 1.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, Orders, foot
 from cip.errors import InputError
+from skfem_adini.ground.jit import Array, Index, Real, Widths
 
 LINE = ("linear", "piecewise_linear", "smoothed", "cubic", "quintic", "csl2", "csl4")
 PLANE = ("adini", "bicubic")
@@ -105,3 +112,77 @@ def plane_jets(profile: str, advect: bool) -> tuple[Jet, ...]:
         if profile == "bicubic":
             found.append(LOG_DETERMINANT.along(0, 1))
     return tuple(found)
+
+
+class Line(NamedTuple):
+    """The n nodes of a grid line: node k is at index ``first + k stride`` of a moment's array."""
+
+    h: Widths  # cell widths along the line
+    first: Index
+    stride: Index
+    n: Index
+    periodic: Index
+
+
+class Foot(NamedTuple):
+    """The foot of one node: component f is ``feet[f stride + first]``."""
+
+    feet: Array
+    stride: Index
+    first: Index
+
+
+class Update(NamedTuple):
+    """The update: size of the grid, direction and equation."""
+
+    size: Index  # number of nodes
+    dim: Index  # of the grid
+    axis: Index  # direction of a sweep, 0 for a plane
+    advect: Index  # 1: p_t + div(c p) = 0, 0: u_t + c . grad u = 0
+
+
+class Limits(NamedTuple):
+    """Code of the limiter, and for "bounds" the bounds and how far they may be exceeded."""
+
+    limiter: Index = 0
+    low: Real = 0.0
+    high: Real = 0.0
+    slack: Real = 0.0
+
+
+class Means(NamedTuple):
+    """Where values, slopes and means of a line begin in the array."""
+
+    value: Index
+    slope: Index  # unused if not carried
+    mean: Index
+    carried: Index  # whether there are slopes
+
+
+class Cell(NamedTuple):
+    """A cell of a plane: its nodes k, kr along x and l, lr along y, and the place (s, t) in it."""
+
+    k: Index
+    kr: Index
+    l: Index
+    lr: Index
+    s: Real
+    t: Real
+
+
+class Corners(NamedTuple):
+    """A moment at the corners of a cell: ``c10`` is at the right end of the bottom edge."""
+
+    c00: Real
+    c10: Real
+    c01: Real
+    c11: Real
+
+
+class Edges(NamedTuple):
+    """A number for each edge of a cell."""
+
+    bottom: Real
+    top: Real
+    left: Real
+    right: Real

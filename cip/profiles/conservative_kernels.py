@@ -19,9 +19,9 @@ from __future__ import annotations
 
 from math import floor
 
+from cip.profiles.catalogue import Foot, Limits, Line, Means, Update
 from cip.profiles.conservative_profiles import csl2, csl4
 from cip.profiles.line_profiles import cubic
-from cip.profiles.records import Limits, Line, Means, Update
 from skfem_adini.ground.jit import Array, Index, Out, Real, kernel
 
 
@@ -138,10 +138,11 @@ def mass_of(m: Array, line: Line, mean: Index, cell: Index) -> Real:
 
 @kernel
 def node_csl(
-    m: Array, out: Out, feet: Array, line: Line, update: Update, o: Index, i: Index,
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index,
     limits: Limits, order: Index,
 ) -> None:  # fmt: skip
     """New values at node i and new means of the cell after it, for each pair (value, mean)."""
+    feet = foot.feet
     n = line.n
     base = line.first
     periodic = line.periodic
@@ -191,15 +192,15 @@ def node_csl(
 
 @kernel
 def node_csl2(
-    m: Array, out: Out, feet: Array, line: Line, update: Update, o: Index, i: Index, limits: Limits
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
     """New values and means of CSL2."""
-    node_csl(m, out, feet, line, update, o, i, limits, 2)
+    node_csl(m, out, foot, line, update, o, i, limits, 2)
 
 
 @kernel
 def node_csl4(
-    m: Array, out: Out, feet: Array, line: Line, update: Update, o: Index, i: Index, limits: Limits
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
     """New moments of CSL4: values, slopes and means on a line, else values and means."""
-    node_csl(m, out, feet, line, update, o, i, limits, 4)
+    node_csl(m, out, foot, line, update, o, i, limits, 4)

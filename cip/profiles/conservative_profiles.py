@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from cip.profiles.records import Limits
+from cip.profiles.catalogue import Limits
 from skfem_adini.ground.jit import Real, kernel
 
 

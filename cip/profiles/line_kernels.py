@@ -19,6 +19,7 @@ The components in parentheses are repeated for each direction across the sweep.
 
 from __future__ import annotations
 
+from cip.profiles.catalogue import Foot, Limits, Line, Update
 from cip.profiles.line_profiles import (
     cubic,
     lagrange,
@@ -29,13 +30,12 @@ from cip.profiles.line_profiles import (
     smoothed,
     tangents,
 )
-from cip.profiles.records import Foot, Line, Update
 from skfem_adini.ground.jit import Array, Index, Out, Real, kernel
 
 
 @kernel
 def node_linear(
-    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
     """Linear interpolation of the values."""
     k, r, s = locate(i, foot.feet[foot.first], line.n, line.periodic)
@@ -121,7 +121,7 @@ def hermite(
 
 @kernel
 def node_piecewise_linear(
-    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
     """The piecewise linear profile."""
     hermite(m, out, foot, line, update, o, i, 0, 1)
@@ -129,7 +129,7 @@ def node_piecewise_linear(
 
 @kernel
 def node_smoothed(
-    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
     """The piecewise linear profile with the smooth weights of King 2012, (2.18)."""
     hermite(m, out, foot, line, update, o, i, 0, 2)
@@ -137,7 +137,7 @@ def node_smoothed(
 
 @kernel
 def node_cubic(
-    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
     """The cubic profile; its limiter is the constant 0, so the compiler removes that code."""
     hermite(m, out, foot, line, update, o, i, 0, 0)
@@ -145,15 +145,15 @@ def node_cubic(
 
 @kernel
 def node_cubic_limited(
-    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
     """The cubic profile with a limiter."""
-    hermite(m, out, foot, line, update, o, i, limiter, 0)
+    hermite(m, out, foot, line, update, o, i, limits.limiter, 0)
 
 
 @kernel
 def node_quintic(
-    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
     """The quintic profile of values, slopes and second derivatives."""
     feet = foot.feet
@@ -172,7 +172,7 @@ def node_quintic(
         m[left], m[right], width * m[q1 + left], width * m[q1 + right],
         half * m[q2 + left], half * m[q2 + right], s,
     )  # fmt: skip
-    if limiter == 1:
+    if limits.limiter == 1:
         f0 = min(max(f0, min(m[left], m[right])), max(m[left], m[right]))
     f1 = f1 / width
     f2 = f2 / (width * width)

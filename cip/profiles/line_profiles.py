@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from math import exp, floor
 
-from cip.profiles.records import Line
+from cip.profiles.catalogue import Line
 from skfem_adini.ground.jit import Array, Index, Real, kernel
 
 

@@ -15,8 +15,8 @@ E, E_x, E_y (bicubic: E_xy).
 
 from __future__ import annotations
 
+from cip.profiles.catalogue import Cell, Corners, Edges, Foot, Limits, Line, Update
 from cip.profiles.line_profiles import cubic, cubic_second, locate, rough, tangents
-from cip.profiles.records import Cell, Corners, Edges, Foot, Line, Update
 from skfem_adini.ground.jit import Array, Index, Out, Real, kernel
 
 
@@ -293,7 +293,7 @@ def bicubic(
 @kernel
 def node_adini(
     m: Array, out: Out, foot: Foot, x: Line, y: Line, update: Update,
-    o: Index, i: Index, j: Index, limiter: Index,
+    o: Index, i: Index, j: Index, limits: Limits,
 ) -> None:  # fmt: skip
     """Adini's profile; its limiter is the constant 0, so the compiler removes that code."""
     adini(m, out, foot, x, y, update, o, i, j, 0)
@@ -302,16 +302,16 @@ def node_adini(
 @kernel
 def node_adini_limited(
     m: Array, out: Out, foot: Foot, x: Line, y: Line, update: Update,
-    o: Index, i: Index, j: Index, limiter: Index,
+    o: Index, i: Index, j: Index, limits: Limits,
 ) -> None:  # fmt: skip
     """Adini's profile with a limiter."""
-    adini(m, out, foot, x, y, update, o, i, j, limiter)
+    adini(m, out, foot, x, y, update, o, i, j, limits.limiter)
 
 
 @kernel
 def node_bicubic(
     m: Array, out: Out, foot: Foot, x: Line, y: Line, update: Update,
-    o: Index, i: Index, j: Index, limiter: Index,
+    o: Index, i: Index, j: Index, limits: Limits,
 ) -> None:  # fmt: skip
     """The bicubic profile; its limiter is the constant 0, so the compiler removes that code."""
     bicubic(m, out, foot, x, y, update, o, i, j, 0)
@@ -320,7 +320,7 @@ def node_bicubic(
 @kernel
 def node_bicubic_limited(
     m: Array, out: Out, foot: Foot, x: Line, y: Line, update: Update,
-    o: Index, i: Index, j: Index, limiter: Index,
+    o: Index, i: Index, j: Index, limits: Limits,
 ) -> None:  # fmt: skip
     """The bicubic profile with a limiter."""
-    bicubic(m, out, foot, x, y, update, o, i, j, limiter)
+    bicubic(m, out, foot, x, y, update, o, i, j, limits.limiter)

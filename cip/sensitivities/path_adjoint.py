@@ -16,43 +16,39 @@ Math. 87 (2000), 247-282). The sub-steps are those that led to the feet.
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import wraps
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from cip.characteristics.flow_derivatives import Jet, System
-from cip.engines.cpu_loops import address, share
-from cip.engines.path_kernel import kinds
+from cip.engines.cpu_loops import address, kernel_of, share
+from cip.engines.path_kernel import SHIFT, WEIGHT, kinds
 from cip.engines.snapshot_kernel import with_names
 from cip.formulas.expression import (
     COORDINATES,
     RULES,
     Expression,
     constant,
+    gradient,
+    numpy_function,
     ordered,
+    statements,
     variable,
 )
-from cip.formulas.reverse_mode import gradient
 from cip.formulas.snapshots import snapshots_of
-from cip.formulas.straight_line_code import numpy_function, statements
 from cip.sensitivities.blocks import blocks_of
-from cip.sensitivities.coefficient_sums import Sums
-from cip.sensitivities.path_tangent import component
+from cip.sensitivities.path_tangent import Sums, component
 from cip.stages.stage import Stage, StageFeet
-from skfem_adini.ground.jit import Array, Index, Out, Real, generated, loop_over
+from skfem_adini.ground.jit import Array, Index, Out, Real, loop_over
 
 # Strips do not depend on the number of threads, so that neither does the rounding of sums.
 _STRIPS = 4
 _NODES_A_STRIP = 2_000
 # Nodes that NumPy takes at a time.
 _CHUNK = 4096
-_SHIFT = (0.0, 0.5, 0.5, 1.0)
-_WEIGHT = (1.0, 2.0, 2.0, 1.0)
 
 # `loop_over` replaces it by a kernel.
 unwind: Any = None
@@ -158,17 +154,17 @@ class _Chunk:
         """The unknowns after a sub-step, and the places of its stages."""
         k, total, stages = np.zeros_like(y), np.zeros_like(y), []
         for s in range(4):
-            stages.append(y + _SHIFT[s] * self.step * k)
+            stages.append(y + SHIFT[s] * self.step * k)
             k = _rows(self.rates(*self._point(stages[s], n, s), *stages[s]), y.shape)
-            total += _WEIGHT[s] * k
+            total += WEIGHT[s] * k
         return y + self.step / 6.0 * total, stages
 
     def backward(self, slopes: Any, stages: list[Any], n: int) -> tuple[Any, Any]:
         """Derivatives with respect to the unknowns before a sub-step, and to the parameters."""
         found, total, v = np.zeros(len(self.system.parameters)), 0.0, np.zeros_like(slopes)
         for s in (3, 2, 1, 0):
-            later = _SHIFT[s + 1] * self.step * v if s < 3 else 0.0
-            b = self.step / 6.0 * _WEIGHT[s] * slopes + later
+            later = SHIFT[s + 1] * self.step * v if s < 3 else 0.0
+            b = self.step / 6.0 * WEIGHT[s] * slopes + later
             point = self._point(stages[s], n, s)
             values = self.pull(*point, *stages[s], *b)
             v = _rows(values[: len(b)], slopes.shape)
@@ -180,7 +176,7 @@ class _Chunk:
         place = {axis: q for q, axis in enumerate(self.system.moving)}
         point = [x + y[place[axis]] if axis in place else x for axis, x in enumerate(self.base)]
         point += [np.zeros(())] * (3 - len(point))
-        return [*point, self.t_end - n * self.step - _SHIFT[s] * self.step]
+        return [*point, self.t_end - n * self.step - SHIFT[s] * self.step]
 
 
 def _rows(values: Any, shape: tuple[int, ...]) -> Any:
@@ -311,19 +307,10 @@ def run_nodes(
         unwind(g, size, o, x[o], y[o], z[o], t, step, count, values, trail, grad)
 
 
-@cache
-def _kernel(source: str) -> Any:
-    namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
-    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
-    namespace.update(nan=math.nan, inf=math.inf, abs=abs)
-    names = re.findall(r"^def (\w+)", source, re.MULTILINE)
-    return generated(source, names, namespace, __name__)
-
-
 def _by_numba(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:
     """The gradient for velocities that are formulas."""
     system, size = stage.system, points[0].size
-    run = loop_over(run_nodes, unwind=_kernel(unwind_source(system, tuple(stage.jets))))
+    run = loop_over(run_nodes, unwind=kernel_of(unwind_source(system, tuple(stage.jets))))
     points = [np.ascontiguousarray(x) for x in points]
     points += [np.zeros(size)] * (3 - stage.grid.dim)
     values, length = np.array(stage.parameters), feet.t_end - feet.t_start

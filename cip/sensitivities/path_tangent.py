@@ -9,6 +9,7 @@ number of parameters.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,12 +18,21 @@ import numpy as np
 from cip.characteristics.feet import integrate
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.engines.path_kernel import rate_function, runge_kutta
-from cip.formulas.expression import COORDINATES, Expression, apply, constant, ordered, variable
-from cip.formulas.reverse_mode import gradient
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    apply,
+    constant,
+    gradient,
+    linear,
+    numpy_function,
+    ordered,
+    statements,
+    variable,
+)
 from cip.formulas.snapshots import snapshots_of
-from cip.formulas.straight_line_code import numpy_function, statements
+from cip.formulas.spline_basis import SplineBasis, SplineFormula
 from cip.sensitivities.blocks import Block
-from cip.sensitivities.coefficient_sums import changed, functions_along
 from cip.stages.stage import Stage, StageFeet
 
 Array = Any  # arrays of NumPy or CuPy
@@ -147,15 +157,15 @@ class PathTangent:
 
     def _by_kernel(self, block: Block, feet: StageFeet, values: Array, out: Array) -> None:
         """The changes for formulas on many nodes."""
-        from cip.engines import cpu_loops, path_loops
+        from cip.engines import cpu_loops
         from skfem_adini.ground.jit import loop_over
 
         stage, size = self._stage, self._stage.grid.size
-        kernel = path_loops.kernel_of(self.source)
-        run = loop_over(path_loops.run_feet, path=kernel)
+        kernel = cpu_loops.kernel_of(self.source)
+        run = loop_over(cpu_loops.run_feet, path=kernel)
         points: list[Any] = [np.ascontiguousarray(x.ravel()) for x in stage.points(block.bits)]
         x, y, z = points + [np.zeros(size)] * (3 - stage.grid.dim)
-        paths = tuple(path_loops.Paths(x, y, z, feet.t_end, *self._step(block, feet), values))
+        paths = tuple(cpu_loops.Paths(x, y, z, feet.t_end, *self._step(block, feet), values))
         said, flat = np.empty(size, np.int64), out.reshape(-1)
 
         def work(start: int, stop: int) -> None:
@@ -182,3 +192,66 @@ class PathTangent:
         for row, value in zip(found, changes(*jets.values()), strict=True):
             row[:] = value
         return found
+
+
+# Begins the names of sums of changes.
+_CHANGE = "d_"
+
+
+class Sums:
+    """The sums of splines in the rates of a stage, whose coefficients are parameters: `nodes` are
+    their derivatives in the coordinates, `others` the parameters that are no coefficients.
+
+    The reverse code gives the derivative in the value of a sum, and the values of the splines at
+    the points carry it to all coefficients at once, direction by direction.
+    """
+
+    def __init__(self, stage: Stage) -> None:
+        system = stage.system
+        place = {name: q for q, name in enumerate(system.parameters)}
+        self.nodes = tuple(node for node in ordered(system.rates) if node.op == "linear")
+        self._places = [np.array([place[one.value] for one in node.args]) for node in self.nodes]
+        self._bases = [_basis(stage, node.value[0]) for node in self.nodes]
+        taken = {one.value for node in self.nodes for one in node.args}
+        self.others = tuple(name for name in system.parameters if name not in taken)
+        self._rest = np.array([place[name] for name in self.others], dtype=int)
+
+    def add(self, found: Any, point: list[Any], values: Sequence[Any], shape: Any) -> None:
+        """Add to a gradient the derivatives in `others`, then those in the sums' values."""
+        count = len(self.others)
+        found[self._rest] += [np.sum(np.broadcast_to(one, shape)) for one in values[:count]]
+        nodes = zip(self.nodes, self._bases, self._places, values[count:], strict=True)
+        for node, basis, places, weight in nodes:
+            weights = np.broadcast_to(weight, shape)
+            found[places] += basis.weighted(tuple(point[:3]), node.value[1], weights)
+
+
+def changed(node: Expression, changes: Mapping[str, str]) -> Expression:
+    """The sum with the changes of its coefficients, variables by their names, in place of these."""
+    name, orders = node.value
+    return linear(_CHANGE + name, orders, [variable(changes[one.value]) for one in node.args])
+
+
+def functions_along(
+    stage: Stage, rates: Sequence[Expression], numbers: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The functions of the sums from `changed` in some rates, by their names in code; `numbers` are
+    the changes of the coefficients by their variables.
+    """
+    found = {}
+    for node in ordered(list(rates)):
+        if node.op != "linear" or not node.value[0].startswith(_CHANGE):
+            continue
+        name, orders = node.value
+        basis = _basis(stage, name.removeprefix(_CHANGE))
+        own = np.array([numbers[one.value] for one in node.args], dtype=float)
+        label = f"{name}_{''.join(map(str, orders))}"
+        found[label] = basis.sum(own.reshape(basis.counts), orders)
+    return found
+
+
+def _basis(stage: Stage, label: str) -> SplineBasis:
+    """The splines of the sum of this name."""
+    return next(
+        c.basis for c in stage.velocity if isinstance(c, SplineFormula) and c.label == label
+    )

@@ -15,8 +15,18 @@ from typing import Any
 import numpy as np
 
 from cip.formulas.expression import Expression, variable
-from cip.profiles.catalogue import CONSERVATIVE, carries_slopes, line_jets, moments, plane_jets
-from cip.profiles.records import Foot, Limits, Line, Means, Update
+from cip.profiles.catalogue import (
+    CONSERVATIVE,
+    Foot,
+    Limits,
+    Line,
+    Means,
+    Update,
+    carries_slopes,
+    line_jets,
+    moments,
+    plane_jets,
+)
 
 # Nodes of the grid on which a kernel is traced, in its first cell: their numbers differ, so that
 # the kernel's calls tell the directions.
@@ -113,7 +123,9 @@ def _sweep(profile: str, advect: bool, dim: int, axis: int) -> Traced:
     count = len(moments(profile, dim))
     out, line = _Symbols("o"), Line(_Widths(0), 0, 1, size, 0)
     update = Update(size, dim, axis, int(advect))
-    names[f"node_{profile}"](_Symbols("m"), out, Foot(_Symbols("f"), 1, 0), line, update, 0, 0, 0)
+    names[f"node_{profile}"](
+        _Symbols("m"), out, Foot(_Symbols("f"), 1, 0), line, update, 0, 0, Limits()
+    )
     outputs = [out.written[size * q] for q in range(count)]
     used = set().union(*(output.variables() for output in outputs))
     every = ((q, role) for q in range(count) for role in range(size))
@@ -140,19 +152,18 @@ def _outputs(profile: str, advect: bool, dim: int) -> list[Expression]:
     lines = [Line(_Widths(axis), 0, 1, _NODES[axis], 0) for axis in range(dim)]
     update = Update(size, dim, 0, int(advect))
     node = (0,) * (1 + dim)  # its index in the arrays and along each line
-    names[f"node_{profile}"](_Symbols("m"), out, foot, *lines, update, *node, 0)
+    names[f"node_{profile}"](_Symbols("m"), out, foot, *lines, update, *node, Limits())
     return [out.written[size * q] for q in range(len(moments(profile, dim)))]
 
 
 def _conservative(name: str, carried: bool, line: Line) -> list[Expression]:
     """The new value (and slope if it is `carried`) and, for the mean, the integral up to the foot,
-    from which `cip.sensitivities.mass_derivatives` obtains the means.
+    from which `cip.sensitivities.blocks` obtains the means.
     """
     quartic, size, foot = name == "csl4", line.n, _Symbols("f")
     means = Means(0, size, (1 + quartic) * size, int(quartic))
-    limits = Limits(0, 0.0, 0.0, 0.0)
     value, slope, mass = plain_kernels()["profile"](
-        _Symbols("m"), line, means, 0, variable("s0"), 4 if quartic else 2, limits
+        _Symbols("m"), line, means, 0, variable("s0"), 4 if quartic else 2, Limits()
     )
     J = foot[1]
     slopes = [J * J * slope + foot[2] * value] if carried else []

@@ -17,14 +17,12 @@ import numpy as np
 
 from cip.characteristics.feet import Exits, time_scale
 from cip.characteristics.flow_derivatives import System
-from cip.formulas.expression import COORDINATES, Expression, constant, variable
-from cip.formulas.straight_line_code import numpy_function
+from cip.engines.path_kernel import SHIFT, WEIGHT
+from cip.formulas.expression import COORDINATES, Expression, constant, numpy_function, variable
 from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.walls import MIDDLE, WallMoments
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
-_SHIFT = (0.0, 0.5, 0.5, 1.0)
-_WEIGHT = (1.0, 2.0, 2.0, 1.0)
 
 
 class WallDerivatives:
@@ -223,7 +221,7 @@ class _Steps:
         k, dk = np.zeros_like(y), np.zeros_like(slopes)
         total, d_total = np.zeros_like(y), np.zeros_like(slopes)
         units = _units(len(self.system.parameters), 1)
-        for shift, weight in zip(_SHIFT, _WEIGHT, strict=True):
+        for shift, weight in zip(SHIFT, WEIGHT, strict=True):
             at = y + shift * own * k
             d_at = slopes + shift * (change * k[:, None] + own * dk)
             point, moves = self._point(base, at, d_at)

@@ -10,7 +10,7 @@ and the adjoint runs through the steps backward with :math:`A^T`, a scatter of t
 (Griewank and Walther, Evaluating Derivatives, 2008, chapters 3 and 12, also for the checkpoints).
 Where a path begins on a wall, the new moments come from the data there: rows of A are zero, and the
 derivatives with respect to p are those of `cip.sensitivities.wall_derivatives`. Sources and decay
-are moves of their own before and after a step's stages (`cip.sources.half_step`).
+are moves of their own before and after a step's stages (`cip.sources.reaction`).
 """
 
 from __future__ import annotations
@@ -24,11 +24,10 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
 from cip.formulas.expression import COORDINATES
-from cip.sensitivities.blocks import Block, blocks_of
-from cip.sensitivities.mass_derivatives import whole_cells
+from cip.sensitivities.blocks import Block, blocks_of, whole_cells
 from cip.sensitivities.path_tangent import PathTangent
 from cip.sensitivities.wall_derivatives import WallDerivatives
-from cip.sources.half_step import HalfStep
+from cip.sources.reaction import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.state import State, state_of
 from skfem_adini.ground.arrays import host
@@ -287,7 +286,7 @@ class Window:
 
     def _push_forward(self, n: int, z: Array, feet: Array, changes: Array) -> Array:
         """The change of the new moments of move n with its feet, at their components."""
-        from cip.sensitivities.tangent_loops import push_forward
+        from cip.sensitivities.node_derivatives import push_forward
 
         return push_forward(self._blocks_of(self._moves[n].stage), z, feet, changes)
 
@@ -337,8 +336,8 @@ class Window:
         gathered.clear()
 
     def _pull_back(self, n: int, z: Array, weight: Array, feet: Array, g: Array) -> Array:
-        """The transposed update of move n; `cip.sensitivities.adjoint_loops.pull_back`."""
-        from cip.sensitivities.adjoint_loops import pull_back
+        """The transposed update of move n; `cip.sensitivities.node_derivatives.pull_back`."""
+        from cip.sensitivities.node_derivatives import pull_back
 
         stage = self._moves[n].stage
         blocks = self._blocks_of(stage)

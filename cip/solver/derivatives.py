@@ -10,7 +10,7 @@ from cip.errors import InputError
 from cip.output.trajectory import Trajectory
 from cip.sensitivities.window import Move, Window, check_differentiable, checkpoint_distance
 from cip.solver.time_loop import run as repeat
-from cip.sources.half_step import HalfStep, halves
+from cip.sources.reaction import HalfStep, halves
 from cip.stages.stage import StageFeet
 from cip.stages.state import State, state_of
 

@@ -2,5 +2,5 @@
 
 In: a source and a rate of decay, functions of space and time.
 Out: `HalfStep`: the moments before and after the transport of a step, with their derivatives.
-Start: `half_step`, then `reaction`; `wall_data` makes inflow data agree with them.
+Start: `reaction`, whose `HalfStep` acts before and after the transport.
 """

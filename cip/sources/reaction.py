@@ -8,21 +8,31 @@ error in time is of order dt^2, and what a source adds is integrated to degree t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import comb
 from typing import Any
 
 import numpy as np
 
-from cip.errors import InputError
-from cip.formulas.expression import COORDINATES, Expression, ordered
+from cip.errors import InputError, NotSupported
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    apply,
+    derived,
+    numpy_function,
+    ordered,
+    variable,
+)
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import parameter
 from cip.formulas.source import Source
-from cip.formulas.straight_line_code import numpy_function
 from cip.grid import Grid, node_name
-from cip.profiles.catalogue import Moment, moments
-from cip.sources.products import Orders, Products
+from cip.profiles.catalogue import CONSERVATIVE, Moment, carries_slopes, moments
 from cip.stages.state import averaged
+from cip.stages.walls import MIDDLE, Wall
 
 
 class Reaction:
@@ -231,7 +241,7 @@ class NodalMoments:
         """
         key = node, moment.orders
         if key not in self._made:  # code is made once, not in every step
-            self._made[key] = self._evaluator(_derivative(node, moment))
+            self._made[key] = self._evaluator(derived(node, moment.orders))
         values = self._made[key]
         more = {"xp": self._xp, **({"points": 1} if midpoints else {})}
         if self.steady:
@@ -260,8 +270,261 @@ class NodalMoments:
         return values
 
 
-def _derivative(node: Expression, moment: Moment) -> Expression:
-    for name, order in zip(COORDINATES, moment.orders, strict=True):
-        for _ in range(order):
-            node = node.derivative(name)
-    return node
+class ReactedData(Formula):
+    r"""The data g of a wall as the transport takes it in between the halves of the splitting. What
+    enters at t* undergoes source and decay from then on, but the splitting applies them for the
+    half after the middle t_m of the step; so the data is carried on for :math:`t_m - t^*`, to
+    :math:`g e^{-k (t_m - t^*)} + (t_m - t^*) s`: second order up to the walls."""
+
+    def __init__(self, data: Formula, reaction: Reaction) -> None:
+        node, left = data.expression, variable(MIDDLE) - variable("t")
+        self._parts = [data]
+        if reaction.decay is not None:
+            self._parts.append(reaction.decay_formula)
+            node = node * apply("exp", -(reaction.decay_formula.expression * left))
+        if reaction.source is not None:
+            self._parts.append(reaction.source_formula)
+            node = node + left * reaction.source_formula.expression
+        super().__init__(node, data.dim)
+
+    def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
+        """What `nodes` need of data, source and decay besides coordinates, by the names in code."""
+        found: dict[str, Any] = {}
+        for part in self._parts:
+            found.update(part.functions(nodes, steps))
+        return found
+
+
+def reacted(
+    data: dict[Wall, Formula], reaction: Reaction | None, split: bool
+) -> dict[Wall, Formula]:
+    """The data of all walls as the transport of a step needs them. Those of a `split` step are
+    constant and stay as they are; raises `NotSupported` if decay would change them.
+    """
+    if reaction is None:
+        return data
+    if not split:
+        return {wall: ReactedData(formula, reaction) for wall, formula in data.items()}
+    for (axis, side), formula in data.items():
+        node = formula.expression
+        if reaction.decay is not None and not (node.op == "constant" and node.value == 0.0):
+            raise NotSupported(
+                f"decay: with splitting the data of the wall {'xyz'[axis]}{'-+'[side]} must be "
+                "zero; take a direct profile ('adini', 'bicubic') for other data"
+            )
+    return data
+
+
+Orders = tuple[int, ...]
+Factors = Mapping[Orders, Any]
+
+
+class Products:
+    r"""Moments of a product g u for a known g, shape (moments,) + grid.nodes, with the transpose.
+
+    Derivatives follow by Leibniz's rule, :math:`(g u)_a = \sum_{b \le a} \binom{a}{b} g_{a-b} u_b`;
+    means are those of a rule of Simpson's kind with the profile's midpoint value,
+    :math:`\bar u = (u_0 + 4 u_{1/2} + u_1) / 6`, or of the rule of degree five with slopes, so that
+    (g f) u = g (f u) for means too. `wanted` are the moments of g that they need, by keys: orders
+    of derivatives, or for means for each direction whether the midpoint is meant; the slope beside
+    means has the key (2,).
+    """
+
+    def __init__(self, grid: Grid, profile: str, xp: Any) -> None:
+        self._grid, self._xp = grid, xp
+        self._moments = moments(profile, grid.dim)
+        self.means = profile in CONSERVATIVE
+        self._slopes = carries_slopes(profile, grid.dim)
+        self.wanted: dict[Orders, Moment] = {}
+        if not self.means:
+            self.wanted = {moment.orders[:3]: moment for moment in self._moments}
+            return
+        for bits in product((0, 1), repeat=grid.dim):
+            averaged = tuple(axis for axis, bit in enumerate(bits) if bit)
+            self.wanted[bits] = Moment("", (0, 0, 0, 0), averaged)
+        if self._slopes:
+            self.wanted[(2,)] = Moment("", (1, 0, 0, 0))
+
+    def times(self, data: Any, factors: Factors) -> Any:
+        """The moments of g u, of shape (moments,) + grid.nodes, from those of u and those of g."""
+        if self._slopes:
+            return self._with_slopes(data, factors)
+        return self._with_means(data, factors) if self.means else self._leibniz(data, factors)
+
+    def transposed(self, weight: Any, factors: Factors) -> Any:
+        """The transpose of `times` for the same factors."""
+        if self._slopes:
+            return self._with_slopes_transposed(weight, factors)
+        if self.means:
+            return self._with_means_transposed(weight, factors)
+        return self._leibniz(weight, factors, True)
+
+    def _leibniz(self, data: Any, factors: Factors, transpose: bool = False) -> Any:
+        place = {orders: q for q, orders in enumerate(self.wanted)}
+        new = self._xp.zeros_like(data)
+        for above, q in place.items():
+            for below in product(*(range(order + 1) for order in above)):
+                rest = tuple(a - b for a, b in zip(above, below, strict=True))
+                count = np.prod([comb(a, b) for a, b in zip(above, below, strict=True)])
+                to, of = (place[below], q) if transpose else (q, place[below])
+                new[to] += (float(count) * factors[rest] * data[of]).astype(data.dtype)
+        return new
+
+    def _with_means(self, data: Any, factors: Factors) -> Any:
+        """Along each direction by nodes and midpoints, and back."""
+        new = data.astype(float)
+        for axis, value, mean in self._pairs():
+            new[mean] = 1.5 * new[mean] - 0.25 * self._sum_of_ends(new[value], axis)
+        self._scale(new, factors)
+        for axis, value, mean in self._pairs():
+            new[mean] = (4.0 * new[mean] + self._sum_of_ends(new[value], axis)) / 6.0
+        return new.astype(data.dtype)
+
+    def _with_means_transposed(self, weight: Any, factors: Factors) -> Any:
+        new = weight.astype(float)
+        for axis, value, mean in reversed(self._pairs()):
+            new[value] += self._of_cells(new[mean], axis) / 6.0
+            new[mean] *= 4.0 / 6.0
+        self._scale(new, factors)
+        for axis, value, mean in reversed(self._pairs()):
+            new[value] -= 0.25 * self._of_cells(new[mean], axis)
+            new[mean] *= 1.5
+        return new
+
+    def _pairs(self) -> list[tuple[int, int, int]]:
+        """For each direction the numbers of the moments of values and of means along it."""
+        every = range(2**self._grid.dim)
+        return [
+            (axis, bits, bits | 1 << axis)
+            for axis in range(self._grid.dim)
+            for bits in every
+            if not bits >> axis & 1
+        ]
+
+    def _scale(self, new: Any, factors: Factors) -> None:
+        for bits in range(len(new)):
+            new[bits] *= factors[tuple(bits >> axis & 1 for axis in range(self._grid.dim))]
+
+    def _with_slopes(self, data: Any, factors: Factors) -> Any:
+        """Values, slopes and means: the rule with slopes is exact to degree five."""
+        u, slope, mean = data.astype(float)
+        middle = (30.0 * mean - self._ends(u, slope)) / 16.0 * factors[(1,)]
+        u, slope = factors[(0,)] * u, factors[(0,)] * slope + factors[(2,)] * u
+        mean = (16.0 * middle + self._ends(u, slope)) / 30.0
+        return self._xp.stack([u, slope, mean]).astype(data.dtype)
+
+    def _with_slopes_transposed(self, weight: Any, factors: Factors) -> Any:
+        u, slope, mean = weight.astype(float)
+        for_u, for_slope = self._ends_transposed(mean / 30.0)
+        u, slope = u + for_u, slope + for_slope
+        u, slope = factors[(0,)] * u + factors[(2,)] * slope, factors[(0,)] * slope
+        middle = 16.0 / 30.0 * factors[(1,)] * mean
+        for_u, for_slope = self._ends_transposed(middle / 16.0)
+        return self._xp.stack([u - for_u, slope - for_slope, 30.0 / 16.0 * middle])
+
+    def _ends(self, u: Any, slope: Any) -> Any:
+        """What both ends of each cell give to 30 times the mean in the rule with slopes."""
+        jump = self._sum_of_ends(slope, 0) - 2.0 * self._in_cells(slope)  # of the slope over it
+        return 7.0 * self._sum_of_ends(u, 0) - self._half * jump
+
+    def _ends_transposed(self, weight: Any) -> tuple[Any, Any]:
+        jump = self._half * weight
+        return 7.0 * self._of_cells(weight, 0), 2.0 * self._in_cells(jump) - self._of_cells(jump, 0)
+
+    @property
+    def _half(self) -> Any:
+        (widths,), (nodes,) = self._grid.widths, self._grid.nodes
+        return 0.5 * self._xp.asarray(np.append(widths, widths[-1])[:nodes])
+
+    def _in_cells(self, values: Any, axis: int = 0) -> Any:
+        """The values; 0 at nodes where no cell begins."""
+        found = values.copy()
+        if not self._grid.periodic[axis]:
+            self._xp.moveaxis(found, axis, 0)[-1] = 0.0
+        return found
+
+    def _sum_of_ends(self, values: Any, axis: int) -> Any:
+        """Values at both ends of each cell, added; 0 where no cell begins."""
+        return self._in_cells(values + self._xp.roll(values, -1, axis), axis)
+
+    def _of_cells(self, weight: Any, axis: int) -> Any:
+        """The transpose of `_sum_of_ends`."""
+        inside = self._in_cells(weight, axis)
+        return inside + self._xp.roll(inside, 1, axis)
+
+
+@dataclass(frozen=True)
+class HalfStep:
+    """A half of a reaction's step, with decay D and what the source adds, S: before the transport
+    z -> D (z + S), after it z -> D z + S. In parameters S has the derivative S_p, D z has -K_p D z.
+    """
+
+    reaction: Reaction
+    t: float  # start of its time
+    length: float  # duration
+    after: bool  # whether it stands after the transport
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the parameters of the source and of the decay."""
+        return self.reaction.parameters
+
+    @property
+    def reads_state(self) -> bool:
+        """Whether derivatives in the parameters depend on the moments."""
+        return bool(self.reaction.decay_parameters)
+
+    def applied(self, data: Any) -> Any:
+        """The moments after this half."""
+        end = self._decayed(data)
+        return self.reaction.added(end, self.t, self.length) if self.after else end
+
+    def linear(self, change: Any) -> Any:
+        """The change of the moments after it for one before it."""
+        return self.reaction.decayed(change, self.t, self.length)
+
+    def along(self, data: Any, direction: Any) -> Any:
+        """The change of the moments after it for a change of the parameters, in the order of
+        `columns`. `data` are the moments before it.
+        """
+        reaction, added, total = self.reaction, 0.0, 0.0
+        end = self._decayed(data) if self.reads_state else None
+        for name, size in zip(self.columns, map(float, direction), strict=True):
+            if size and name in reaction.source_parameters:
+                added = added + size * reaction.added_slope(name, self.t, self.length)
+            if size and name in reaction.decay_parameters:
+                total = total + size * reaction.decay_slope(end, name, self.t, self.length)
+        if self.after or isinstance(added, float):
+            return total + added
+        return total + self.linear(added)
+
+    def pull_back(self, data: Any, weight: Any) -> tuple[Any, list[float]]:
+        """The weight of the moments before it, `data`, and the derivatives of weight . (moments
+        after it) in the parameters.
+        """
+        reaction, found = self.reaction, []
+        end = self._decayed(data) if self.reads_state else None
+        before = reaction.decayed(weight, self.t, self.length, transpose=True)
+        entering = weight if self.after else before
+        for name in self.columns:
+            total = 0.0
+            if name in reaction.source_parameters:
+                slope = reaction.added_slope(name, self.t, self.length)
+                total += float((entering * slope).sum())
+            if name in reaction.decay_parameters:
+                slope = reaction.decay_slope(end, name, self.t, self.length)
+                total += float((weight * slope).sum())
+            found.append(total)
+        return before, found
+
+    def _decayed(self, data: Any) -> Any:
+        """The moments after the decay; before the transport the source acts first."""
+        if not self.after:
+            data = self.reaction.added(data, self.t, self.length)
+        return self.linear(data)
+
+
+def halves(reaction: Reaction, t: float, dt: float) -> tuple[HalfStep, HalfStep]:
+    """What stands before and after the transport of the step [t, t + dt]."""
+    half = 0.5 * dt
+    return HalfStep(reaction, t, half, False), HalfStep(reaction, t + half, half, True)

@@ -24,12 +24,19 @@ from numpy.typing import NDArray
 from cip.characteristics.feet import Exits
 from cip.characteristics.flow_derivatives import ZERO, Composite, Jet, Orders
 from cip.errors import InputError, NotSupported
-from cip.formulas.clock import timed
-from cip.formulas.expression import COORDINATES, Expression, opaque, ordered, rebuilt, variable
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    derived,
+    numpy_function,
+    opaque,
+    ordered,
+    rebuilt,
+    variable,
+)
 from cip.formulas.formula import Formula
 from cip.formulas.source import Source
-from cip.formulas.straight_line_code import numpy_function
-from cip.formulas.traced_function import portable
+from cip.formulas.traced_function import portable, timed
 from cip.grid import Grid
 
 Array = NDArray[np.float64]
@@ -219,10 +226,10 @@ class WallMoments:
             for field in fields:
                 orders = field.value[1]
                 if orders[axis] == 0:
-                    table[field] = _derivative(formula.expression, orders)
+                    table[field] = derived(formula.expression, orders)
                 else:
                     i, j, k, l = (order - (q == axis) for q, order in enumerate(orders))
-                    table[field] = _derivative(self._normal(axis), (i, j, k, l))
+                    table[field] = derived(self._normal(axis), (i, j, k, l))
             node = _substitute(node, table)
 
     def _normal(self, axis: int) -> Expression:
@@ -236,13 +243,6 @@ class WallMoments:
             if self._advect:
                 rate = rate + c.derivative(name) * field
         return -rate / self._velocity[axis].expression
-
-
-def _derivative(node: Expression, orders: Orders) -> Expression:
-    for name, order in zip(COORDINATES, orders, strict=True):
-        for _ in range(order):
-            node = node.derivative(name)
-    return node
 
 
 def _substitute(root: Expression, table: Mapping[Expression, Expression]) -> Expression:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.sparse.linalg import aslinearoperator
 
 from cip import Covariance, Grid, Sensors, Solver, Velocity, four_d_var
-from cip.assimilation.data_combinations import combined_analysis
+from cip.assimilation.four_d_var import combined_analysis
 
 
 def check_against_dense(reports, unknowns, seed, spread):

@@ -16,7 +16,7 @@ from cip import (
     four_d_var,
 )
 from cip.assimilation.assimilation_window import AssimilationWindow
-from cip.assimilation.data_combinations import combined_analysis
+from cip.assimilation.four_d_var import combined_analysis
 
 LINE = np.linspace(0, 1, 21)
 SCHEMES = {

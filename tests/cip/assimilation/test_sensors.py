@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cip import Grid, InputError, NotSupported, Sensors, Solver, State
-from cip.output.sample import sample
-from cip.output.sample_rows import sample_rows
+from cip.output.sample import sample, sample_rows
 from cip.profiles.catalogue import moments
 
 HALF_MINUTE = np.timedelta64(30, "s")

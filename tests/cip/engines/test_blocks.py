@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cip import Grid, Solver, Velocity
 from cip.engines import cpu_loops
 from cip.profiles import line_kernels, line_profiles, plane_kernels
-from cip.profiles.records import Line, Update
+from cip.profiles.catalogue import Limits, Line, Update
 from skfem_adini.ground.jit import loop_over
 
 locate: Any = getattr(line_profiles.locate, "py_func", line_profiles.locate)
@@ -86,10 +86,10 @@ def test_blocks_are_the_node_functions(profile, regular, form):
     update = Update(grid.size, grid.dim, 0, int(form == "advection"))
     if profile == "cubic":
         run = loop_over(cpu_loops.run_line, node=line_kernels.node_cubic)
-        run(0, grid.nodes[0], m, expected, feet, *lines, update, 0)
+        run(0, grid.nodes[0], m, expected, feet, *lines, update, Limits())
     else:
         run = loop_over(cpu_loops.run_plane, node=getattr(plane_kernels, f"node_{profile}"))
-        run(0, grid.nodes[0], m, expected, feet, *lines, update, 0)
+        run(0, grid.nodes[0], m, expected, feet, *lines, update, Limits())
     assert np.isfinite(expected).all()
     # Multiply-adds may be fused in one and not in the other; second derivatives go with h^-2.
     scale = np.abs(expected).max()

@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from cip.formulas.expression import COORDINATES, apply, opaque, ordered, variable
-from cip.formulas.reverse_mode import gradient
-from cip.formulas.straight_line_code import numpy_function
+from cip.formulas.expression import (
+    COORDINATES,
+    apply,
+    gradient,
+    numpy_function,
+    opaque,
+    ordered,
+    variable,
+)
 
 NAMES = ("x1", "x2", "a", "b")
 X, Y, A, B = (variable(name) for name in NAMES)

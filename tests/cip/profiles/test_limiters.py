@@ -53,8 +53,8 @@ def test_bounds_leave_fine_profiles_alone(profile):
 @given(seed=st.integers(0, 10**6))
 def test_rational_profile_with_means(seed):
     """It takes both end values and the mean, monotone in monotone cells however steep."""
+    from cip.profiles.catalogue import Limits
     from cip.profiles.conservative_profiles import csl2
-    from cip.profiles.records import Limits
 
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-1, 1, 2)

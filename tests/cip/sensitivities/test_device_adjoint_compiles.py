@@ -4,8 +4,7 @@ import pytest
 
 from cip import Grid, Solver, Velocity
 from cip.engines.cuda_engine import OPTIONS, feet_source
-from cip.sensitivities.device_adjoint import gather_all, pull_all, unwind_all
-from cip.sensitivities.device_window import push_all, tangent_all
+from cip.sensitivities.device_window import gather_all, pull_all, push_all, tangent_all, unwind_all
 from cip.sensitivities.path_tangent import PathTangent
 from gpu.cuda.catalogue import ARCHITECTURES
 

@@ -5,8 +5,7 @@ import pytest
 
 from cip import Grid, State
 from cip.formulas.formula import Formula
-from cip.sources.products import Products
-from cip.sources.reaction import NodalMoments
+from cip.sources.reaction import NodalMoments, Products
 
 LINE = np.linspace(0, 1, 9)
 GRIDS = {
