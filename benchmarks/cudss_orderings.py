@@ -22,8 +22,8 @@ from machine import describe
 from scipy import sparse
 
 from contact.condensation.elimination_order import dissected, elimination_tree
+from skfem_adini.solvers.cudss import CudssSchur
 from skfem_adini.solvers.cudss_library import device_arrays
-from skfem_adini.solvers.cudss_schur import CudssSchur
 
 
 def inner_problem(problem: Any) -> tuple[Any, Any, Any, float]:

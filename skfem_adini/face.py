@@ -3,8 +3,7 @@
 from skfem_adini.assembly.affine_cells import AffineCells
 from skfem_adini.assembly.assemble import assemble
 from skfem_adini.assembly.congruent_cells import CongruentCells
-from skfem_adini.conditions.essential_constraints import essential_constraints
-from skfem_adini.conditions.essential_dofs import essential_dofs
+from skfem_adini.conditions.essential_constraints import essential_constraints, essential_dofs
 from skfem_adini.conditions.hanging_constraints import hanging_constraints
 from skfem_adini.conditions.project_trace import project_trace
 from skfem_adini.curved.adini_extension import AdiniExtension

@@ -85,7 +85,7 @@ def identify_velocity(
         for `SplineVelocity` and None for formulas.
     weight : {"discrepancy", "l-curve"} or float, optional
         How the weight of the seminorm is chosen, or its value; the default is the discrepancy
-        principle where the noise is known, else the L-curve (`cip.inverse.weight`).
+        principle where the noise is known, else the L-curve (`cip.inverse.problem`).
     max_runs : int
         Most runs of the model.
 

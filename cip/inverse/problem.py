@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, issparse
 
+from cip.assimilation.sensors import Sensors
 from cip.characteristics.feet import check_step
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
 from cip.formulas.expression import COORDINATES, Expression
@@ -17,11 +19,10 @@ from cip.formulas.parameters import parameter
 from cip.formulas.spline_velocity import SplineVelocity
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
-from cip.inverse.observations import Data
-from cip.inverse.weight import Linearised, by_discrepancy, by_l_curve
+from cip.inverse.identifiability import FAINT, UNCERTAIN
 from cip.solver.solver import Solver
 from cip.stages.state import State
-from skfem_adini.ground.arguments import real_array, real_number
+from skfem_adini.ground.arguments import masked_array, real_array, real_number
 from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
@@ -320,3 +321,284 @@ def field_slopes(velocity: Velocity, grid: Grid, t: float, names: Sequence[str])
     """Derivatives of the components in the parameters, shape (parameters, components, nodes)."""
     parts = [Part(formula, (), grid, t) for formula in velocity.on(grid)]
     return np.stack([np.stack([part(name) for part in parts]) for name in names])
+
+
+# The weight of the seminorm, chosen by the data.
+#
+# Around an estimate the problem is linear: :math:`\|J d + r\|^2 + \alpha \|L d + \rho\|^2`, with r
+# in units of the noise. Only the part of the misfit that the parameters can change says something
+# about the weight, and of that only what is seen well: fitting the noise elsewhere takes weights
+# that let the velocity grow without limit. The discrepancy principle is used there, with the
+# degrees of freedom that the estimate has taken: :math:`\|Q^T (J d + r)\|^2 = s^2 (n - \mathrm{tr}
+# Q^T A Q)`, where the n columns of Q span these changes of the data and A maps data to predictions
+# (Morozov, Soviet Math. Dokl. 7, 1966, 414-417; with these degrees of freedom Hall and
+# Titterington, J. R. Statist. Soc. B 49, 1987, 184-198).
+# The L-curve's corner is the point of largest curvature (Hansen, SIAM Review 34, 1992, 561-580).
+
+
+# Exponents of ten, around equal traces of both terms: below, the seminorm is lost in rounding;
+# above, only its null space is left.
+_RANGE = (-13.0, 9.0)
+_TRIED = 111  # five in a decade
+# Changes of the data below this, beside the data, are rounding.
+_ROUNDING = 1e-11
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """A linear problem with as many rows as parameters, and the misfit that none explains."""
+
+    J: Array  # (parameters, parameters): triangular, derivatives of the misfit
+    L: Array  # likewise, of the seminorm
+    Q: Array  # (parameters, n): orthonormal changes of reduced data, seen well
+    r: Array  # right-hand side of J
+    rho: Array  # right-hand side of L
+    rest: float  # square of the misfit that no parameters remove
+    count: int  # number of data
+    depends: bool  # some data change with a parameter, beyond rounding
+    known: bool  # the misfit is in units of the noise
+
+    @classmethod
+    def of(
+        cls,
+        J: Array,
+        r: Array,
+        L: Array,
+        rho: Array,
+        size: Array,
+        scale: float,
+        known: bool,
+    ) -> Linearised:
+        """From all rows. `size` are changes of the parameters that change the velocity by itself; a
+        direction is seen well if such a change is at least two deviations of data of known noise,
+        and not negligible beside the best one. `scale` is the rms of the data in the units of r."""
+        (one, right, rest), (two, rough, _) = _reduced(J, r), _reduced(L, rho)
+        U, s, _ = np.linalg.svd(one * size)
+        seen = s > FAINT * s[0]
+        if known:
+            seen &= s >= 1.0 / UNCERTAIN
+        depends = bool(s[0] > _ROUNDING * np.sqrt(len(r)) * scale)
+        return cls(one, two, U[:, seen], right, rough, rest, len(r), depends, known)
+
+    @property
+    def scale(self) -> float:
+        """The weight at which both terms have equal traces."""
+        return float(np.sum(self.J**2) / np.sum(self.L**2))
+
+    @property
+    def variance(self) -> float:
+        """Variance of the misfit that no parameters remove; at least 1 where the noise is known."""
+        free = max(self.count - self.J.shape[1], 1)
+        found = self.rest / free
+        return max(1.0, found) if self.known else found
+
+    def at(self, weight: float) -> tuple[float, float, float]:
+        """Squares of misfit (what is seen) and seminorm, and the degrees of freedom taken."""
+        stacked = np.vstack([self.J, np.sqrt(weight) * self.L])
+        right = -np.concatenate([self.r, np.sqrt(weight) * self.rho])
+        # In the order of scale: columns differ by the units of parameters.
+        size = np.linalg.norm(stacked, axis=0)
+        size[size == 0.0] = 1.0
+        U, s, Vt = np.linalg.svd(stacked / size, full_matrices=False)
+        kept = s > np.finfo(float).eps * len(stacked) * s[0]
+        U, s, Vt = U[:, kept], s[kept], Vt[kept]
+        d = Vt.T @ (U.T @ right / s) / size
+        n = len(self.J)
+        return (
+            float(np.sum((self.Q.T @ (self.J @ d + self.r)) ** 2)),
+            float(np.sum((self.L @ d + self.rho) ** 2)),
+            float(np.sum((self.Q.T @ U[:n]) ** 2)),
+        )
+
+
+def _reduced(matrix: Array, right: Array) -> tuple[Array, Array, float]:
+    """Triangular factor, transformed right-hand side, and the square of what is left of it."""
+    n = matrix.shape[1]
+    rows = np.zeros((max(len(right), n + 1), n + 1))
+    rows[: len(right), :n], rows[: len(right), n] = matrix, right
+    R: Array = np.asarray(np.linalg.qr(rows, mode="r"))
+    return R[:n, :n], R[:n, n], float(R[n, n] ** 2)
+
+
+def by_discrepancy(problem: Linearised) -> float:
+    """The largest weight whose misfit the noise explains."""
+    weights = problem.scale * np.logspace(*_RANGE[::-1], _TRIED)
+    unknowns, variance = problem.Q.shape[1], problem.variance
+
+    def excess(weight: float) -> float:
+        misfit, _, taken = problem.at(weight)
+        return misfit - variance * (unknowns - taken)
+
+    above = None
+    for weight in weights:
+        if excess(weight) <= 0.0:
+            break
+        above = weight
+    if above is None or above == weights[-1]:
+        return float(weight)
+    low, high = weight, above
+    while high > 1.02 * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if excess(middle) > 0.0 else (middle, high)
+    return float(low)
+
+
+def by_l_curve(problem: Linearised) -> float:
+    """The weight at the corner of the curve of misfit and seminorm, both in logarithms."""
+    weights: Array = problem.scale * np.logspace(*_RANGE, _TRIED)
+    found: Array = np.array([problem.at(float(weight))[:2] for weight in weights])
+    found[:, 0] += problem.rest + float(
+        problem.r @ problem.r - np.sum((problem.Q.T @ problem.r) ** 2)
+    )
+    tiny = np.finfo(float).tiny
+    x, y = 0.5 * np.log(found[:, 0] + tiny), 0.5 * np.log(found[:, 1] + tiny)
+    dx, dy = np.gradient(x), np.gradient(y)
+    turn = dx * np.gradient(dy) - dy * np.gradient(dx)
+    speed = np.hypot(dx, dy)
+    # Where neither changes the curve stands still and has no curvature.
+    moving = speed > 1e-3 * speed.max()
+    curvature = np.where(moving, turn / np.where(moving, speed, 1.0) ** 3, -np.inf)
+    return float(weights[np.argmax(curvature)])
+
+
+_ENTRIES = "data: entries of the operators"
+
+
+@runtime_checkable
+class Observations(Protocol):
+    """Data of `identify_velocity` besides snapshots: linear maps of states at some times."""
+
+    times: Any  # increasing
+    values: Any  # for each time the data, shape (m,)
+    operators: Any  # for each time (m, N), applied to state.data.ravel()
+
+
+class Data:
+    """Observations, each divided by its standard deviation; all are later than `start`. `given`
+    maps times to nodal values (masked: missing), or is `Sensors` or `Observations`. `weights` are 1
+    / deviation, or 1 / rms of all data if the noise is 0 (`exact`) or not `known`."""
+
+    def __init__(
+        self, given: Any, noise: Any, grid: Grid, profile: str, moments: int, start: float
+    ) -> None:
+        if isinstance(given, Sensors):
+            given = given.reports(grid, profile)
+        if isinstance(given, Mapping):
+            self.times, self.values, self.operators = _snapshots(given, grid, moments)
+        elif isinstance(given, Observations):
+            self.times, self.values, self.operators = _observed(given, grid.size * moments)
+        else:
+            raise InputError(
+                "data: expected arrays of nodal values by times, {t: array}, Sensors, or an object "
+                f"with times, values and operators, got {type(given).__name__}"
+            )
+        if not self.times[0] > start:
+            raise InputError(
+                f"data: the first time is {self.times[0]:.6g}, expected one after that of the "
+                f"start, {start:.6g}"
+            )
+        sizes = [one.size for one in self.values]
+        if not sum(sizes):
+            raise InputError("data: every value is masked or missing")
+        several = noise is not None and real_array("noise", noise).ndim > 0
+        if isinstance(given, Mapping) and several and list(given) != sorted(given):
+            raise InputError(
+                "noise: with one for each time give the data in the order of time, too"
+            )
+        own = getattr(given, "deviations", None)
+        if own is not None and noise is not None:
+            raise InputError("noise: the data have deviations of their own; leave it out")
+        found = _own(own, sizes) if own is not None else _deviations(noise, sizes)
+        self.known = bool(np.all(found > 0.0))
+        self.exact = noise is not None and not self.known
+        if not self.known:
+            size = float(np.sqrt(np.mean(self.flat() ** 2)))
+            found = np.full(sum(sizes), size if size > 0.0 else 1.0)
+        self.weights = 1.0 / found
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return self.weights.size
+
+    def flat(self) -> Array:
+        """All values in one row."""
+        return np.concatenate(self.values)
+
+
+def _snapshots(
+    given: Mapping[Any, Any], grid: Grid, moments: int
+) -> tuple[list[float], list[Array], list[Any]]:
+    if not given:
+        raise InputError("data: expected at least one snapshot")
+    keys = sorted((real_number("data: times", key), key) for key in given)
+    times, values, operators = [t for t, _ in keys], [], []
+    if not np.isfinite(times).all():
+        raise InputError("data: expected finite times")
+    for t, key in keys:
+        name = f"data: snapshot at t = {t:.6g}"
+        array, hidden = masked_array(name, given[key])
+        array = array.astype(float)
+        if array.shape != grid.nodes:
+            raise InputError(
+                f"{name}: expected nodal values, shape {grid.nodes}, got {array.shape}"
+            )
+        if not np.isfinite(array).all():
+            raise InputError(f"{name}: NaN or infinity; mask what is missing (numpy.ma)")
+        kept = np.arange(grid.size) if hidden is None else np.flatnonzero(~hidden)
+        ones = (np.ones(kept.size), (np.arange(kept.size), kept))
+        values.append(array.ravel()[kept])
+        operators.append(csr_array(ones, shape=(kept.size, grid.size * moments)))
+    return times, values, operators
+
+
+def _observed(given: Observations, size: int) -> tuple[list[float], list[Array], list[Any]]:
+    times = real_array("data: times", given.times).astype(float)
+    if times.ndim != 1 or not times.size or np.any(np.diff(times) <= 0.0):
+        raise InputError("data: expected increasing times")
+    for one in (given.values, given.operators):
+        if not (hasattr(one, "__len__") and len(one) == times.size):
+            raise InputError("data: expected values and an operator for each time")
+    values = [real_array("data: values", one).astype(float) for one in given.values]
+    for one, operator in zip(values, given.operators, strict=True):
+        shape = getattr(operator, "shape", None)
+        if shape != (one.size, size) or one.ndim != 1:
+            raise InputError(
+                f"data: expected values of shape (m,) and operators of shape (m, {size}), got "
+                f"{one.shape} and {shape or type(operator).__name__}"
+            )
+        entries = getattr(operator, "data", None) if issparse(operator) else operator
+        if isinstance(entries, np.ndarray) and not np.isfinite(real_array(_ENTRIES, entries)).all():
+            raise InputError(f"{_ENTRIES}: NaN or infinity among them")
+        if not np.isfinite(one).all():
+            raise InputError("data: NaN or infinity among the values; leave missing ones out")
+    return [float(t) for t in times], values, list(given.operators)
+
+
+def _own(given: Any, sizes: list[int]) -> Array:
+    """Standard deviations that the data bring with them, flat."""
+    if not (hasattr(given, "__len__") and len(given) == len(sizes)):
+        raise InputError(f"data: expected deviations for each of {len(sizes)} times")
+    found = [real_array("data: deviations", one).astype(float) for one in given]
+    if [one.shape for one in found] != [(n,) for n in sizes]:
+        raise InputError("data: expected deviations of the shapes of the values")
+    flat = np.concatenate(found)
+    if not (np.isfinite(flat).all() and np.all(flat > 0.0)):
+        raise InputError("data: expected finite, positive deviations")
+    return flat
+
+
+def _deviations(noise: Any, sizes: list[int]) -> Array:
+    """The argument `noise` for each value; 0 where it is unknown."""
+    times = len(sizes)
+    if noise is None:
+        return np.zeros(sum(sizes))
+    found = real_array("noise: expected standard deviations", noise).astype(float)
+    if found.ndim and found.shape != (times,):
+        raise InputError(f"noise: expected one number, or one for each of {times} times")
+    found = np.broadcast_to(found, (times,))
+    if not np.isfinite(found).all() or np.any(found < 0.0):
+        raise InputError(f"noise: expected standard deviations >= 0, got {noise!r}")
+    if np.any(found == 0.0) and np.any(found > 0.0):
+        raise InputError("noise: expected 0 for all times or for none")
+    return np.repeat(found, sizes)

@@ -14,12 +14,12 @@ from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import ForwardCache, Vector, not_definite
 from contact.errors import InputError, MissingDependency
 from skfem_adini.ground.arrays import host
+from skfem_adini.solvers.cudss import CudssSchur
 from skfem_adini.solvers.cudss_library import (
     SolverError,
     device_arrays,
     load_cudss,
 )
-from skfem_adini.solvers.cudss_schur import CudssSchur
 from skfem_adini.solvers.device_triangle import Restricted
 
 _log = logging.getLogger(__name__)

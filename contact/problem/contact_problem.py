@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.body.cut_arc import CutArc
+from contact.body.distributed_body import DistributedBody
 from contact.body.solid import Solid, Surface
-from contact.condensation.condensed_by_type import condensed_contact
 from contact.condensation.condensed_contact import CondensedContact
 from contact.condensation.device_choice import Device, chosen_device
+from contact.condensation.primal import PrimalContact
 from contact.errors import InputError, warn
 from contact.laws.iteration import Iteration
 from contact.laws.options import Options
@@ -482,3 +483,24 @@ def warn_of_coarse_facets(result: ContactResult, ratio: Array) -> None:
             f"facets in contact are up to {worst:.0f} times as long as those of the other body: "
             "the coarser mesh limits the accuracy of the pressure; refine it there"
         )
+
+
+def condensed_contact(
+    body: Any,
+    rows: ContactRows,
+    solver: str = "auto",
+    device: Device = "cpu",
+    deterministic: bool = False,
+) -> CondensedContact:
+    """Reduce the contact rows of bodies to the contact boundary where that is possible.
+    Arguments as of `CondensedContact`; raises InputError where one of several bodies asks for
+    "krylov"."""
+    if isinstance(body, DistributedBody):
+        if body.chosen_backend(rows.G.shape[0] * body.dim) == "krylov":
+            return PrimalContact(body, rows, body.multigrid)
+    elif any(getattr(one, "backend", "") == "krylov" for one in body.bodies):
+        raise InputError(
+            "backend='krylov': bodies that touch each other are condensed; take "
+            "DistributedBody(..., backend='auto') or 'mumps'"
+        )
+    return CondensedContact(body, rows, solver, device, deterministic=deterministic)

@@ -13,14 +13,15 @@ from scipy.linalg import LinAlgError
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.body.basis_solid import BasisSolid
+from contact.body.free_motions import not_held, strained_by_rotation
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import CondensedContact
-from contact.errors import Infeasible, NotConverged
+from contact.errors import Infeasible, NotConverged, Unbounded
+from contact.laws.friction import Friction
 from contact.laws.iteration import Iteration, Report
-from contact.laws.load_balance import undetermined_slip
+from contact.laws.load_balance import LIMIT, at_the_limit, by_friction_alone, undetermined_slip
 from contact.laws.methods import solve_boundary
 from contact.laws.options import Options
-from contact.problem.equilibrium import doubt, driven, undetermined
 from contact.problem.nested_start import start_forces
 from contact.problem.stiffness_form import fits, refined, solved_stiffly
 from contact.result.certify import certify, take_strains
@@ -154,3 +155,40 @@ def _boundary_problem(
 ) -> BoundaryProblem:
     problem = condensed.boundary_problem(load, system.rows.gap, system.slip_from, system.motion)
     return replace(problem, compliance=system.compliance(condensed.point_scale))
+
+
+def driven(condensed: CondensedContact, a: Array) -> Unbounded:
+    """The error for a motion a that the loads drive and no contact forces resist."""
+    if condensed.moves_obstacle(a):
+        return Unbounded(
+            "the obstacle is not held: contact forces cannot balance the force or moment given "
+            "to its `Rigid`; hold a component of its motion, turn the force towards the body, "
+            "or add friction",
+            np.zeros_like(condensed.body.f),
+        )
+    return not_held(condensed.body, *condensed.rigid_motion(a))
+
+
+def undetermined(condensed: CondensedContact, a: Array) -> Unbounded:
+    """The error for a rigid motion a at the limit of friction, whose size is undetermined."""
+    name, u = condensed.rigid_motion(a)
+    return Unbounded(
+        f"the slip is undetermined: the loads are within {LIMIT:.0e} of the limit of what "
+        f"friction holds, and {name} may go on for ever; load less, add friction or a support",
+        u / (np.abs(u).max() or 1.0),
+    )
+
+
+def doubt(condensed: CondensedContact, problem: BoundaryProblem, friction: Friction | None) -> str:
+    """A possible reason why no solution was found: the end of an error message, or empty.
+    Raises Unbounded where the loads are at the limit of what friction holds."""
+    limit, a = at_the_limit(problem, friction), by_friction_alone(problem)
+    if limit is not None:
+        raise undetermined(condensed, limit)
+    if a is None or condensed.moves_obstacle(a):
+        bodies = condensed.body.bodies
+        return next(filter(None, (strained_by_rotation(body.trace) for body in bodies)), "")
+    return (
+        f"; or there is no equilibrium: {condensed.rigid_motion(a)[0]} is driven by "
+        "the loads, friction alone resists it, and the pressure may be too small for that"
+    )

@@ -18,7 +18,7 @@ from contact.body.deferred_basis import edges_of_facets
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
-from skfem_adini.conditions.vertex_normals import CORNER, corner_weights
+from skfem_adini.conditions.trace_directions import CORNER, corner_weights
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

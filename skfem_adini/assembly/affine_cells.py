@@ -26,8 +26,7 @@ from skfem import CellBasis, ElementH1, ElementVector
 from skfem.mapping import MappingAffine
 
 from skfem_adini.assembly import affine_kernels
-from skfem_adini.assembly.csr_scatter import index_type, row_kernel
-from skfem_adini.assembly.row_shares import in_threads, shares_of
+from skfem_adini.assembly.csr_scatter import in_threads, index_type, row_kernel, shares_of
 from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import real_part
 from skfem_adini.ground.jit import compiled

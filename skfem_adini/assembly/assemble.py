@@ -25,8 +25,11 @@ from skfem_adini.assembly.form_parameters import (
     wide_field,
     words_of,
 )
-from skfem_adini.assembly.local_tensors import Coefficients, Space, local_tensors, locked
-from skfem_adini.assembly.translation_invariance import (
+from skfem_adini.assembly.local_tensors import (
+    Coefficients,
+    Space,
+    local_tensors,
+    locked,
     orientations,
     why_not_element,
     why_not_mapping,

@@ -17,8 +17,8 @@ from skfem_adini.assembly.congruence_classes import congruence_classes
 from skfem_adini.assembly.csr_scatter import index_type, scatter_matrix
 from skfem_adini.assembly.dof_blocks import DofBlocks
 from skfem_adini.assembly.form_parameters import words_of
-from skfem_adini.assembly.local_tensors import Space
-from skfem_adini.assembly.translation_invariance import (
+from skfem_adini.assembly.local_tensors import (
+    Space,
     orientations,
     why_not_element,
     why_not_mapping,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -13,7 +15,6 @@ from scipy import sparse
 
 from skfem_adini.assembly import row_kernels
 from skfem_adini.assembly.dof_blocks import DofBlocks
-from skfem_adini.assembly.row_shares import in_threads, shares_of
 from skfem_adini.ground.jit import compiled
 
 Array = NDArray[Any]
@@ -90,3 +91,32 @@ def _masks(local: Array, starts: Integers) -> tuple[Array, bool]:
 def row_kernel(name: str) -> Callable[..., Any]:
     """Return a function of `row_kernels`, compiled."""
     return compiled(getattr(row_kernels, name), row_kernels.PARTS)
+
+
+_MOST_THREADS = 8  # more gain nothing: threads share the bandwidth of the memory
+_WORTH_A_THREAD = 50_000  # pairs of a row block and a column block of a cell: .4 to 2 ms
+
+
+def shares_of(first: Integers, columns: int) -> list[tuple[int, int]]:
+    """Return ranges of row blocks of about equal work, one for each thread.
+    `first` (blocks + 1,) counts the cells of the blocks before each one, `columns` blocks of a
+    cell."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    work = int(first[-1]) * columns
+    # The kernels are limited by the memory: on two processors a second thread gained nothing.
+    threads = max(1, min((cores or 1) // 2, _MOST_THREADS, work // _WORTH_A_THREAD))
+    ends = np.searchsorted(first, first[-1] * np.arange(1, threads) / threads)
+    ends = [0, *map(int, ends), len(first) - 1]
+    return list(pairwise(ends))
+
+
+def in_threads(work: Callable[[int, int], None], shares: list[tuple[int, int]]) -> None:
+    """Call ``work(begin, end)`` for each range."""
+    if len(shares) == 1:
+        work(*shares[0])
+        return
+    with ThreadPoolExecutor(len(shares) - 1) as pool:
+        others = [pool.submit(work, *share) for share in shares[1:]]
+        work(*shares[0])
+        for other in others:
+            other.result()

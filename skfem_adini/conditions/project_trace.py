@@ -19,8 +19,7 @@ from skfem_adini.conditions.boundary_edges import (
     refuse_periodic,
     sample,
 )
-from skfem_adini.conditions.trace_directions import TraceDirections
-from skfem_adini.conditions.vertex_normals import NOISE, vertex_normals
+from skfem_adini.conditions.trace_directions import NOISE, TraceDirections, vertex_normals
 from skfem_adini.elements.hermite_factors import (
     HERMITE,
     SLOPE,

@@ -13,12 +13,11 @@ from skfem_adini.conditions.hanging_constraints import hanging_constraints
 from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.curved.unresolved_features import components, warn_of_unresolved_features
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
-from skfem_adini.elements.reference_points import reference_points
+from skfem_adini.elements.straight_cells import reference_points
 from skfem_adini.elements.vertex_dofs import full_name, scalar_element, vertex_dofs
 from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import finite_numbers, positive_number
-from skfem_adini.solvers.factorize import Solver, factorize
-from skfem_adini.solvers.superlu import SuperLUFactor
+from skfem_adini.solvers.factorize import Solver, SuperLUFactor, factorize
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]

@@ -20,8 +20,7 @@ from skfem_adini.curved.cut_form_check import CutSample
 from skfem_adini.curved.quadrature.cut_quadrature import CutQuadrature, cut_quadrature
 from skfem_adini.curved.quadrature.level_set import LevelSet
 from skfem_adini.curved.quadrature.polygon import Polygon
-from skfem_adini.elements.reference_points import reference_points
-from skfem_adini.elements.straight_cells import straight_corners
+from skfem_adini.elements.straight_cells import reference_points, straight_corners
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from skfem_adini.distributed.communicator import petsc
 from skfem_adini.distributed.distributed_matrix import to_petsc
-from skfem_adini.distributed.krylov_options import precondition
+from skfem_adini.distributed.distributed_solver import precondition
 from skfem_adini.errors import NotConverged
 
 Array = NDArray[np.float64]

@@ -11,7 +11,6 @@ from scipy import sparse
 
 from skfem_adini.distributed.communicator import any_of, has_petsc, largest, petsc
 from skfem_adini.distributed.distributed_matrix import DistributedMatrix, to_petsc
-from skfem_adini.distributed.krylov_options import precondition
 from skfem_adini.distributed.smooth_modes import smooth_modes
 from skfem_adini.errors import InputError, NotConverged
 from skfem_adini.ground.arguments import choice, dof_numbers
@@ -237,3 +236,40 @@ def _block_size(space: Any) -> int:
     own[space.owned] = True
     whole = own[nodal].all(axis=0) | ~own[nodal].any(axis=0)
     return int(nodal.shape[0]) if all(space.comm.allgather(bool(whole.all()))) else 1
+
+
+OPTIONS: dict[str, dict[str, Any]] = {
+    "gamg": {
+        "pc_type": "gamg",
+        "pc_gamg_threshold": 0.01,
+        "mg_levels_ksp_type": "chebyshev",
+        "mg_levels_pc_type": "jacobi",
+    },
+    "hypre": {"pc_type": "hypre", "pc_hypre_type": "boomeramg"},
+}
+
+
+def precondition(ksp: Any, matrix: Any, near_null: Array, method: str) -> None:
+    """Give a PETSc Krylov method a multigrid ("gamg" or "hypre") of a matrix.
+    The near-null space (own unknowns, modes), functions of little energy, is made orthonormal."""
+    from petsc4py import PETSc
+
+    v = matrix.createVecRight()
+    vectors: list[Any] = []
+    for mode in near_null.T:
+        v.setArray(np.ascontiguousarray(mode))
+        before = v.norm()
+        for earlier in vectors:
+            v.axpy(-v.dot(earlier), earlier)
+        if v.norm() > 1e-8 * before:
+            v.normalize()
+            vectors.append(v.copy())
+    matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=PETSc.COMM_WORLD))
+    prefix = f"skfem_adini_{id(ksp)}_"
+    ksp.setOptionsPrefix(prefix)
+    options = PETSc.Options()
+    for name, value in OPTIONS[method].items():
+        options[prefix + name] = value
+    ksp.setFromOptions()
+    for name in OPTIONS[method]:
+        options.delValue(prefix + name)

@@ -15,8 +15,7 @@ from skfem.element import DiscreteField, ElementH1
 
 from skfem_adini.elements.field_on_demand import DERIVATIVE_NAMES, FieldOnDemand
 from skfem_adini.elements.hermite_factors import Function, derivatives, exponents
-from skfem_adini.elements.hex_cells import HexCells
-from skfem_adini.elements.quad_cells import QuadCells
+from skfem_adini.elements.straight_cells import HexCells, QuadCells
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from skfem.refdom import RefHex
 
 from skfem_adini.elements.closed_form_element import ClosedFormElement
 from skfem_adini.elements.hermite_factors import adini_functions
-from skfem_adini.elements.hex_cells import HexCells
+from skfem_adini.elements.straight_cells import HexCells
 
 
 class ElementHexAdini(ClosedFormElement):

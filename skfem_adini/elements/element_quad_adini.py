@@ -9,7 +9,7 @@ from skfem.refdom import RefQuad
 
 from skfem_adini.elements.closed_form_element import ClosedFormElement
 from skfem_adini.elements.hermite_factors import adini_functions
-from skfem_adini.elements.quad_cells import QuadCells
+from skfem_adini.elements.straight_cells import QuadCells
 
 
 class ElementQuadAdini(ClosedFormElement):

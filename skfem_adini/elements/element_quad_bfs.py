@@ -10,7 +10,7 @@ from skfem.refdom import RefQuad
 
 from skfem_adini.elements.closed_form_element import Array, ClosedFormElement
 from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, Function
-from skfem_adini.elements.quad_cells import QuadCells
+from skfem_adini.elements.straight_cells import QuadCells
 from skfem_adini.errors import InputError
 
 _PARALLEL = 1e-10  # slant in lengths of a side: above that of rounded coordinates

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, Protocol, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from skfem_adini.errors import InputError, MissingDependency, SolverError
 from skfem_adini.ground.arguments import real_matrix, real_part
 from skfem_adini.solvers.cudss import Cudss
 from skfem_adini.solvers.multigrid import Multigrid, NearNullSpace
 from skfem_adini.solvers.pardiso import DEFINITE, INDEFINITE, Pardiso, has_pardiso
-from skfem_adini.solvers.superlu import SuperLUFactor
 
 Array = NDArray[np.float64]
 Solver = Literal["auto", "pardiso", "superlu", "amg", "cudss"]
@@ -361,3 +361,35 @@ class _Cudss:
 
     def solve(self, b: Array) -> Array:
         return self._cudss.solve(b)
+
+
+Ordering = Literal["NATURAL", "MMD_AT_PLUS_A"]
+
+
+class SuperLUFactor:
+    """Factors of a symmetric matrix A (n, n), without row exchanges where the pivots allow it.
+    Threads may share it, and a copy is the object itself; a pickle factors the matrix again.
+    With a `threshold` of 0 every pivot on the diagonal that is not zero is kept."""
+
+    def __init__(self, A: Any, ordering: Ordering, threshold: float) -> None:
+        A = sparse.csc_matrix(A)
+        self._given = A, ordering, threshold
+        self.factors = splu(
+            A,
+            permc_spec=ordering,
+            diag_pivot_thresh=threshold,
+            options={"SymmetricMode": True},
+        )
+
+    def solve(self, b: Array) -> Array:
+        """Return the solution for one load (n,) or several (n, loads)."""
+        return np.asarray(self.factors.solve(b))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._given
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self

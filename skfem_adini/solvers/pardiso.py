@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.errors import AdiniError, SolverError
-from skfem_adini.solvers.upper_triangle import upper_triangle
+from skfem_adini.solvers.device_triangle import upper_triangle
 
 Array = NDArray[np.float64]
 

@@ -2,5 +2,5 @@
 
 In: a grid, coefficients and the boundary condition.
 Out: `UniformSolver`: solutions, and eigenvalues in any precision.
-Start: `solver`, then `transforms` and `symbols`.
+Start: `solver`, then `symbols`.
 """

@@ -15,7 +15,7 @@ from contact import (
     Rigid,
 )
 from contact.checks.paired_bodies import paired_body
-from contact.checks.paired_residuals import PairedResiduals
+from contact.checks.recheck import PairedResiduals
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 from tests.contact.condensation.device_cases import CASES as HELD
 

@@ -104,7 +104,7 @@ class LayeredBlock(BlockVectors):
 
     The same body as an `ElasticBody` on the same mesh (`elastic` builds it), but without a Basis
     and without a sparse matrix: `ContactProblem` condenses it by
-    `contact.condensation.slab_doubling`, on the CPU or with ``problem.condense(device="cuda")`` on
+    `contact.condensation.layers`, on the CPU or with ``problem.condense(device="cuda")`` on
     a GPU. Contact may occur on its "bottom".
 
     In space, with another element or periodic sides it is an `ElasticBody` whose contact is

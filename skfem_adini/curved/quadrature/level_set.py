@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skfem.assembly.basis.abstract_basis import AbstractBasis
 
 from skfem_adini.curved.quadrature.polygon import Polygon
-from skfem_adini.elements.reference_points import reference_points
+from skfem_adini.elements.straight_cells import reference_points
 from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import finite_numbers
 

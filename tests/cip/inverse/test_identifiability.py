@@ -5,8 +5,7 @@ import pytest
 from truths import FIELD, field, snapshots
 
 from cip import Grid, IdentifiabilityWarning, Solver, SplineVelocity, Velocity, identify_velocity
-from cip.inverse.observations import Data
-from cip.inverse.problem import Prediction
+from cip.inverse.problem import Data, Prediction
 
 GRID = Grid((0, 1), 100, periodic=True)
 

@@ -25,8 +25,7 @@ from contact.condensation.schur import SuperLUSchur
 from contact.errors import ContactError, MissingDependency
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 from skfem_adini.solvers import cudss
-from skfem_adini.solvers.cudss import DissectionTree
-from skfem_adini.solvers.cudss_schur import CudssSchur
+from skfem_adini.solvers.cudss import CudssSchur, DissectionTree
 from tests.contact.condensation.device_cases import CASES, Elsewhere, bowl, box_body, held
 
 

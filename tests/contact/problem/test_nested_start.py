@@ -7,8 +7,8 @@ from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTriP2
 
 from contact import ContactProblem, ElasticBody, LayeredBlock, Parabola, Plane, Rigid
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
-from contact.laws.coarse_start import CoarseProblem
 from contact.laws.friction import Coulomb, Tresca
+from contact.laws.methods import CoarseProblem
 from skfem_adini import ElementQuadAdini
 
 FRICTION = [0.0, 0.3, 0.9, 1.5, 3.0]

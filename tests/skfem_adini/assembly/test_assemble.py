@@ -254,12 +254,12 @@ def test_slightly_different_cells_are_told_apart(shift):
 
 @pytest.mark.parametrize("threads", [2, 3])
 def test_threads_do_not_change_a_bit(threads, monkeypatch):
-    from skfem_adini.assembly import row_shares
+    from skfem_adini.assembly import csr_scatter
 
     mesh, element = permuted(MeshQuad().refined(4)), ElementQuadAdini()
     alone = assemble(laplace, mesh, element)
-    monkeypatch.setattr(row_shares, "_WORTH_A_THREAD", 1)
-    monkeypatch.setattr(row_shares.os, "sched_getaffinity", lambda _: range(2 * threads))
+    monkeypatch.setattr(csr_scatter, "_WORTH_A_THREAD", 1)
+    monkeypatch.setattr(csr_scatter.os, "sched_getaffinity", lambda _: range(2 * threads))
     found = assemble(laplace, mesh, element)
     for name in ("indptr", "indices", "data"):
         np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))

@@ -8,7 +8,7 @@ from skfem import Basis, FacetBasis, LinearForm, MeshHex, MeshQuad
 from skfem.models.poisson import laplace
 
 from skfem_adini import ElementHexAdini, ElementQuadAdini, InputError, essential_constraints
-from skfem_adini.conditions.vertex_normals import vertex_normals
+from skfem_adini.conditions.trace_directions import vertex_normals
 
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 

@@ -20,10 +20,8 @@ from scipy import sparse
 from skfem_adini import AdiniError, InputError, MissingDependency, factorize
 from skfem_adini.errors import SolverError
 from skfem_adini.solvers import cudss, cudss_handles, cudss_library
-from skfem_adini.solvers.cudss import DeviceProduct
-from skfem_adini.solvers.cudss_schur import CudssSchur
-from skfem_adini.solvers.device_triangle import DeviceTriangle, Restricted
-from skfem_adini.solvers.upper_triangle import upper_triangle
+from skfem_adini.solvers.cudss import CudssSchur, DeviceProduct
+from skfem_adini.solvers.device_triangle import DeviceTriangle, Restricted, upper_triangle
 
 
 def _device():

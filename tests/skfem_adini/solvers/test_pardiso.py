@@ -12,7 +12,7 @@ from scipy import sparse
 from skfem_adini import AdiniError, factorize
 from skfem_adini.errors import SolverError
 from skfem_adini.solvers import pardiso
-from skfem_adini.solvers.upper_triangle import upper_triangle
+from skfem_adini.solvers.device_triangle import upper_triangle
 
 pytestmark = PARDISO
 
