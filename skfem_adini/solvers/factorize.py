@@ -96,8 +96,8 @@ def factorize(
     Factorization
         Its method ``solve(b)`` takes loads of shape (n,) or (n, loads), real or complex. Threads
         may share it, and it can be copied and pickled; a copy repeats the factorisation if needed.
-        Its method ``refactor(A)`` factors other values with the same pattern; PARDISO and cuDSS
-        keep their analysis, which takes longer than the factorisation, SuperLU begins anew.
+        Its method ``refactor(A)`` factors other values with the same pattern; cuDSS keeps its
+        analysis, which takes longer than the factorisation, the others begin anew.
 
     Raises
     ------
@@ -260,7 +260,7 @@ class _Scaled:
             raise InputError("refactor: solver='amg' has no analysis to keep; call factorize")
         scale = _scale(A, self._definite)
         scaled = _scaled(A, scale)
-        if isinstance(self._factors, _Cudss | _Pardiso):
+        if isinstance(self._factors, _Cudss):
             self._factors.refactor(scaled)
         else:
             self._factors = type(self._factors)(scaled, self._definite)
@@ -312,10 +312,6 @@ class _Pardiso:
         self._pardiso = Pardiso(A, DEFINITE if definite else INDEFINITE)
         self._run(12)  # analysis and factorisation
 
-    def refactor(self, A: Any) -> None:
-        with self._typed():
-            self._pardiso.refactor(A)
-
     def solve(self, b: Array) -> Array:
         columns = np.asfortranarray(b.reshape(len(b), -1))
         x = np.zeros_like(columns, order="F")
@@ -323,14 +319,8 @@ class _Pardiso:
         return x.reshape(b.shape)
 
     def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
-        with self._typed():
-            self._pardiso(phase, b, x)
-
-    @contextmanager
-    def _typed(self) -> Iterator[None]:
-        """Raise the error of a pivot as one of the argument."""
         try:
-            yield
+            self._pardiso(phase, b, x)
         except SolverError as error:
             raise (_singular(self._definite) if error.pivot else error) from error
 

@@ -22,7 +22,6 @@ _STEP = 100.0  # factor from one trial shift to the next: five pass the largest 
 _SPREAD = 1e3  # ratio of distances from the shift up to which the mesh costs more digits
 # Negative eigenvalue of M, of unit diagonal, that is rounding: slivers of cells have such.
 _ROUNDING = 1e-11
-_PLACES = 1e-18  # weight of a matrix that gives another one its places, and not its values
 _RESIDUAL = 1e-6  # residual of a recomputed pair, relative to lambda M x
 _NOISE = 1e4 * np.finfo(float).eps  # residual by rounding, relative to K x
 
@@ -153,8 +152,7 @@ def _scaled(A: Any, scale: Array) -> Any:
 class _Pencil:
     """K and M of unit diagonal, with the factors of K - sigma M for one sigma at a time.
 
-    M is definite, up to rounding: dominated by its diagonal, or else by its factors, whose analysis
-    serves K - sigma M too.
+    M is definite, up to rounding: dominated by its diagonal, or else by its factors.
     """
 
     def __init__(self, K: Any, M: Any, solver: Solver, dominated: bool) -> None:
@@ -164,7 +162,7 @@ class _Pencil:
         if dominated:
             return
         try:
-            self._factor(M + _ROUNDING * sparse.eye_array(M.shape[0]) + _PLACES * K)
+            self._factor(M + _ROUNDING * sparse.eye_array(M.shape[0]))
         except InputError as error:
             raise InputError(
                 "M: the matrix is not symmetric and positive definite, though its diagonal is "
@@ -174,10 +172,7 @@ class _Pencil:
 
     def _factor(self, A: Any) -> Factorization:
         self._sigma = None
-        if self._factors is None:
-            self._factors = factorize(A, definite=True, solver=self._solver)
-        else:
-            self._factors.refactor(A)
+        self._factors = factorize(A, definite=True, solver=self._solver)
         require_definite(self._factors)
         return self._factors
 
@@ -185,8 +180,7 @@ class _Pencil:
         """Return the factors of K - sigma M, or raise unless that is definite."""
         if self._factors is not None and sigma == self._sigma:
             return self._factors
-        places = 0.0 if self._factors is None else _PLACES
-        factors = self._factor(self.K + (places - sigma) * self.M)
+        factors = self._factor(self.K - sigma * self.M)
         self._sigma = sigma
         return factors
 

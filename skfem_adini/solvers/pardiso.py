@@ -88,18 +88,6 @@ class Pardiso:
                 self._repeat()
             self._run(phase, b, x)
 
-    def refactor(self, A: Any) -> None:
-        """Factor other values in the places of the same pattern, by the analysis at hand."""
-        data = np.ascontiguousarray(upper_triangle(A).data, dtype=np.float64)
-        with self._lock:
-            self._data = data
-            if self._anew:
-                self._repeat()
-                return
-            analysed = self._phases
-            self._run(22)
-            self._phases = analysed
-
     @property
     def pending(self) -> bool:
         """Whether the factors are still to be computed anew; partial solutions then do not fit."""

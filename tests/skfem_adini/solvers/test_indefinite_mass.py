@@ -19,7 +19,6 @@ from skfem_adini import (
     essential_dofs,
     lowest_eigenpairs,
 )
-from skfem_adini.solvers.pardiso import Pardiso
 
 module = import_module("skfem_adini.solvers.lowest_eigenpairs")
 SOLVERS = [pytest.param("pardiso", marks=PARDISO), "superlu"]
@@ -125,19 +124,3 @@ def test_lumped_mass_is_not_factored(monkeypatch):
     monkeypatch.setattr(module, "factorize", lambda *a, **o: calls.append(a) or given(*a, **o))
     lowest_eigenpairs(bar(50), sparse.eye_array(50).tocsr(), 3)
     assert len(calls) == 1
-
-
-@PARDISO
-def test_factors_of_the_mass_cost_no_second_analysis(monkeypatch):
-    """K - sigma M, at any shift, is factored by the analysis of M."""
-    phases = []
-    run = Pardiso._run
-    monkeypatch.setattr(
-        Pardiso, "_run", lambda s, p, *a, **o: phases.append(p) or run(s, p, *a, **o)
-    )
-    basis = Basis(MeshQuad().refined(3), ElementQuadAdini())
-    K, M = laplace.assemble(basis), mass.assemble(basis)
-    values, _ = lowest_eigenpairs(K, M, 4, solver="pardiso")
-    assert phases.count(12) == 1
-    assert phases.count(11) == 0
-    np.testing.assert_allclose(values, np.pi**2 * np.array([0, 1, 1, 2]), atol=1e-3)
