@@ -10,7 +10,7 @@ import skfem_adini
 MODULES = sorted(Path(skfem_adini.__file__).parent.glob("**/*.py"))
 SOLVERS = {"splu", "spilu", "spsolve", "factorized", "cg", "gmres", "minres", "solve", "pypardiso"}
 ALLOWED = {
-    "superlu": {"splu"},
+    "factorize": {"splu"},
     "multigrid": {"cg"},
     "pardiso": {"pypardiso"},
 }
