@@ -331,8 +331,8 @@ class ContactResult(BodyFields, ContactState):
         of the forces there; ``balance``: the sum of all loads, reactions and contact forces,
         divided by the sum of their moduli; ``support``: violation of the prescribed displacements;
         ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
-        |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t; these laws are not those
-        of bonded points, which have ``tie``: |u_n - d| and |u_t|. On compliant
+        ``|t| <= g``, and t = P_g(t + c u_t) with the slip increment u_t; these laws are not those
+        of bonded points, which have ``tie``: ``|u_n - d|`` and ``|u_t|``. On compliant
         surfaces penetration and complementarity are the force that the point of the curve with
         the same ``mu + c (u_n - d)`` has more, or less, than mu. Lengths are relative to
         the largest displacement, or to the one that a contact force alone would cause if that
