@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-# Order of matrices below which one thread is faster, by measurements at 260 and 1040.
-_ONE_THREAD = 2000
 _lock = threading.Lock()
 _inside = 0
 _limits: list[Any] = []
@@ -22,7 +20,8 @@ def one_blas_thread(size: int) -> Iterator[None]:
     Threads of OpenBLAS and MKL PARDISO busy-wait and take the cores from each other. Without
     threadpoolctl (extra ``mkl``) nothing is limited."""
     global _inside
-    openblas = _openblas() if size < _ONE_THREAD else None
+    # Of smaller matrices one thread is faster, by measurements at 260 and 1040.
+    openblas = _openblas() if size < 2000 else None
     if openblas is None:
         yield
         return

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from skfem_adini.ground.arrays import host, namespace
 
 Operator = Callable[[Any], Any]
-_ROWS = 8  # vectors of the basis multiplied at once
 
 
 def gmres(
@@ -50,18 +49,20 @@ def gmres(
 class _Basis:
     """Orthonormal vectors, in blocks that are made as they are needed."""
 
+    rows = 8  # vectors of a block, which are multiplied at once
+
     def __init__(self, first: Any) -> None:
         self._xp, self._size = namespace(first), 0
         self._blocks: list[Any] = []
         self.append(first)
 
     def __getitem__(self, k: int) -> Any:
-        return self._blocks[k // _ROWS][k % _ROWS]
+        return self._blocks[k // self.rows][k % self.rows]
 
     def append(self, vector: Any) -> None:
-        if self._size % _ROWS == 0:
-            self._blocks.append(self._xp.zeros((_ROWS, vector.size)))
-        self._blocks[-1][self._size % _ROWS] = vector
+        if self._size % self.rows == 0:
+            self._blocks.append(self._xp.zeros((self.rows, vector.size)))
+        self._blocks[-1][self._size % self.rows] = vector
         self._size += 1
 
     def orthogonal(self, w: Any) -> tuple[Any, Any]:
@@ -76,7 +77,7 @@ class _Basis:
 
     def combined(self, weights: NDArray[np.float64]) -> Any:
         """The sum of weights times the first vectors."""
-        padded = np.zeros(_ROWS * len(self._blocks))
+        padded = np.zeros(self.rows * len(self._blocks))
         padded[: weights.size] = weights
-        parts = self._xp.asarray(padded).reshape(-1, _ROWS)
+        parts = self._xp.asarray(padded).reshape(-1, self.rows)
         return sum(part @ block for part, block in zip(parts, self._blocks, strict=True))

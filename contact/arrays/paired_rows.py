@@ -13,7 +13,7 @@ from contact.arrays.ranges import in_ranges
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_TOGETHER = 2**15  # entries whose products stay in the cache of a core
+_TOGETHER = 2**15  # entries of A in a range: their products stay in the cache of a core
 
 
 def rows_times(matrix: Any, x: Any) -> Pairs:

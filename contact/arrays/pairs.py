@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_SPLITTER = 2.0**27 + 1.0
 
 
 def two_sum(a: Any, b: Any) -> tuple[Any, Any]:
@@ -42,7 +41,7 @@ def two_product(a: Any, b: Any) -> tuple[Any, Any]:
 
 def _halves(a: Any) -> tuple[Any, Any]:
     """Two numbers of 26 bits each whose sum is a (Veltkamp)."""
-    c = _SPLITTER * a
+    c = (2.0**27 + 1.0) * a
     upper = c - (c - a)
     return upper, a - upper
 

@@ -7,17 +7,21 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from threading import current_thread
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 Found = TypeVar("Found")
-_MOST_THREADS = 8  # more threads only share the memory's bandwidth
-_OF_A_THREAD = 4_000_000  # entries worth a thread: SciPy reads them in a few ms
-_NAME = "contact-ranges"
-_TOGETHER = 2**13  # cells or facets whose arrays stay in the cache of a core
+
+
+class _Limits(NamedTuple):  # when threads are used
+    threads: int = 8  # at most: more only share the bandwidth of the memory
+    entries: int = 4_000_000  # of a matrix for each thread: SciPy reads them in a few ms
+
+
+LIMITS = _Limits()
 
 
 def cores() -> int:
@@ -26,13 +30,13 @@ def cores() -> int:
     return len(known(0)) if known else os.cpu_count() or 1
 
 
-def in_ranges(work: Callable[[slice], Found], count: int, together: int = _TOGETHER) -> list[Found]:
-    """Results of ``work(range)`` for ranges of at most `together` that cover 0 to count, in order.
-    Threads run while NumPy works; nested calls stay in their thread, because waiting ones would
-    keep threads from the others."""
+def in_ranges(work: Callable[[slice], Found], count: int, together: int = 2**13) -> list[Found]:
+    """Results of ``work(range)`` for ranges of at most `together` that cover 0 to count, in order;
+    the arrays of 2^13 cells or facets stay in the cache of a core. Threads run while NumPy works;
+    nested calls stay in their thread, because waiting ones would keep threads from the others."""
     ranges = [slice(at, min(at + together, count)) for at in range(0, count, together)]
-    threads = min(cores(), _MOST_THREADS, len(ranges))
-    if threads < 2 or current_thread().name.startswith(_NAME):
+    threads = min(cores(), LIMITS.threads, len(ranges))
+    if threads < 2 or current_thread().name.startswith("contact-ranges"):
         return [work(some) for some in ranges]
     return list(_pool(os.getpid()).map(work, ranges))
 
@@ -40,13 +44,13 @@ def in_ranges(work: Callable[[slice], Found], count: int, together: int = _TOGET
 @cache
 def _pool(process: int) -> ThreadPoolExecutor:
     """Threads of this process, which a forked one would not have; they wait for the next ranges."""
-    return ThreadPoolExecutor(min(cores(), _MOST_THREADS), _NAME)
+    return ThreadPoolExecutor(min(cores(), LIMITS.threads), "contact-ranges")
 
 
 def diagonal(matrix: sparse.csr_array) -> NDArray[Any]:
     """``matrix.diagonal()`` of a square matrix by threads: SciPy looks at all entries."""
     n = matrix.shape[0]
-    threads = min(cores(), _MOST_THREADS, matrix.nnz // _OF_A_THREAD)
+    threads = min(cores(), LIMITS.threads, matrix.nnz // LIMITS.entries)
     if threads < 2:
         return np.asarray(matrix.diagonal())
 

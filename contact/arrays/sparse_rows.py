@@ -13,23 +13,6 @@ from contact.arrays.ranges import diagonal
 
 Array = NDArray[np.float64]
 
-_DIAGONAL = """
-double sum = 0.0;
-for (int k = start; k < end; ++k) {
-    sum += columns[k] == i ? data[k] : 0.0;
-}
-y = sum;
-"""
-# Sum of one row in the order of the columns, so that equal calls give equal bits.
-_SUM = """
-double sum = 0.0;
-for (int k = start; k < end; ++k) {
-    const double term = data[k] * x[columns[k]];
-    sum += moduli ? fabs(term) : term;
-}
-y = sum;
-"""
-
 
 class SparseRows:
     """A sparse matrix (n, m) in the memory of the host."""
@@ -90,10 +73,19 @@ class DeviceRows(SparseRows):
 def _kernel() -> Any:
     import cupy
 
+    # The sum of a row in the order of its columns, so that equal calls give equal bits.
+    code = """
+    double sum = 0.0;
+    for (int k = start; k < end; ++k) {
+        const double term = data[k] * x[columns[k]];
+        sum += moduli ? fabs(term) : term;
+    }
+    y = sum;
+    """
     return cupy.ElementwiseKernel(
         "int32 start, int32 end, raw int32 columns, raw float64 data, raw float64 x, int32 moduli",
         "float64 y",
-        _SUM,
+        code,
         "contact_sparse_rows",
     )
 
@@ -102,9 +94,16 @@ def _kernel() -> Any:
 def _of_diagonal() -> Any:
     import cupy
 
+    code = """
+    double sum = 0.0;
+    for (int k = start; k < end; ++k) {
+        sum += columns[k] == i ? data[k] : 0.0;
+    }
+    y = sum;
+    """
     return cupy.ElementwiseKernel(
         "int32 start, int32 end, raw int32 columns, raw float64 data",
         "float64 y",
-        _DIAGONAL,
+        code,
         "contact_diagonal",
     )

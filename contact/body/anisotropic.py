@@ -18,9 +18,7 @@ from contact.errors import InputError
 from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
-VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # place of each tensor component
-_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
-_ROUNDING = 1e-10  # relative to the largest entry: asymmetry that rounded tables of constants have
+VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # Voigt index of the tensor component ij
 
 
 class Anisotropic:
@@ -184,7 +182,8 @@ def _checked_stiffness(C: ArrayLike) -> Array:
             f"zz, yz, zx, xy, got shape {found.shape}"
         )
     skew = np.abs(found - found.swapaxes(-1, -2))
-    if skew.max(initial=0.0) > _ROUNDING * np.abs(found).max(initial=0.0):
+    # Constants from tables are symmetric up to their rounding.
+    if skew.max(initial=0.0) > 1e-10 * np.abs(found).max(initial=0.0):
         raise InputError(f"C: must be symmetric; entries differ by {skew.max():.3g} from C^T")
     found = 0.5 * (found + found.swapaxes(-1, -2))
     lowest = np.linalg.eigvalsh(found)
@@ -202,8 +201,9 @@ def _rotated(C: Array, rotation: Any) -> Array:
     if C.ndim == 3 and R.ndim == 3 and len(R) != len(C):
         raise InputError(f"rotation: {len(R)} rotations for the stiffness of {len(C)} cells")
     T = np.empty((*R.shape[:-2], 6, 6))  # stresses turn as T sigma, and C becomes T C T^T
-    for I, (i, j) in enumerate(_PAIRS):
-        for J, (k, l) in enumerate(_PAIRS):
+    pairs = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+    for I, (i, j) in enumerate(pairs):
+        for J, (k, l) in enumerate(pairs):
             T[..., I, J] = R[..., i, k] * R[..., j, l]
             if k != l:
                 T[..., I, J] += R[..., i, l] * R[..., j, k]

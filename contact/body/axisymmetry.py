@@ -32,8 +32,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 AXISYMMETRIC = "axisymmetric"
-_NEAR = 1e-10  # of the largest extent: vertices closer to the axis lie on it
-_CHUNK = 2048  # cells whose element matrices are held in memory at a time
+_NEAR = 1e-10  # places whose r is less than this part of the largest extent lie on the axis
 
 
 def circumference(x: Array) -> Array:
@@ -149,8 +148,9 @@ def ring_weights(basis: Basis) -> Array:
 
 def _chunks(basis: Basis) -> Iterator[slice]:
     count = len(basis.dx)
-    for start in range(0, count, _CHUNK):
-        yield slice(start, min(start + _CHUNK, count))
+    together = 2048  # cells whose element matrices are in memory at a time
+    for start in range(0, count, together):
+        yield slice(start, min(start + together, count))
 
 
 def forces_of_stress(basis: Basis, sigma: Array) -> Array:

@@ -15,8 +15,6 @@ from skfem import Mesh
 from contact.errors import InputError
 from skfem_adini.ground.arguments import array_of
 
-_AXES = "xyz"
-
 
 def select_facets(mesh: Mesh, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
     """Facet numbers of a named boundary, of several, or of an array of facet numbers."""
@@ -52,22 +50,15 @@ def select_components(dim: int, components: str | int | Sequence[int] | None) ->
     if components is None:
         return list(range(dim))
     if isinstance(components, str):
-        numbers = [_AXES.find(letter) for letter in components]
+        numbers = ["xyz".find(letter) for letter in components]
     else:
         given = np.atleast_1d(array_of("components", components))
         numbers = [int(c) for c in given] if given.dtype.kind in "iu" else []
     if not numbers or any(c < 0 or c >= dim for c in numbers):
         raise InputError(
-            f"components={components!r}: expected letters of {_AXES[:dim]!r} or numbers below {dim}"
+            f"components={components!r}: expected letters of {'xyz'[:dim]!r} or numbers below {dim}"
         )
     return sorted(set(numbers))
-
-
-# Corners of boundary cells of second order, by which scikit-fem names facets.
-_FIRST_ORDER = {"line3": ("line", 2), "triangle6": ("triangle", 3), "quad9": ("quad", 4)}
-_DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3, "wedge": 3, "pyramid": 3}
-_SPARSE = 10_000_000  # largest node number in a small file: meshio makes an array that long
-_CORNERS = {"triangle6": 3, "quad9": 4, "tetra10": 4, "hexahedron27": 8}
 
 
 def read_mesh(path: str | Path) -> Mesh:
@@ -136,7 +127,8 @@ def _check_gmsh_nodes(data: bytes) -> None:
     numbers = np.concatenate(tags).astype(np.int64)
     if numbers.size != total or np.unique(numbers).size != total:
         raise InputError(f"{total:.0f} nodes are announced, {np.unique(numbers).size} found")
-    if numbers.min(initial=1) < 1 or numbers.max(initial=1) > max(_SPARSE, len(data)):
+    # Meshio makes an array as long as the largest number.
+    if numbers.min(initial=1) < 1 or numbers.max(initial=1) > max(10_000_000, len(data)):
         raise InputError(f"a node has the number {max(numbers, key=abs)}; renumber them from 1")
 
 
@@ -147,7 +139,8 @@ def _named(file: Any) -> Any:
     import meshio
 
     kinds = [block.type for block in file.cells]
-    dimension = {kind: _DIMENSION.get(kind.rstrip("0123456789"), 0) for kind in kinds}
+    dimensions = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3, "wedge": 3, "pyramid": 3}
+    dimension = {kind: dimensions.get(kind.rstrip("0123456789"), 0) for kind in kinds}
     body = max(dimension.values(), default=0)
     of_body = sorted(kind for kind in dimension if body and dimension[kind] == body)
     if len(of_body) > 1:
@@ -156,21 +149,24 @@ def _named(file: Any) -> Any:
             "one kind only; mesh it with cells of one kind"
         )
     cells = []
+    # Corners of boundary cells of second order, by which scikit-fem names facets.
+    first_order = {"line3": ("line", 2), "triangle6": ("triangle", 3), "quad9": ("quad", 4)}
     for block in file.cells:
         named = np.asarray(block.data)
         wrong = named[(named < 0) | (named >= len(file.points))]
         if wrong.size:
             raise InputError(f"a cell names point {wrong[0]} of {len(file.points)}, counted from 0")
-        kind, corners = _FIRST_ORDER.get(block.type, (block.type, None))
-        on_boundary = _DIMENSION.get(kind, 1) < body
+        kind, corners = first_order.get(block.type, (block.type, None))
+        on_boundary = dimensions.get(kind, 1) < body
         if on_boundary and corners:
             cells.append((kind, block.data[:, :corners]))
         else:
             cells.append((block.type, block.data))
-    corners_of = [data[:, : _CORNERS[kind]].ravel() for kind, data in cells if kind in _CORNERS]
+    corners_of = {"triangle6": 3, "quad9": 4, "tetra10": 4, "hexahedron27": 8}
+    numbered = [data[:, : corners_of[kind]].ravel() for kind, data in cells if kind in corners_of]
     points = file.points
-    if corners_of:
-        vertices = np.unique(np.concatenate(corners_of))
+    if numbered:
+        vertices = np.unique(np.concatenate(numbered))
         order = np.concatenate((vertices, np.setdiff1d(np.arange(len(points)), vertices)))
         place = np.empty_like(order)
         place[order] = np.arange(order.size)

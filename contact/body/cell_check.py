@@ -20,7 +20,6 @@ from skfem_adini.ground.jit import compiled
 from skfem_adini.kept_functions import functions_of_another_mesh
 
 _compiled = cache(compiled)
-FLAT = 1e-12  # thickness over size: less is rounding of the vertices' places
 
 
 def check_cells(mesh: Mesh) -> None:
@@ -65,14 +64,15 @@ def _sound(mesh: Mesh, cells: slice) -> NDArray[np.bool_]:
     """Cells that are not flat, nor folded over at a corner or at a node of a curved one."""
     places = mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T
     det, _, size = measures(mesh, cells, places)
+    flat = 1e-12  # thickness over size: less is rounding of the vertices' places
     with np.errstate(all="ignore"):
-        limit = FLAT * size[:, None] ** mesh.dim()
+        limit = flat * size[:, None] ** mesh.dim()
         sound = np.all(det > limit, axis=1) | np.all(det < -limit, axis=1)
     # Needles of many times their width in two directions: the determinant does not tell.
     doubtful = np.flatnonzero(~sound & (size > 0))
     near = jacobians(mesh, cells.start + doubtful, places)
     sign = np.sign(np.linalg.det(near))
-    thin = np.linalg.svd(near, compute_uv=False)[..., -1] <= FLAT * size[doubtful, None]
+    thin = np.linalg.svd(near, compute_uv=False)[..., -1] <= flat * size[doubtful, None]
     sound[doubtful] = (np.abs(sign.sum(axis=1)) == sign.shape[1]) & ~thin.any(axis=1)
     return np.asarray(sound)
 

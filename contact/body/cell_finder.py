@@ -12,13 +12,9 @@ from skfem import MappingAffine, Mesh, MeshHex2, MeshQuad2, MeshTet2, MeshTri2
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-CHUNK = 100  # points that scikit-fem's finder gets in one call
-CANDIDATES = 48  # cells tried for a point, nearest middle first
-STEPS = 20  # Newton steps for a point in a curved cell
-INSIDE = 1e-8  # in reference coordinates: distance from the reference cell that counts as inside
+INSIDE = 1e-8  # places so near to the reference cell, in its coordinates, count as inside
 CURVED_MESHES = (MeshTri2, MeshQuad2, MeshTet2, MeshHex2)
-MET = 1e-10  # Newton's distance to the point, over the cell's size, that counts as reached
-ROUNDINGS = 16  # roundings of the largest coordinate that a point may lie off the edge of a cell
+ROUNDINGS = 16  # distance of a point from its cell, in roundings of the largest coordinate
 
 
 def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:
@@ -45,8 +41,9 @@ def _find_straight(mesh: Mesh, points: Array) -> NDArray[np.int64]:
                 return np.array([-1])
             return np.concatenate([find(half) for half in np.array_split(part, 2, axis=1)])
 
-    # It compares every point with the neighbours of all points: cost grows like a square.
-    some = np.array_split(points, max(points.shape[1] // CHUNK, 1), axis=1)
+    # It compares every point with the neighbours of all points: the cost grows like the square of
+    # their number, so it gets about a hundred at a time.
+    some = np.array_split(points, max(points.shape[1] // 100, 1), axis=1)
     return np.concatenate([find(part) for part in some])
 
 
@@ -77,7 +74,7 @@ def _nearest(mesh: Mesh, point: Array) -> int:
 
 def _find_curved(mesh: Mesh, points: Array) -> NDArray[np.int64]:
     middles = mesh.p[:, mesh.t].mean(axis=1)
-    tried = min(CANDIDATES, mesh.nelements)
+    tried = min(48, mesh.nelements)  # those with the nearest middles
     near = scipy.spatial.KDTree(middles.T).query(points.T, k=tried)[1].reshape(-1, tried)
     found = np.full(points.shape[1], -1, dtype=np.int64)
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
@@ -107,9 +104,9 @@ def _newton(mapping: Any, points: Array, cells: NDArray[np.int64]) -> Array:
     size = np.abs(mapping.detDF(np.full((len(points), 1), 0.25), tind=cells))[:, 0]
     size = size ** (1 / len(points))
     rounding = ROUNDINGS * np.finfo(float).eps * np.abs(points).max(axis=0, initial=0.0)
-    near = np.maximum(MET * size, rounding)
+    near = np.maximum(1e-10 * size, rounding)  # distances that count as reached
     X = np.full((*points.shape, 1), 0.25)
-    for _ in range(STEPS):
+    for _ in range(20):
         off = points[:, :, None] - mapping.F(X, tind=cells)
         if np.all(np.linalg.norm(off, axis=0)[:, 0] <= near):
             break

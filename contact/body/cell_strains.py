@@ -25,19 +25,19 @@ from contact.body.jacobians import jacobians, measures
 from contact.body.rigid_modes import Elastic, value_dofs
 
 Array = NDArray[np.float64]
-SLENDER = 300.0  # side ratio at which a product with the matrix loses five digits
 
 
-def has_slender_cells(mesh: Mesh) -> bool:
-    """Whether a cell is `SLENDER` times as long as it is wide, in whatever direction."""
+def has_slender_cells(mesh: Mesh, ratio: float = 300.0) -> bool:
+    """Whether a cell is `ratio` times as long as it is wide, in whatever direction; at 300
+    a product with the stiffness matrix loses five digits."""
     middle = mesh.elem.refdom.p.mean(axis=1)[:, None]
 
     def slender(cells: slice) -> bool:
         det, norms = (found[:, 0] for found in measures(mesh, cells, middle)[:2])
         # No ratio of singular values exceeds the product of the Frobenius norms of J and J^-1.
-        near = cells.start + np.flatnonzero(norms > 0.99 * SLENDER * np.abs(det))
+        near = cells.start + np.flatnonzero(norms > 0.99 * ratio * np.abs(det))
         size = np.linalg.svd(jacobians(mesh, near, middle)[:, 0], compute_uv=False)
-        return bool(np.any(size[:, 0] > SLENDER * size[:, -1]))
+        return bool(np.any(size[:, 0] > ratio * size[:, -1]))
 
     return any(in_ranges(slender, mesh.nelements))
 

@@ -47,8 +47,6 @@ class CutArc:
 
 Index = NDArray[np.int64]
 
-_NEGLIGIBLE = 1e-9  # share of the largest weight: lighter points have no safe order along the curve
-
 
 @dataclass(frozen=True)
 class Curve:
@@ -64,7 +62,8 @@ def curves(x: Array, normals: Array, weights: Array, size: Array, part: Index) -
     """Put quadrature points x (2, n) of smooth curves in order; curves end where `part` changes.
     The successor of a point is the nearest one ahead along the tangent whose own nearest one
     behind it is. Distances, in units of `size`, are chords, corrected as on circles."""
-    heavy = np.flatnonzero(weights > _NEGLIGIBLE * weights.max())
+    # Lighter points have no safe order along the curve.
+    heavy = np.flatnonzero(weights > 1e-9 * weights.max())
     successor = np.full(weights.size, -1)
     for k in np.unique(part[heavy]):
         here = heavy[part[heavy] == k]

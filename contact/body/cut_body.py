@@ -36,7 +36,7 @@ from skfem_adini.ground.arguments import (
 )
 
 Array = NDArray[np.float64]
-_LATTICE = 4  # intervals along a cell's edge, as many as pictures have by default
+_LATTICE = 4  # intervals along the edge of a cell, as in pictures by default
 
 
 @settled("make a new CutBody", "domain", "threshold", "level_set")

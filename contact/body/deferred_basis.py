@@ -47,9 +47,6 @@ class DofNumbers(Dofs):
         self.N = np.max(self.element_dofs) + 1
 
 
-_ORDER_OF_VOLUME = 3  # two Gauss points a direction: exact for the determinant of straight cells
-
-
 class DeferredBasis(CellBasis):
     """A `skfem.CellBasis` of all cells that computes its tables of shape functions when first used.
     Those of a block of 64^3 bricks fill tens of gigabytes, while its stiffness needs one cell.
@@ -98,7 +95,8 @@ class DeferredBasis(CellBasis):
         mesh = self.mesh
         if not is_straight(mesh):
             return float(self.dx.sum())
-        X, W = get_quadrature(mesh.refdom, 0 if mesh.affine else _ORDER_OF_VOLUME)
+        # Two Gauss points a direction are exact for the determinant of straight cells.
+        X, W = get_quadrature(mesh.refdom, 0 if mesh.affine else 3)
 
         def part(cells: slice) -> np.floating:
             return np.sum(np.abs(measures(mesh, cells, X)[0]) @ W)

@@ -36,7 +36,6 @@ from skfem_adini.ground.arguments import choice
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-ROUND_OFF = 1e-12  # relative to the largest coordinate: distance that is rounding
 _log = logging.getLogger(__name__)
 
 
@@ -566,7 +565,7 @@ class DistributedBody(Solid):
 
     def _cells_here(self, points: Array) -> NDArray[np.bool_]:
         p = self.space.mesh.p
-        size = ROUND_OFF * np.abs(p).max(initial=0.0)
+        size = 1e-12 * np.abs(p).max(initial=0.0)  # rounding of coordinates
         near = np.all(
             (points >= p.min(axis=1)[:, None] - size) & (points <= p.max(axis=1)[:, None] + size),
             axis=0,
@@ -663,18 +662,14 @@ def _of_cells(name: str, value: Any, cells: NDArray[np.int64], total: int) -> An
     return np.asarray(value)[cells]
 
 
-# Unknowns in space from which Newton's steps by multigrid beat a factorisation.
-LARGE_IN_SPACE = 100_000
-_PLANE = 2.5e3 / 18.6  # bytes of MUMPS's factors over n log2 n, from 396,294 unknowns
-_SPACE = 1.8e9 / 107_811 ** (4 / 3)  # bytes over n^(4/3), from 107,811 unknowns
-_DENSE = 3.0 * 8.0  # bytes: complement, its factor and compliance, on each process
-
-
 def factor_memory(unknowns: int, rows: int, dim: int, processes: int) -> float:
     """Estimate the bytes that the condensation needs on all processes; `rows` are in contact."""
     n = float(max(unknowns, 2))
-    sparse = _SPACE * n ** (4 / 3) if dim == 3 else _PLANE * n * math.log2(n)
-    return sparse + _DENSE * processes * float(rows) ** 2
+    if dim == 3:
+        sparse = 1.8e9 / 107_811 ** (4 / 3) * n ** (4 / 3)  # MUMPS's factors of 107,811 unknowns
+    else:
+        sparse = 2.5e3 / 18.6 * n * math.log2(n)  # and of 396,294
+    return sparse + 24.0 * processes * float(rows) ** 2  # complement, its factor and compliance
 
 
 def choose_backend(unknowns: int, rows: int, dim: int, processes: int) -> tuple[str, str]:
@@ -685,7 +680,7 @@ def choose_backend(unknowns: int, rows: int, dim: int, processes: int) -> tuple[
     gigabytes = f"the factor would take about {need / 1e9:.1f} of {there / 1e9:.1f} GB"
     if need > 0.5 * there:
         return "krylov", gigabytes
-    if dim == 3 and unknowns >= LARGE_IN_SPACE:
+    if dim == 3 and unknowns >= 100_000:
         return "krylov", f"{unknowns} unknowns in space are solved faster by multigrid"
     return "mumps", gigabytes
 

@@ -42,7 +42,7 @@ from contact.settled import settled
 from skfem_adini import essential_constraints
 from skfem_adini.ground.arguments import evaluated, function_of_places, numbers
 
-_OF_RADII = 2  # degrees of quadrature for r and 1 / r, beside those of the plane
+_OF_RADII = 2  # degrees that r and 1 / r add to those of the quadrature in the plane
 Array = NDArray[np.float64]
 Boundary = str | Sequence[str] | ArrayLike
 Field = float | ArrayLike | Callable[[Array], ArrayLike]

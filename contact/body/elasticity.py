@@ -61,8 +61,6 @@ from skfem import ElementVector
 
 from skfem_adini import CongruentCells
 
-_LOCKS_AT, _OSCILLATES_AT = 0.48, 0.4995  # Poisson's ratios, from the tables above
-
 
 def lame(
     E: ArrayLike, nu: ArrayLike, plane: str | None = None
@@ -103,11 +101,12 @@ def check_locking(
     largest, name = float(nu.max()), type(element).__name__
     if plane == "stress" or dilatation == "mean":
         return
-    if isinstance(element, ElementQuad1 | ElementHex1) and largest > _LOCKS_AT:
+    locks, oscillates = 0.48, 0.4995  # Poisson's ratios, from the tables of this module
+    if isinstance(element, ElementQuad1 | ElementHex1) and largest > locks:
         remedy = "dilatation='mean'"
-    elif isinstance(element, ElementTriP1 | ElementTetP1) and largest > _LOCKS_AT:
+    elif isinstance(element, ElementTriP1 | ElementTetP1) and largest > locks:
         remedy = "elements of second order, or quadrilaterals or hexahedra with dilatation='mean'"
-    elif isinstance(element, ElementQuad2 | ElementHex2) and largest > _OSCILLATES_AT:
+    elif isinstance(element, ElementQuad2 | ElementHex2) and largest > oscillates:
         warn(
             f"nu={largest:.6g}: the contact pressure of {name} oscillates so near to 1/2; "
             "take Adini elements, or Q1 with dilatation='mean'"
@@ -208,8 +207,6 @@ def stress(
 Classes = tuple[CongruentCells, NDArray[np.float64]]  # with the local matrix of each
 Local = Iterator[tuple[slice, NDArray[np.float64]]]  # cells with their local matrices
 
-_CHUNK = 16384  # cells whose element matrices are held in memory at a time
-
 
 def isotropic_classes(
     basis: Basis,
@@ -296,8 +293,9 @@ def _products(basis: Basis) -> Iterator[tuple[slice, Any, dict[tuple[int, int], 
     else:
         scalar = [field.grad for (field,) in basis.basis]
     n_cells, n_points = basis.dx.shape
-    for start in range(0, n_cells, _CHUNK):
-        cells = slice(start, min(start + _CHUNK, n_cells))
+    together = 16384  # cells whose element matrices are in memory at a time
+    for start in range(0, n_cells, together):
+        cells = slice(start, min(start + together, n_cells))
         gradient = np.empty((dim, cells.stop - start, n_points, len(scalar)))
         for i, of_function in enumerate(scalar):
             gradient[..., i] = of_function[:, cells]

@@ -14,7 +14,7 @@ from contact.errors import Unbounded
 
 Array = NDArray[np.float64]
 
-RIGID = 1e-12  # relative: motion at supports, or at a boundary, that is rounding
+RIGID = 1e-12  # motion at supports or at a boundary, over the largest, that is rounding
 
 
 def free_motions(body: Any) -> Array:

@@ -23,13 +23,6 @@ from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]
 
-_CORNERS = {
-    RefTri: ElementTriP1,
-    RefQuad: ElementQuad1,
-    RefTet: ElementTetP1,
-    RefHex: ElementHex1,
-}
-
 
 def jacobians(mesh: Mesh, cells: NDArray[np.integer], places: Array) -> Array:
     """d x_i / d X_k of some cells at places (dim, n) of the reference cell, shape (cells, n, i, k).
@@ -66,7 +59,8 @@ def turning_move(mesh: Mesh) -> float:
 def _in_the_middle(mesh: Mesh, p: Array) -> tuple[Array, Array, Array]:
     """Determinants and norms, as in `measures`, and slopes (corners, dim, 1)."""
     refdom = mesh.elem.refdom
-    element, middle = _CORNERS[refdom](), refdom.p.mean(axis=1)[:, None]
+    p1 = {RefTri: ElementTriP1, RefQuad: ElementQuad1, RefTet: ElementTetP1, RefHex: ElementHex1}
+    element, middle = p1[refdom](), refdom.p.mean(axis=1)[:, None]
     slopes = np.array([element.lbasis(middle, v)[1] for v in range(len(mesh.t))])
     slopes = np.ascontiguousarray(slopes.reshape(len(mesh.t), mesh.dim(), 1))
     x, t = np.ascontiguousarray(p), np.ascontiguousarray(mesh.t)

@@ -21,11 +21,7 @@ from skfem_adini.ground.arguments import numbers
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-LARGEST = 4000  # unknowns that a group of equations may link: it is solved as a dense matrix
-_NEAR = 1e-8  # of the extent of the mesh: places closer than this are the same
-_RANK = 1e-10  # singular values of normalised equations below this are rounding
-_AGREE = 1e-9  # relative to the largest term: right sides that differ by less agree
-_NOISE = 1e-14  # entries of orthonormal columns below this are rounding
+_NOISE = 1e-14  # smaller entries of matrices with rows or columns of unit length are rounding
 
 
 @dataclass(frozen=True)
@@ -56,18 +52,20 @@ def coupled(
     A.data[np.abs(A.data) < _NOISE] = 0.0
     A.eliminate_zeros()
     right = unit * (c - C @ u0)
-    allowed = _AGREE * float(np.max(unit * (np.abs(c) + abs(C) @ np.abs(u0)), initial=0.0))
+    # Right sides that differ by less agree.
+    allowed = 1e-9 * float(np.max(unit * (np.abs(c) + abs(C) @ np.abs(u0)), initial=0.0))
     # A support's constant value has derivatives that are zero up to the rounding of the value.
     allowed = max(allowed, 1e-13 * float(np.max(of_dof * np.abs(u0), initial=0.0)))
     groups = _groups(A)
     empty = np.flatnonzero(np.diff(A.indptr) == 0)
     _refuse_contradiction(right[empty], allowed, owner[empty], couplings)
     columns, y = [], np.zeros(P.shape[1])
+    largest = 4000  # unknowns that equations may link: they are solved as a dense matrix
     for rows, members in groups:
-        if members.size > LARGEST:
+        if members.size > largest:
             raise InputError(
                 f"{couplings[owner[rows[0]]].name}: the equations link {members.size} unknowns, "
-                f"more than {LARGEST}; tie a smaller boundary, or hold it with fix"
+                f"more than {largest}; tie a smaller boundary, or hold it with fix"
             )
         null, y[members], left = _solve(A[rows][:, members].toarray(), right[rows])
         _refuse_contradiction(left, allowed, owner[rows], couplings)
@@ -150,7 +148,7 @@ def _groups(A: sparse.csr_array) -> list[tuple[Index, Index]]:
 def _solve(A: Array, right: Array) -> tuple[Array, Array, Array]:
     """Orthonormal null space, least-norm solution, and its residual."""
     U, s, V = np.linalg.svd(A)
-    rank = int(np.sum(s > _RANK * s[0]))
+    rank = int(np.sum(s > 1e-10 * s[0]))  # less is rounding
     y = V[:rank].T @ ((U[:, :rank].T @ right) / s[:rank])
     null = V[rank:].T
     null = np.where(np.abs(null) < _NOISE, 0.0, null) * np.where(null.sum(axis=0) < 0, -1.0, 1.0)
@@ -180,7 +178,7 @@ def periodic_equations(
     """C and c of ``u(facets) - u(other) = jump``; components with None take no part.
     The boundaries must be congruent by a translation."""
     mesh, basis = body.mesh, body.basis
-    near = _NEAR * float(np.ptp(mesh.p, axis=1).max())
+    near = 1e-8 * float(np.ptp(mesh.p, axis=1).max())  # closer places are the same
     here, there = (np.unique(mesh.facets[:, f]) for f in (facets, other))
     low, high = (mesh.p[:, v].min(axis=1) + mesh.p[:, v].max(axis=1) for v in (here, there))
     shift = 0.5 * (high - low)

@@ -39,8 +39,7 @@ class Elastic(Discretised, Protocol):
     def measure(self) -> Array: ...  # noqa: D102
 
 
-_VALUE, _MIXED = -1, -2
-_KINDS = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2, "u_xy": _MIXED}
+_VALUE = -1  # of `dof_kinds`
 
 
 def rigid_modes(body: Discretised) -> Array:
@@ -107,7 +106,7 @@ def _middle(points: Array) -> Array:
 
 def dof_kinds(basis: Basis) -> NDArray[np.int64]:
     """-1 for a value, i for the derivative along x_i, -2 for a mixed second derivative."""
-    kind = np.full(basis.N, _MIXED, dtype=np.int64)
+    kind = np.full(basis.N, -2, dtype=np.int64)
     for row, of_row in _kinds_of_rows(basis):
         kind[row] = of_row
     return kind
@@ -116,15 +115,16 @@ def dof_kinds(basis: Basis) -> NDArray[np.int64]:
 def _kinds_of_rows(basis: Basis) -> Iterator[tuple[NDArray[np.int32], int]]:
     """Dofs of each kind at the entities of a mesh."""
     dofs, names = basis.dofs, iter(basis.elem.dofnames)
+    kinds = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2, "u_xy": -2}
     for table in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
         for row in () if table is None else table:
             name = next(names).split("^")[0]
-            if name not in _KINDS:
+            if name not in kinds:
                 raise InputError(
                     f"element {type(basis.elem.elem).__name__}: its dof {name!r} is neither a "
                     "value, a first derivative nor u_xy, which contact needs for rigid motions"
                 )
-            yield row, _KINDS[name]
+            yield row, kinds[name]
 
 
 def value_dofs(body: Discretised) -> NDArray[np.bool_]:
@@ -142,7 +142,7 @@ def dof_lengths(body: Discretised) -> Array:
         volume = basis.volume if isinstance(basis, DeferredBasis) else float(basis.dx.sum())
         cell = (volume / basis.mesh.nelements) ** (1 / basis.elem.dim)
         for row, kind in slopes:
-            lengths[row] = cell**2 if kind == _MIXED else cell
+            lengths[row] = cell**2 if kind == -2 else cell
     return lengths
 
 

@@ -15,8 +15,6 @@ from contact.body.supports import transposed
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_AT_ONCE = 40  # vectors of all dofs in memory at the same time, temporary ones included
-_DEPENDENT = 1e-12  # relative singular values of rigid motions' Gram matrix below this are rounding
 
 
 class Space:
@@ -59,7 +57,7 @@ class Space:
     def bytes(body: Any, stiffness: SparseRows | None = None) -> int:
         """Memory that vectors, and a stiffness that is not there, take on a device, about."""
         matrix = 0 if stiffness else SparseRows.bytes(body.stiffness)
-        return matrix + 8 * _AT_ONCE * int(body.f.size)
+        return matrix + 8 * 40 * int(body.f.size)  # some forty vectors, with temporary ones
 
     def placed(self, v: Any) -> Any:
         """A vector of all dofs, on the host or device where this computes."""
@@ -107,7 +105,8 @@ class Space:
         if self._modes is None:
             modes = self.placed(rigid) * self.lengths[:, None]
             modes /= xp.linalg.norm(modes, axis=0)
-            gram = np.linalg.pinv(get(modes.T @ modes), rcond=_DEPENDENT, hermitian=True)
+            # Smaller singular values of the Gram matrix, relative to the largest, are rounding.
+            gram = np.linalg.pinv(get(modes.T @ modes), rcond=1e-12, hermitian=True)
             self._modes = modes, gram
         modes, inverse = self._modes
         for _ in range(2):  # the second removes what rounding leaves of the first

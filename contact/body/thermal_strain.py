@@ -22,19 +22,13 @@ from contact.errors import InputError
 from skfem_adini.ground.arguments import evaluated, numbers
 
 Array = NDArray[np.float64]
-_QUADRATIC = {  # by the number of vertices and the dimension of a cell
-    (3, 2): ElementTriP2,
-    (4, 2): ElementQuad2,
-    (4, 3): ElementTetP2,
-    (8, 3): ElementHex2,
-}
-_FIRST, _SECOND = [0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1]
 
 
 def thermal_strain(body: Any, temperature: Any, expansion: ArrayLike) -> Array:
     """Thermal strain (6, ncells, 1 or nodes of a cell) of a change of temperature."""
     coefficients = _tensors(expansion, body.mesh.nelements)
-    return coefficients[_FIRST, _SECOND][..., None] * _temperatures(body, temperature)
+    order = [0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1]  # components as Voigt numbers them
+    return coefficients[order][..., None] * _temperatures(body, temperature)
 
 
 def interpolated(body: Any, strain: Array, X: Array) -> Array:
@@ -51,7 +45,13 @@ def interpolated(body: Any, strain: Array, X: Array) -> Array:
 
 
 def _quadratic(body: Any) -> Any:
-    return _QUADRATIC[body.mesh.refdom.nnodes, body.dim]()
+    elements = {
+        (3, 2): ElementTriP2,
+        (4, 2): ElementQuad2,
+        (4, 3): ElementTetP2,
+        (8, 3): ElementHex2,
+    }
+    return elements[body.mesh.refdom.nnodes, body.dim]()
 
 
 def _temperatures(body: Any, temperature: Any) -> Array:

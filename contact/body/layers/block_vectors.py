@@ -182,9 +182,6 @@ class BlockVectors(Solid):
         return np.array([float(part.sum()) for part in parts])
 
 
-_CHUNK = 1 << 12  # cells whose dofs are gathered at a time: they fit into the cache
-
-
 class CellStencil:
     """``S @ u`` and |S| |u| for layers of equal cells, bottom up, by their element matrices.
     The products are computed where `arrays` lie, and returned where the vectors lie."""
@@ -231,7 +228,8 @@ class CellStencil:
     def _apply(self, u: Any, absolute: bool) -> Any:
         xp = self.arrays.xp
         force = xp.zeros_like(u)
-        step = max(1, _CHUNK // self.columns) if xp is np else u.shape[0]
+        # The dofs of 2^12 cells fit into the cache.
+        step = max(1, 2**12 // self.columns) if xp is np else u.shape[0]
         for stiffness, corners in self.strips(step):
             K = xp.asarray(np.abs(stiffness) if absolute else stiffness)
             cells = xp.concatenate([u[c] for c in corners], axis=2)

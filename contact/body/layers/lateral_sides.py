@@ -14,7 +14,6 @@ from contact.errors import InputError
 from skfem_adini import ElementQuadAdini
 
 Sides = tuple[tuple[int, ...] | None, ...]  # components fixed in each direction; None: periodic
-_AXES = "xyz"
 
 
 def read_sides(sides: Any, dim: int) -> Sides:
@@ -30,17 +29,17 @@ def read_sides(sides: Any, dim: int) -> Sides:
     found: list[tuple[int, ...] | None] = []
     for axis, entry in enumerate(given):
         others = tuple(c for c in range(dim) if c != axis)
-        names = "".join(_AXES[c] for c in others)
+        names = "".join("xyz"[c] for c in others)
         if entry == "periodic":
             found.append(None)
-        elif entry == _AXES[axis]:
+        elif entry == "xyz"[axis]:
             found.append((axis,))
         elif isinstance(entry, str) and "".join(sorted(entry)) == names:
             found.append(others)
         else:
             raise InputError(
-                f"sides={sides!r}: transforms diagonalise sides across {_AXES[axis]} that are "
-                f"'periodic', on rollers ({_AXES[axis]!r}: no normal displacement, no shear) or "
+                f"sides={sides!r}: transforms diagonalise sides across {'xyz'[axis]} that are "
+                f"'periodic', on rollers ({'xyz'[axis]!r}: no normal displacement, no shear) or "
                 f"held tangentially ({names!r}), not {entry!r}; LayeredBlock in the plane and "
                 "ElasticBody take any"
             )

@@ -95,10 +95,11 @@ def prescribed_on_edges(block: Any) -> tuple[NDArray[np.int64], Array]:
 
 Array = NDArray[np.float64]
 
-_GIVEN = ("plane", "layers", "lengths", "sides", "top", "width", "height", "columns", "path")
 
-
-@settled("make a new LayeredBlock", *_GIVEN)
+@settled(
+    "make a new LayeredBlock",
+    *("plane", "layers", "lengths", "sides", "top", "width", "height", "columns", "path"),
+)
 class LayeredBlock(BlockVectors):
     """A rectangle of horizontal layers, each of equal Adini cells and of one material.
 

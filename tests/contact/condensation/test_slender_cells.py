@@ -169,7 +169,7 @@ def test_stiffness_form_from_rest_moves_a_driven_obstacle(make):
 
 
 def bent(length, push, along, tall, E=1.0):
-    """Six by four cells, none as slender as `SLENDER`: bent by its top, or hung at its left."""
+    """Six by four cells, none of them slender: bent by its top, or hung at its left."""
     x, y = (1.0, length) if tall else (length, 1.0)
     mesh = MeshQuad.init_tensor(np.linspace(0, x, 7), np.linspace(0, y, 5))
     ends = {"bottom": (1, 0.0), "top": (1, y), "left": (0, 0.0), "right": (0, x)}
