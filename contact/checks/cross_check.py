@@ -18,12 +18,6 @@ from contact.result.contact_system import ContactSystem
 Array = NDArray[np.float64]
 
 
-# Relative difference of solutions that agree, and residual of a solver that has converged.
-AGREES = 1e-6
-# Boundary unknowns up to which the other solver gets the dense problem, on which it reaches 1e-8.
-_DENSE = 2000
-
-
 @dataclass(frozen=True)
 class CrossCheck:
     """How far an independent solver's answer is from ours.
@@ -86,11 +80,12 @@ class CrossCheck:
         disagrees                        it satisfies the laws, by another solution
         ===============================  =========================================================
         """
-        if max(self.displacement, self.multipliers) <= AGREES:
+        agrees = 1e-6  # relative difference of solutions, and residual of a solver
+        if max(self.displacement, self.multipliers) <= agrees:
             return "agrees"
-        if not self.residual <= AGREES:
+        if not self.residual <= agrees:
             return "the peer did not converge"
-        if max(self.displacement, self.effect) <= AGREES:
+        if max(self.displacement, self.effect) <= agrees:
             return "agrees, forces not unique"
         return "disagrees"
 
@@ -164,7 +159,8 @@ def cross_check(
     _check(problem, result, solver)
     system, body = result.system, result.system.body
     boundary = problem.condense().under(body) if condensed is not False else None
-    if condensed is None and boundary is not None and boundary.unknowns > _DENSE:
+    # The dense problem, on which the other solver reaches 1e-8, is for small boundaries.
+    if condensed is None and boundary is not None and boundary.unknowns > 2000:
         boundary = None
     asked = FrozenProblem.of(result, boundary, _has_cones(result))
     answer = asked.solved_by(solver)

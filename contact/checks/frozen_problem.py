@@ -256,10 +256,6 @@ def solve_split(
     return solution.x[:n], solution.z[: gap.size], pushed, pulled, seconds
 
 
-# Relative to the largest pivot: an equation with a smaller one follows from the others.
-_DEPENDENT = 1e-10
-
-
 @dataclass(frozen=True)
 class TieElimination:
     """The solutions ``z = start + free y`` of ``E z = e``, and the forces of these equations.
@@ -279,7 +275,8 @@ class TieElimination:
         factors: Any = qr((E * unit).T, pivoting=True)
         Q, R, order = factors
         pivots = np.abs(np.diag(R))
-        rank = int(np.sum(pivots > _DEPENDENT * pivots.max(initial=0.0)))
+        # Equations with smaller pivots follow from the others.
+        rank = int(np.sum(pivots > 1e-10 * pivots.max(initial=0.0)))
         own, triangle, order = Q[:, :rank], R[:rank, :rank], order[:rank]
         start = own @ solve_triangular(triangle, closed[order], trans="T")
         return cls(unit * start, unit[:, None] * Q[:, rank:], unit, own, triangle, order)
@@ -290,9 +287,6 @@ class TieElimination:
         found = np.zeros(count)
         found[self._order] = solve_triangular(self._triangle, self._own.T @ (self._unit * load))
         return found
-
-
-_TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)  # tried in turn, as far as rounding permits
 
 
 def solve_cones(
@@ -329,7 +323,7 @@ def solve_cones(
     cones += [clarabel.SecondOrderConeT(1 + dim_t)] * k
     begin = time.perf_counter()
     upper, rows = sparse.triu(sparse.csc_matrix(P), format="csc"), sparse.csc_matrix(A)
-    for tol in _TOLERANCES:
+    for tol in (1e-13, 1e-12, 1e-11, 1e-10):  # as far as rounding permits
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tol
         # If rounding stops it within 100 times the tolerance, that iterate is accepted.
         settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = 100 * tol
@@ -341,9 +335,6 @@ def solve_cones(
     y = scale * size * np.array(solution.z)
     t = -y[e + m :].reshape(k, 1 + dim_t)[:, 1:]
     return size * np.array(solution.x[:n]), y[e : e + m], t, y[:e], seconds
-
-
-_LOOSE = 1e-10  # relative to the diagonal: motions with less stiffness are rigid
 
 
 @dataclass(frozen=True)
@@ -397,13 +388,14 @@ class UnitProgram:
 def _unit_form(A: Array) -> tuple[Array, Array]:
     """M and ``M^T A M``, which is the identity with zeros in the rows of rigid motions."""
     try:
+        rigid = 1e-10  # motions with less stiffness, over the diagonal, are rigid
         L = cholesky(A, lower=True)
-        if np.all(np.diag(L) ** 2 > _LOOSE):
+        if np.all(np.diag(L) ** 2 > rigid):
             return solve_triangular(L, np.eye(A.shape[0]), lower=True).T, np.eye(A.shape[0])
     except np.linalg.LinAlgError:
         pass
     stiffness, V = eigh(A)
-    elastic = stiffness > _LOOSE
+    elastic = stiffness > rigid
     return V / np.sqrt(np.where(elastic, stiffness, 1.0)), np.diag(elastic.astype(float))
 
 

@@ -21,8 +21,6 @@ from contact.body.layers.layers import PER_NODE
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-_CELLS = 2**12  # cells whose forces are kept at a time
-_VALUES = np.arange(PER_NODE) < 2  # displacements among the dofs of a node
 
 
 class PairedBody(ABC):
@@ -113,9 +111,10 @@ class PairedBlock(PairedBody):
         block = self.host
         nodes = u.reshape(block.node_rows, -1, PER_NODE)
         forces = Pairs.zeros(nodes.shape)
-        for K, corners in block.stiffness.strips(max(1, _CELLS // block.columns)):
+        # The forces of 2^12 cells are kept at a time.
+        for K, corners in block.stiffness.strips(max(1, 2**12 // block.columns)):
             cells = np.concatenate([nodes[c] for c in corners], axis=2)
-            first = np.tile(nodes[corners[0]] * _VALUES, 4)
+            first = np.tile(nodes[corners[0]] * (np.arange(PER_NODE) < 2), 4)
             moved = (Pairs.of(cells) - first).reshape(-1, K.shape[0])
             each = np.broadcast_to(K, (len(moved.high), *K.shape))
             local = blocks_times(each, moved).reshape(*cells.shape)
@@ -148,9 +147,6 @@ def _largest(x: Array) -> float:
     return float(np.abs(x).max(initial=0.0))
 
 
-_STRAIN_CELLS = 2**9  # cells whose gradients are kept at a time
-
-
 def strained_forces(body: Any, u: Array) -> Pairs:
     r"""Internal forces :math:`\int \sigma(u) : \nabla v` of slender cells, shape (ndofs,).
     As `contact.body.cell_strains`, but no sum is rounded to float64; the first node of a cell takes
@@ -181,7 +177,7 @@ def strained_forces(body: Any, u: Array) -> Pairs:
             found[:, :, 0] = found[:, :, 0] + ring
         forces[some] = found
 
-    in_ranges(work, len(dofs), _STRAIN_CELLS)
+    in_ranges(work, len(dofs), 2**9)  # gradients of so many cells are kept at a time
     places = dofs.ravel(), np.arange(dofs.size)
     scatter = sparse.csr_array((np.ones(dofs.size), places), shape=(u.size, dofs.size))
     return rows_times(scatter, forces.reshape(-1))

@@ -11,10 +11,11 @@ from contact.arrays.paired_rows import rows_times
 from contact.arrays.pairs import Pairs
 from contact.checks.paired_bodies import PairedBody, paired_body
 from contact.errors import InputError
+from contact.laws.newton import LIMITS
 from contact.laws.options import default_tolerance
 from contact.result.certify import refuse_residuals
 from contact.result.contact_result import ContactResult
-from contact.result.contact_system import NOISE, ContactState, beside_travel
+from contact.result.contact_system import ContactState, beside_travel
 from skfem_adini.ground.arguments import numbers
 
 
@@ -112,7 +113,7 @@ class PairedResiduals:
         self.unbalanced, self.cancelling = max(
             (part.equilibrium() for part in self.parts), key=lambda pair: pair[0] / (pair[1] or 1.0)
         )
-        self.noise = NOISE * self.cancelling
+        self.noise = LIMITS.noise * self.cancelling
         self.size = max(_largest(self.mu), _largest(self.t), self.noise) or 1.0
 
     def all(self) -> dict[str, float]:

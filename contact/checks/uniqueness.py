@@ -42,7 +42,6 @@ from contact.result.contact_result import ContactResult
 from skfem_adini.ground.arguments import whole
 
 Array = NDArray[np.float64]
-DISTINCT = 1e-6  # relative distance beyond which two certified solutions count as different
 
 
 @dataclass(frozen=True)
@@ -212,8 +211,9 @@ def _apart(one: ContactResult, other: ContactResult) -> bool:
         *(body.reach(result.u) for result in (one, other)),
         *(body.give(force) for force in forces),
     )
+    distinct = 1e-6  # relative distance of certified solutions that differ
     size = max(body.give(force) for force in forces)  # as displacements: dofs have different units
     return bool(
-        body.reach(one.u - other.u) > DISTINCT * length
-        or body.give(forces[0] - forces[1]) > DISTINCT * size
+        body.reach(one.u - other.u) > distinct * length
+        or body.give(forces[0] - forces[1]) > distinct * size
     )

@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
-_DIGIT = 14  # bits that one pass of the sort takes; two take all steps up to 2^28
-
 
 def sort_steps(steps: Any, order: Any, spare: Any) -> None:
     """Write the stable order of steps (n,) from 0 to 2^28 - 1, by counting their digits."""
-    count = np.empty((1 << _DIGIT) + 1, dtype=np.int64)
-    mask = (1 << _DIGIT) - 1
+    bits = 14  # sorted by one pass: two take all steps up to 2^28
+    count = np.empty((1 << bits) + 1, dtype=np.int64)
+    mask = (1 << bits) - 1
     for k in range(order.size):
         order[k] = k
-    for shift in (0, _DIGIT):
+    for shift in (0, bits):
         count[:] = 0
         for step in steps:
             count[((step >> shift) & mask) + 1] += 1

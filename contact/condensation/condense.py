@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from functools import singledispatch
-from typing import Any
+from typing import Any, NamedTuple
 
 from contact.arrays.dense_arrays import arrays_on
 from contact.body.basis_solid import BasisSolid
@@ -21,10 +21,15 @@ from contact.condensation.sparse import SparseBody
 from contact.errors import InputError
 
 _log = logging.getLogger(__name__)
-# Contact rows up to which the compliance is a dense matrix: for lack of memory (5 GB); where every
-# column costs a solution, of which Krylov's method needs fewer beyond.
-MOST_ROWS, MOST_COLUMNS = 25_000, 5_000
-MOST_ALONE = 300  # the same where a device solves for one column at a time, deterministically
+
+
+class _Limits(NamedTuple):  # contact rows up to which the compliance is a dense matrix
+    rows: int = 25_000  # 5 GB; beyond, Krylov's method
+    columns: int = 5_000  # where each column costs a solution, and Krylov's method needs fewer
+    alone: int = 300  # where a device solves for one column at a time, deterministically
+
+
+LIMITS = _Limits()
 
 
 @singledispatch
@@ -81,13 +86,13 @@ def way_of(
             raise InputError(f"device={device!r}: several devices take bodies with a Basis alone")
         if deterministic:
             raise InputError("deterministic: cuDSS has no such mode on several devices; take one")
-        if rows <= MOST_COLUMNS:
+        if rows <= LIMITS.columns:
             return solved, True
     elif deterministic and device == "cuda":
         way = repeatable
-        if not assembled or rows <= MOST_ALONE:
+        if not assembled or rows <= LIMITS.alone:
             return way, True
-    elif not assembled or (rows <= MOST_ROWS and _fits(rows, device)):
+    elif not assembled or (rows <= LIMITS.rows and _fits(rows, device)):
         return condense, True
     _log.info(
         "%d contact rows: their compliance is not made dense; Newton's steps are solved by "

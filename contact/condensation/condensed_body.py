@@ -194,19 +194,14 @@ class CondensedBody:
             raise not_held(self.body, *self.motion_of(motion))
 
 
-# Multiples of the mean stiffness added to the diagonal, tried in turn: rounding may make that of a
-# thin body indefinite. Shifted solutions only start `contact.problem.stiffness_form`.
-SHIFTS = (0.0, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9)
-# Least over largest pivot below which bending is so soft that compression loses digits.
-THIN = 1e-6
-
-
 def held_factor(arrays: HostArrays, stiffness: Callable[[], Any], N: Array) -> tuple[Any, bool]:
     """Factor of ``S_b + rho N N^T``, and whether bending is far softer than compression.
     `stiffness` returns a new copy of S_b (nb, nb); N (nb, k) are the free rigid motions. Raises
     InputError where the matrix is indefinite by more than rounding."""
     on_device = arrays.put(N)
-    for shift in SHIFTS:
+    # Multiples of the mean stiffness are added to the diagonal, as rounding may make that of a thin
+    # body indefinite. Shifted solutions only start `contact.problem.stiffness_form`.
+    for shift in (0.0, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9):
         S = stiffness()
         mean = S.diagonal().mean()
         S = S + mean * (on_device @ on_device.T) if N.shape[1] else S
@@ -216,7 +211,8 @@ def held_factor(arrays: HostArrays, stiffness: Callable[[], Any], N: Array) -> t
         with suppress(np.linalg.LinAlgError):
             L = arrays.cholesky(S)
             pivots = arrays.get(L.diagonal()) ** 2
-            return L, bool(pivots.size and pivots.min() < THIN * pivots.max())
+            # Bending is so soft below this ratio that compression loses digits.
+            return L, bool(pivots.size and pivots.min() < 1e-6 * pivots.max())
     raise InputError(
         "stiffness: the condensed stiffness is not positive definite; the material or the mesh is "
         "not admissible, or cells are too slender for its digits: make them squarer, or fewer (up "

@@ -157,10 +157,6 @@ def together(each: list[Any]) -> Any:
 
 Array = NDArray[np.float64]
 
-# Shift, relative to the largest entry, of the compliance of the functional ``thesis``, whose rows
-# are linearly dependent: selects the multipliers of least norm.
-REGULARISATION = 1e-10
-
 
 class CondensedContact(CondensedBodies):
     """The bodies and their contact rows, reduced to a dense problem on the contact boundary.
@@ -353,9 +349,11 @@ class CondensedContact(CondensedBodies):
         for part in self.parts[1:]:
             W += arrays.put(part.arrays.get(part.compliance()))
         diagonal = arrays.get(W.diagonal())
-        if "thesis" in self.rows.functional.split(","):  # rank 2N + 2: see REGULARISATION
+        # The rows of ``thesis`` are linearly dependent, of rank 2N + 2: a small compliance selects
+        # the multipliers of least norm.
+        if "thesis" in self.rows.functional.split(","):
             i = arrays.xp.arange(diagonal.size)
-            W[i, i] += REGULARISATION * diagonal.max()
+            W[i, i] += 1e-10 * diagonal.max()
         self._scale = scale = self.points.lengths(diagonal)
         W /= arrays.put(scale)
         W /= arrays.put(scale)[:, None]

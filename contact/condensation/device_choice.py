@@ -14,8 +14,7 @@ from contact.errors import InputError, MissingDependency
 
 _log = logging.getLogger(__name__)
 Device = str | tuple[str, ...]  # "cpu", "cuda", or "cuda:0" and so on for several
-# Unknowns from which a device is quicker in a fresh process, where its libraries start in 3 s.
-LARGE = 100_000
+LARGE = 100_000  # unknowns from which a device is quicker although its libraries start in 3 s
 
 
 def chosen_device(device: Any, body: Any, solver: str) -> Device | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,15 @@ from contact.condensation import bisection
 from skfem_adini.ground.jit import compiled
 
 Index = NDArray[np.int64]
-# Levels of the tree for cuDSS: its own has ten; with fewer than six it factors slower than without.
-_DEEPEST, _FLATTEST = 10, 6
-_FEWEST = 20_000  # unknowns below which cuDSS finds its own order in milliseconds
+
+
+class _Limits(NamedTuple):  # of the tree for cuDSS
+    deepest: int = 10  # levels, as many as its own has
+    flattest: int = 6  # levels: with fewer it factors slower than without a tree
+    unknowns: int = 20_000  # with fewer cuDSS finds its own order in milliseconds
+
+
+LIMITS = _Limits()
 
 
 def elimination_order(body: Any) -> Index:
@@ -39,7 +45,7 @@ def elimination_tree(
     entity, dissection = parts
     entities = dissection.part.size
     others = np.bincount(entity, minlength=entities) - np.bincount(entity[kept], minlength=entities)
-    for depth in range(min(_DEEPEST, dissection.levels + 1), _FLATTEST - 1, -1):
+    for depth in range(min(LIMITS.deepest, dissection.levels + 1), LIMITS.flattest - 1, -1):
         order, block = dissection.breadth_first(depth)
         sizes = np.bincount(block, others, minlength=(1 << depth) - 1).astype(np.int64)
         sizes[-1] += kept.size
@@ -55,7 +61,7 @@ def elimination_tree(
 
 def dissected_if_large(body: Any) -> tuple[Index, Dissection] | None:
     """As `dissected`; None for a body of so few unknowns that cuDSS is quick without it."""
-    return dissected(body) if body.constraint[0].shape[1] >= _FEWEST else None
+    return dissected(body) if body.constraint[0].shape[1] >= LIMITS.unknowns else None
 
 
 def dissected(body: Any) -> tuple[Index, Dissection]:
@@ -66,9 +72,6 @@ def dissected(body: Any) -> tuple[Index, Dissection]:
         picked = body.picked.tocsc()
         leading = picked.indices[picked.indptr[:-1]]
     return entity[leading], dissection
-
-
-_STEPS = 2.0**26  # steps of a coordinate in a body's size, coarser than rounding
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int 
         middles += points[:, row] / len(cells)
     low = middles.min(axis=1, keepdims=True, initial=np.inf)
     size = float((middles - low).max(initial=0.0)) or 1.0
-    steps = np.rint((middles - low) / size * _STEPS).astype(np.int32)
+    steps = np.rint((middles - low) / size * 2.0**26).astype(np.int32)  # coarser than rounding
     leaf = _kernel("leaves_of")(steps, levels)
     first, last = _kernel("spans_of")(leaf, np.ascontiguousarray(cells), n)
     height = np.frexp((first ^ last).astype(np.float64))[1].astype(np.int64)

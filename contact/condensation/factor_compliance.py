@@ -10,8 +10,6 @@ import numpy as np
 from contact.arrays.dense_arrays import HostArrays
 from contact.condensation.boundary_problem import Array
 
-_SAMPLES = 16  # rows whose compliance is computed
-
 
 def guessed_diagonal(parts: tuple[Any, ...]) -> Array:
     """Approximate compliance of each row under a force of its own, shape (n,).
@@ -19,7 +17,7 @@ def guessed_diagonal(parts: tuple[Any, ...]) -> Array:
     it scales the problem and changes no result."""
     guess = np.asarray(sum(part.row_compliance() for part in parts))
     live = np.flatnonzero(guess > 0)
-    some = live[np.unique(np.linspace(0, live.size - 1, _SAMPLES).astype(np.int64))]
+    some = live[np.unique(np.linspace(0, live.size - 1, 16).astype(np.int64))]
     unit = np.zeros((guess.size, some.size))
     unit[some, np.arange(some.size)] = 1.0
     true = sum(part.yielded(unit, corrected=False) for part in parts)[some, np.arange(some.size)]

@@ -201,8 +201,8 @@ def _doubled(
     return SlabDoubling(body.columns, body.cell_rows, free[0], free[1], boundary, arrays)
 
 
-# By the path of a block; free unknowns of all node rows but the top, and of the top. Others
-# register themselves.
+# By the path of a block, called with the free unknowns of all node rows but the top, and of the
+# top. Other modules add theirs.
 FACTORS: dict[str, Callable[..., Any]] = {"slabs": _doubled}
 
 

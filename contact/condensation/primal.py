@@ -174,9 +174,6 @@ def _diagonal(S: sparse.csr_array, z: Any) -> Array:
     return np.asarray(S.multiply(picked).sum(axis=1), dtype=np.float64).ravel()
 
 
-_FILL = 60.0  # entries in a row of the change of unknowns, beyond which it is no longer sparse
-
-
 def rows_as_unknowns(
     B: sparse.csr_array,
 ) -> tuple[NDArray[np.int64], sparse.csr_array, sparse.csr_array]:
@@ -216,7 +213,7 @@ def rows_as_unknowns(
         solved = factor.solve(unit)
         solved[np.abs(solved) < 1e-14 * np.abs(solved).max(axis=0)] = 0.0
         blocks.append(sparse.csc_array(solved))
-        if blocks[-1].nnz > _FILL * some.size:
+        if blocks[-1].nnz > 60.0 * some.size:  # entries in each row: no longer sparse
             raise InputError(
                 "functional: each of its contact rows depends on all others, so that they cannot "
                 "be unknowns; take another functional, or DistributedBody(..., backend='mumps')"

@@ -16,9 +16,6 @@ from contact.arrays.dense_arrays import HostArrays
 from contact.arrays.sparse_rows import SparseRows
 
 Array = NDArray[np.float64]
-# Divisors of the free bytes of a device: a smaller stiffness stays there, and smaller local
-# matrices, of two to three times its size, are assembled there.
-_SMALL, _LOCAL = 16, 8
 
 
 @dataclass(frozen=True)
@@ -76,8 +73,9 @@ def _placed(body: Any, arrays: HostArrays) -> SparseRows | None:
     if room is None:
         return None
     local = 12 * body.basis.nelems * body.basis.Nbfun**2
-    there = body.stiffness_on(arrays.xp) if _LOCAL * local < room else None
-    if there is None and _SMALL * SparseRows.bytes(body.stiffness) < room:
+    # Assembling takes two to three times the size of the local matrices.
+    there = body.stiffness_on(arrays.xp) if 8 * local < room else None
+    if there is None and 16 * SparseRows.bytes(body.stiffness) < room:
         there = body.stiffness if body.stiffness.has_canonical_format else None
     return None if there is None else arrays.rows(there)
 

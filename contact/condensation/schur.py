@@ -63,9 +63,6 @@ def not_definite() -> InputError:
     )
 
 
-KEPT = 6  # loads whose forward elimination is cached
-
-
 class ForwardCache:
     """Cache of the forward elimination of the last loads, which `reduce` and `expand` both need.
     Only identical loads are looked up, so that no result depends on earlier solves; the pairs are
@@ -84,7 +81,7 @@ class ForwardCache:
         found = self._eliminate(load)
         if isinstance(found, np.ndarray):
             found.setflags(write=False)
-        self._known = ((load.copy(), found), *known[: KEPT - 1])
+        self._known = ((load.copy(), found), *known[:5])  # six loads are kept
         return found
 
 

@@ -24,8 +24,7 @@ from skfem_adini.solvers.cudss import Cudss
 
 # Compliance of a row times the stiffness of its unknown, 1.3 to 4 on uniform meshes: scales only.
 ROW_COMPLIANCE = 2.0
-_TOGETHER = 32  # columns of the compliance that are solved for together
-_DENSE = 8000  # unknowns up to which the stiffness is offered as a dense matrix
+DENSE_ORDER = 8000  # largest order of a dense stiffness: its factor takes 20 s and half a gigabyte
 
 
 class SolvedBody(SparseBody):
@@ -97,8 +96,9 @@ class SolvedBody(SparseBody):
             return self._solver.congruence(self.B)
         n = self.B.shape[0]
         W, columns = np.zeros((n, n), order="F"), sparse.csc_array(self.B.T)
-        for i in range(0, n, _TOGETHER):
-            part = slice(i, i + _TOGETHER)
+        together = 32  # columns that are solved for at a time
+        for i in range(0, n, together):
+            part = slice(i, i + together)
             W[:, part] = self.B @ self._held(columns[:, part].toarray(), self._solver.solve)
         return self.arrays.put(0.5 * (W + W.T))
 
@@ -137,7 +137,7 @@ class SolvedBody(SparseBody):
 
     def scaled_schur(self) -> Any:
         """The stiffness as a dense matrix, a copy, of small bodies alone."""
-        if self.B.shape[1] > _DENSE:
+        if self.B.shape[1] > DENSE_ORDER:
             raise ContactError(
                 f"the stiffness of {self.B.shape[1]} unknowns is not made dense; condense with a "
                 "dense boundary problem, on one device or the host"

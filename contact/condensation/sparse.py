@@ -21,8 +21,6 @@ from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
 from contact.errors import ContactError
 
-_MANY = 8  # rows of the stiffness are copied where they are fewer than one in so many
-
 
 class SparseBody(CondensedBody):
     """A body with a Basis, whose stiffness is factored by a sparse solver on host or device.
@@ -149,7 +147,8 @@ class SparseBody(CondensedBody):
 def forces_of_supports(body: Any, u0: Array, on_device: bool) -> Array:
     """Internal forces of prescribed displacements u0, which are zero except at few dofs."""
     moved = np.flatnonzero(u0)
-    if on_device or body.slender or _MANY * moved.size > u0.size:
+    # Rows of the stiffness are copied, where these are few.
+    if on_device or body.slender or 8 * moved.size > u0.size:
         return np.asarray(body.internal(u0))
     forces: Array = body.stiffness[moved].T @ u0[moved]
     return forces

@@ -20,8 +20,7 @@ from contact.body.cell_strains import strain_rows
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-_APART = 16.0  # ratio of singular values at a node from which on their directions are separated
-STRAIN_UNKNOWNS = 3000  # at most: the dense factorisation of so many takes some ten seconds
+STRAIN_UNKNOWNS = 3000  # whose strains are factored at most: it takes some ten seconds
 
 
 class StrainFactor:
@@ -60,7 +59,8 @@ class StrainFactor:
         for number in np.unique(node):
             own = np.flatnonzero(node == number)
             _, size, turn = np.linalg.svd(self._R_bb[:, own], full_matrices=False)
-            if size[-1] * _APART > size[0]:
+            # Directions are separated only where their singular values are far apart.
+            if size[-1] * 16.0 > size[0]:
                 size, turn = np.linalg.norm(self._R_bb[:, own], axis=0), np.eye(own.size)
             # Powers of two cause no rounding.
             exponent = np.round(np.log2(np.where(size > 0, size, 1.0))).astype(np.int64)

@@ -26,8 +26,7 @@ from contact.errors import InputError, NotConverged
 from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Tresca
 from contact.laws.iteration import Iteration
-from contact.laws.methods import INNER
-from contact.laws.newton import newton
+from contact.laws.newton import LIMITS, newton
 from contact.laws.status import Status
 from contact.obstacles.rigid import ObstacleMotion
 from contact.obstacles.rigid_motion import same_gaps
@@ -47,16 +46,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-PROJECTIONS = 30  # most in one step
-SMALL_ANGLE = 0.1  # radians: small strains are then off by 5e-3
-# Relative change of the displacement at which a step ends, over the tolerance.
-SETTLED = 1e-2
-
 
 class FiniteSliding:
     """Solves the steps of a history in which the bodies of a problem slide.
-    `largest_rotation` in radians, `SMALL_ANGLE` by default. Raises InputError without two touching
-    bodies, with a given clearance, or for no angle."""
+    `largest_rotation` in radians, 0.1 by default, where small strains are off by 5e-3. Raises
+    InputError without two touching bodies, with a given clearance, or for no angle."""
 
     def __init__(self, problem: ContactProblem, largest_rotation: float | None = None) -> None:
         interfaces = problem.boundaries
@@ -80,7 +74,7 @@ class FiniteSliding:
                         f"sliding: {interfaces.bodies.called(k)} is a {type(body).__name__}, whose "
                         "condensation keeps one set of contact rows; let block.elastic() slide"
                     )
-        angle = SMALL_ANGLE if largest_rotation is None else largest_rotation
+        angle = 0.1 if largest_rotation is None else largest_rotation
         value = numbers("largest_rotation", angle)
         if value.shape != () or not 0.0 < value < 0.5 * np.pi:
             raise InputError(
@@ -103,7 +97,8 @@ class FiniteSliding:
         rest = np.zeros(body.f.size) if last is None else last.u
         u, result, change = (rest if near is None else near), last, np.inf
         kept, lines = self._all_kept(), list[Iteration]()
-        for k in range(PROJECTIONS):
+        most = 30  # projections in one step
+        for k in range(most):
             system, here = self._system(body, u, last, moving)
             condensed = kept.touched_by(body, system.rows)
             found = self._newton(system, here, condensed, rest, result, options) if k else None
@@ -116,7 +111,7 @@ class FiniteSliding:
             lines += [*(result.history if found is None else ()), _line(k, result, change / size)]
             # What Newton's next step would still change, where this one was a step of it.
             ahead = change if found is None else min(change, change**2 / before)
-            if ahead <= SETTLED * options.tol * size:
+            if ahead <= 1e-2 * options.tol * size:
                 break
         again, _ = self._system(body, u, last, moving)
         if result is not None and again.rows.gap.size == result.mu.size:
@@ -125,7 +120,7 @@ class FiniteSliding:
             refuse_large_rotations(self._interfaces, u, self._angle)
             return result
         raise NotConverged(
-            f"finite sliding: after {PROJECTIONS} projections the displacement still changes by "
+            f"finite sliding: after {most} projections the displacement still changes by "
             f"{change:.1e} (before: {before:.1e}); take smaller steps",
             tuple(lines),
         )
@@ -282,7 +277,7 @@ def newton_step(
     )
     friction = system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
     start = Forces(last.mu * scale, last.t * scale[:, None], np.zeros(0))
-    forces = newton(Condensed(problem, friction), start, tol=INNER * tol)
+    forces = newton(Condensed(problem, friction), start, tol=LIMITS.inner * tol)
     l = problem.forces(forces.mu, forces.t) / of_rows
     du = condensed.moved(left, response[:, 0] - response[:, 1:] @ l)
     u, mu = u + du, forces.mu / scale

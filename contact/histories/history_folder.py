@@ -39,10 +39,9 @@ if TYPE_CHECKING:
     from contact.result.contact_system import ContactSystem
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
+Found = TypeVar("Found")
 _SPREAD = ("load", "u0", "u")  # vectors of the body; everything else is the same on all processes
 _FORMAT = 2
-_STEP = re.compile(r"step_(\d{5,})\.npz")
 logger = logging.getLogger(__name__)
 
 
@@ -248,7 +247,7 @@ class HistoryFolder:
 
     def _steps(self) -> list[int]:
         """Numbers of the steps that have a file."""
-        found = (_STEP.fullmatch(path.name) for path in self.path.iterdir())
+        found = (re.fullmatch(r"step_(\d{5,})\.npz", path.name) for path in self.path.iterdir())
         return sorted(int(match[1]) for match in found if match)
 
     def _step(self, k: int) -> Path:
@@ -258,7 +257,7 @@ class HistoryFolder:
         return self.path / f"step_{k + 1:05d}_{rank}.npz"
 
 
-def _on_first(comm: Any, task: Callable[[], T]) -> T:
+def _on_first(comm: Any, task: Callable[[], Found]) -> Found:
     """Do it on the first process; all get what it returns, or the error that it raises."""
     if comm is None:
         return task()
@@ -272,7 +271,7 @@ def _on_first(comm: Any, task: Callable[[], T]) -> T:
     failure = comm.bcast(failure)
     if failure is not None:
         raise failure
-    told: T = comm.bcast(found)
+    told: Found = comm.bcast(found)
     return told
 
 

@@ -7,16 +7,9 @@ import numpy as np
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.errors import InputError, NotConverged
 from contact.laws.iteration import Iteration, Report
-from contact.laws.newton import ROUND_OFF
+from contact.laws.newton import LIMITS
 from contact.laws.qp_peers import solve_box_with
 from gpu import QPFactor, QPResult, solve_qp
-
-# Compliance added to each row, whose own is about one, where rows are linearly dependent.
-COMPLIANCE = 1e-9
-PROXIMAL_POINTS = 30  # at most: where the conditions of rows contradict each other, none converges
-# Ratio of forces to displacements. It is reached only where the conditions of dependent rows
-# contradict each other: the forces are then of the order of 1 / COMPLIANCE.
-PINCHED = 1e-2 / COMPLIANCE
 
 
 def signorini(
@@ -108,16 +101,18 @@ def _box_qp(
             return solve_qp(factor, q, A=A, b=b, lb=lb, ub=ub, start=guess, tol=tol)
         except NotConverged:  # nearly singular
             pass
-    factor = _factored(P + COMPLIANCE * np.eye(q.size))
+    added = 1e-9  # compliance of each row, whose own is about one
+    factor = _factored(P + added * np.eye(q.size))
     x = np.zeros(q.size) if guess is None else guess
     start: Array | QPResult | None = guess
     least, best = np.inf, None
-    for _ in range(PROXIMAL_POINTS):
-        result = solve_qp(factor, q - COMPLIANCE * x, A=A, b=b, lb=lb, ub=ub, start=start, tol=tol)
+    for _ in range(30):
+        result = solve_qp(factor, q - added * x, A=A, b=b, lb=lb, ub=ub, start=start, tol=tol)
         x, before, start = result.x, x, result
-        missed = COMPLIANCE * float(np.abs(x - before).max())
+        missed = added * float(np.abs(x - before).max())
         largest, driving = float(np.abs(x).max()), float(np.abs(q).max())
-        if largest > PINCHED * driving:
+        # The conditions of dependent rows contradict each other: only then are forces so large.
+        if largest > 1e-2 / added * driving:
             least = np.inf
             break
         # Forces below 1e-12 of the displacements that cause them are rounding.
@@ -126,7 +121,7 @@ def _box_qp(
             least, best = missed / size, result
         if least <= tol:
             break
-    if best is None or least > ROUND_OFF * tol:
+    if best is None or least > LIMITS.round_off * tol:
         raise NotConverged(
             f"dependent contact rows: residual {least:.1e} at best, tolerance {tol:.1e}; they may "
             "ask for displacements that exclude each other: open the gap, choose another "

@@ -22,16 +22,7 @@ from contact.condensation.factor_compliance import FactorCompliance
 from contact.laws.friction import Friction, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.law import ContactLaw, SlipLaw, State, Zones
-
-# Compliance that acts on the change of the forces; that of each row is one. It makes the step
-# unique where rows are linearly dependent, has no effect at convergence, and is too small to cost a
-# step.
-PROXIMAL = 1e-13
-# Stiffness, relative to the square of the largest entry of C, that acts on the change of free
-# motions: it makes the step unique while too few points are in contact to hold the body, and has no
-# effect at convergence either.
-WEAK = 1e-9
-_ROUNDING = 10.0  # in machine precisions: sums and solves of some hundred terms lose a digit
+from contact.laws.newton import LIMITS
 
 
 @dataclass(frozen=True)
@@ -40,7 +31,7 @@ class Condensed:
 
     problem: BoundaryProblem
     friction: Friction
-    weak: float = WEAK  # stiffness of springs on free motions, over the square of max |C|
+    weak: float = 1e-9  # stiffness of springs on free motions, over the square of max |C|
     anchored: bool = True  # springs act on the change of motions, else on motions
     patience = 8
 
@@ -76,7 +67,7 @@ class Condensed:
         if p.K is not None:
             balanced = balanced + np.abs(p.K) @ a
         largest = max(float(part.max(initial=0.0)) for part in (moved, balanced, gap))
-        return _ROUNDING * float(np.finfo(float).eps) * largest / p.residual_size(now.mu, now.t)
+        return LIMITS.noise * largest / p.residual_size(now.mu, now.t)
 
     def softened(self, forces: Forces, delta: float) -> Condensed:
         """With springs of compliance delta in all rows, at rest under the forces."""
@@ -105,13 +96,17 @@ class Condensed:
         n_n, n = rows_n.size, rows.size
 
         # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick).
-        C, added = problem.C[rows], np.full(n, PROXIMAL)
+        # A compliance acts on changes of the forces, as weak springs do on those of free motions:
+        # steps are unique where rows are linearly dependent, or too few points hold the body, and
+        # nothing is left of either at convergence.
+        proximal = 1e-13
+        C, added = problem.C[rows], np.full(n, proximal)
         rhs = np.concatenate((problem.v0[rows], np.zeros(k)))
         rhs[:n_n] -= problem.gap[zones.active]
         if problem.compliance is not None:
             added[:n_n] += zones.slope[zones.active]
             rhs[:n_n] -= zones.opening[zones.active]
-        rhs[:n] += PROXIMAL * problem.forces(now.mu, now.t)[rows]
+        rhs[:n] += proximal * problem.forces(now.mu, now.t)[rows]
         # At slipping points the linearised law replaces the equation for u_t.
         place, normal_place = np.full(tangent.shape, -1), np.full(zones.active.size, -1)
         place[rubbing] = n_n + np.arange(n - n_n)
@@ -247,11 +242,6 @@ class DenseSystem:
         return np.asarray(self._arrays.solve_square(self._A, right, self._definite))
 
 
-_REDUCTION = 1e-3  # of the residual of a step; the next step begins with what is left
-_MOST = 400  # products of a step at most
-_BASIS = 120  # vectors of GMRES before it starts anew
-
-
 class ProductSystem:
     """``[[M (W + D), -M C], [balance]]`` plus what the laws of slip add, of products with W."""
 
@@ -290,5 +280,5 @@ class ProductSystem:
         def product(y: Array) -> Array:
             return np.asarray(unit * self._times(unit * y, self._W.quickly))
 
-        step, _ = gmres(product, unit * right, lambda y: y, _REDUCTION, _MOST, _BASIS)
+        step, _ = gmres(product, unit * right, lambda y: y, 1e-3, most=400, restart=120)
         return np.asarray(unit * step)

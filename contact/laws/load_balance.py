@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -11,22 +12,17 @@ from contact.condensation.boundary_problem import Array, BoundaryProblem
 from contact.errors import Infeasible
 from contact.laws.friction import Coulomb, Friction, Tresca
 
-_DIRECTIONS = 16  # initial directions of the slip in 3-D, over half a turn
-_CUTS = 30  # rounds of cutting planes at most; each reduces the error of the moduli by four
-# Loads are at the limit of friction if friction reduced by this fraction cannot balance them.
-LIMIT = 1e-6
-# Relative to the largest entry of C: smaller displacements of all contact points are rounding, and
-# the motion that causes them is undetermined.
-_UNSEEN = 1e-10
-_GAIN = 1e-7  # relative to the largest load: less work along a motion is rounding of the program
-# Relative to the largest entry of C: a motion with smaller normal displacements presses no contact
-# point. An example is the rotation of a circular boundary whose vertices are slightly off the
-# circle.
-_PRESSES = 1e-6
-_DRIVEN = 1e-4  # relative to the largest load: with more work along a motion, the loads drive it
-# Relative: smaller forces and motions count as zero. Ten times the error that a certificate of
-# 1e-10 allows.
-_NOTHING = 1e-9
+
+class _Balance(NamedTuple):  # when loads and motions count; displacements relative to max |C|
+    limit: float = 1e-6  # part of friction without which loads at its limit are not balanced
+    unseen: float = 1e-10  # displacement of all contact points by a motion that is undetermined
+    gain: float = 1e-7  # work along a motion, over the largest load, that is rounding
+    presses: float = 1e-6  # normal displacement that presses no point, as on rough circles
+    driven: float = 1e-4  # work over the largest load that drives the body
+    zero: float = 1e-9  # forces and motions: ten times what a certificate of 1e-10 allows
+
+
+BALANCE = _Balance()
 
 
 def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
@@ -62,7 +58,7 @@ def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[st
     normal, tangential = problem.C[problem.normal[touch]], problem.C[problem.tangent[live]]
     seen = np.vstack((normal, tangential, np.zeros((k, k))))
     _, singular, V = np.linalg.svd(seen, full_matrices=False)
-    if singular[-1] <= _UNSEEN * float(np.abs(problem.C).max(initial=1e-300)):
+    if singular[-1] <= BALANCE.unseen * float(np.abs(problem.C).max(initial=1e-300)):
         return "no contact row sees this rigid motion", V[-1]
 
     # Unknowns: a = a+ - a- with |a|_1 <= 1, which favours few components, and w_i >= |v_t,i|.
@@ -89,7 +85,7 @@ def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[st
         for direction in _directions(problem.tangent.shape[1])
         for sign in (1.0, -1.0)
     ]
-    for _ in range(_CUTS):
+    for _ in range(30):  # each round of cutting planes reduces the error by four
         of_a, of_w = np.split(np.vstack((*cuts, contact)) / size, [k], axis=1)
         A = np.vstack((np.hstack((of_a, -of_a, of_w)), total))
         found = scipy.optimize.linprog(
@@ -97,7 +93,7 @@ def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[st
         )
         # A gain this small may be rounding. The cuts underestimate the moduli and overestimate the
         # gain: if it is not positive, the body is held.
-        if found.x is None or gain @ found.x <= _GAIN:
+        if found.x is None or gain @ found.x <= BALANCE.gain:
             return None
         motion = found.x[:k] - found.x[k : 2 * k]
         v = V_t @ motion
@@ -114,13 +110,12 @@ def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[st
 
 
 def at_the_limit(problem: BoundaryProblem, friction: Friction | None) -> Array | None:
-    """A rigid motion that friction reduced by the fraction `LIMIT` could not resist, or None. How
-    far the body slips then depends on changes of the loads below their accuracy.
-    """
+    """A rigid motion that friction reduced by `BALANCE.limit` could not resist, or None. How far
+    the body slips then depends on changes of the loads below their accuracy."""
     if friction is None:
         return None
     try:
-        check_held(problem, friction.times(1.0 - LIMIT))
+        check_held(problem, friction.times(1.0 - BALANCE.limit))
     except Infeasible as error:
         return np.asarray(error.certificate)
     return None
@@ -136,13 +131,13 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
         return None
     normal = problem.C[problem.normal[problem.can_touch]] / size
     A = np.vstack((np.hstack((normal, -normal)), np.ones((1, 2 * k))))
-    b = np.r_[np.full(len(normal), _PRESSES), 1.0]
+    b = np.r_[np.full(len(normal), BALANCE.presses), 1.0]
     s = problem.s / np.abs(problem.s).max()  # the program's tolerances are absolute
     found = scipy.optimize.linprog(-np.r_[s, -s], A_ub=A, b_ub=b, method="highs")
     if found.x is None:
         return None
     motion: Array = found.x[:k] - found.x[k:]
-    driven = s @ motion > _DRIVEN
+    driven = s @ motion > BALANCE.driven
     return allowed @ motion if driven else None
 
 
@@ -158,9 +153,9 @@ def undetermined_slip(
         return None
     g, size = friction.bound(mu), np.linalg.norm(t, axis=1)
     live = problem.tangent >= 0
-    yields = live.any(axis=1) & (g > _NOTHING * force) & (size >= g * (1.0 - _NOTHING))
-    sticks = live & ((g > _NOTHING * force) & ~yields)[:, None]
-    loaded = (problem.normal >= 0) & (mu > _NOTHING * force)
+    yields = live.any(axis=1) & (g > BALANCE.zero * force) & (size >= g * (1.0 - BALANCE.zero))
+    sticks = live & ((g > BALANCE.zero * force) & ~yields)[:, None]
+    loaded = (problem.normal >= 0) & (mu > BALANCE.zero * force)
     V = np.where(live[:, :, None], problem.C[problem.tangent], 0.0)[yields]
     b = t[yields] / size[yields, None]
     along = np.einsum("pi,pik->pk", b, V)
@@ -175,9 +170,9 @@ def undetermined_slip(
     )
     largest = float(np.abs(problem.C).max())
     _, singular, motions = np.linalg.svd(held, full_matrices=False)
-    for motion in motions[singular <= _NOTHING * largest]:
+    for motion in motions[singular <= BALANCE.zero * largest]:
         slip = along @ motion
-        reach = _NOTHING * largest
+        reach = BALANCE.zero * largest
         if np.any(np.abs(slip) > reach) and (np.all(slip >= -reach) or np.all(slip <= reach)):
             return np.asarray(allowed @ motion)
     return None
@@ -193,10 +188,10 @@ def without_ties(problem: BoundaryProblem) -> tuple[BoundaryProblem, Array]:
     at = np.concatenate((problem.normal[ties], problem.tangent[ties].ravel()))
     rows = np.vstack((problem.C[at[at >= 0]], np.zeros((k, k))))
     _, singular, V = np.linalg.svd(rows, full_matrices=False)
-    allowed = V[singular <= _UNSEEN * float(np.abs(problem.C).max(initial=1e-300))].T
+    allowed = V[singular <= BALANCE.unseen * float(np.abs(problem.C).max(initial=1e-300))].T
     s = allowed.T @ problem.s
     # What rounding leaves of loads that bonded points balance is no load.
-    s[np.abs(s) <= _NOTHING * float(np.abs(problem.s).max(initial=0.0))] = 0.0
+    s[np.abs(s) <= BALANCE.zero * float(np.abs(problem.s).max(initial=0.0))] = 0.0
     apart = replace(
         problem,
         C=problem.C @ allowed,
@@ -213,5 +208,5 @@ def _directions(count: int) -> list[Array]:
     """Unit directions over half a turn, each of shape (count,)."""
     if count == 1:
         return [np.ones(1)]
-    angles = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    angles = np.pi * np.arange(16) / 16
     return [np.array([np.cos(angle), np.sin(angle)]) for angle in angles]

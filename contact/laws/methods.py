@@ -20,24 +20,16 @@ from contact.laws.condensed_newton import Condensed, outer_step
 from contact.laws.friction import Coulomb, Friction, Tresca
 from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import check_held
-from contact.laws.newton import newton, proximal_point
+from contact.laws.newton import LIMITS, newton, proximal_point
 from contact.laws.options import Options
 from contact.laws.primal_newton import primal_newton
 from contact.laws.tresca_loop import tresca_loop
 
 Array = NDArray[np.float64]
 
-# Tolerance of the boundary problem relative to that of the certificate, which is computed on the
-# whole body, in other units.
-INNER = 1e-2
-# Stiffness of the springs that hold free motions in the frictionless start, relative to the square
-# of the largest entry of C: soft compared with contact, whose stiffness is one.
+# Stiffness of springs on free motions in the frictionless start, over the square of max |C|: soft
+# compared with contact, whose stiffness is one.
 SPRINGS = 1e-2
-SOFTER = 5  # times that they are softened by as much
-SLIP = 1e-5  # default eps of ``fixed_point`` relative to the largest displacement
-# The certificate measures slip in other units than the fixed point: its residual may be larger by
-# this factor.
-SLACK = 10.0
 
 
 def solve_boundary(
@@ -55,7 +47,8 @@ def solve_boundary(
         return primal_newton(problem, friction, options, start, report), 0.0
     _refuse(problem, options)
     check_held(problem, friction)
-    tol, limit, monolithic = options.tol * INNER, options.max_iterations, options.method == "newton"
+    tol, limit = options.tol * LIMITS.inner, options.max_iterations
+    monolithic = options.method == "newton"
     if isinstance(problem.W, FactorCompliance):
         with suppress(NotConverged, LinAlgError):
             return device_newton(
@@ -174,7 +167,7 @@ def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Force
         return signorini(problem, tol=tol, phase="frictionless", report=report)
     springs = SPRINGS * float(np.abs(problem.C).max()) ** 2
     found = signorini(problem, tol=tol, springs=springs, phase="frictionless", report=report)
-    for _ in range(SOFTER):
+    for _ in range(5):
         if _carries(problem, found):
             break
         springs *= SPRINGS
@@ -203,7 +196,7 @@ def _regularised(
     """Forces of the fixed point (4.12), and the violation of friction that eps causes."""
     eps = options.eps
     if eps is None:
-        eps = SLIP * _largest_displacement(problem, start, scale)
+        eps = 1e-5 * _largest_displacement(problem, start, scale)
     forces = fixed_point(
         problem,
         start,
@@ -214,7 +207,8 @@ def _regularised(
         report=report,
     )
     slip = eps / _largest_displacement(problem, forces, scale)
-    return forces, SLACK * options.tol + SLACK * slip
+    # The certificate measures slip in other units, in which the residual may be larger.
+    return forces, 10.0 * options.tol + 10.0 * slip
 
 
 def _coulomb(
@@ -242,9 +236,6 @@ def _coulomb(
     raise NotConverged(f"{failure}; try method='tresca_loop' or a smaller friction coefficient")
 
 
-START = 15  # frictionless active-set steps, at most, that precede Newton's method on a cold start
-
-
 def device_newton(
     problem: BoundaryProblem,
     friction: Friction | None,
@@ -269,7 +260,7 @@ def device_newton(
 def _without_friction(laws: Condensed, now: Forces, report: Report) -> Forces:
     """Active-set steps until the set of active points repeats."""
     before: NDArray[np.bool_] | None = None
-    for step in range(1, START + 1):
+    for step in range(1, 16):
         state = laws.state(now)
         zones = laws.law.zones(state)
         if before is not None and np.array_equal(before, zones.active):
@@ -340,9 +331,6 @@ def _largest(x: Array) -> float:
     return max(float(np.abs(x).max(initial=0.0)), np.finfo(float).tiny)
 
 
-DOUBLINGS = (1, 2, 4, 8, 16)  # of a bound that cannot balance the loads
-
-
 @dataclass(frozen=True)
 class GivenFriction:
     """Solver for any given bound: the box QP, by `peer` if given, or Newton's method; damped alone
@@ -370,7 +358,7 @@ class GivenFriction:
         """Forces under the bound of the last step of an iteration for Coulomb's law, or under a
         multiple where its pressure is too low to balance the loads.
         """
-        for times in DOUBLINGS:
+        for times in (1, 2, 4, 8, 16):
             with suppress(Infeasible):
                 if self.problem.s.size and not self.box:  # where Newton's method would only stall
                     check_held(self.problem, Tresca(times * bound))
@@ -400,11 +388,6 @@ class GivenFriction:
         return proximal_point(laws, start, tol=tol, report=report)
 
 
-GROUP = 4  # neighbouring contact points that become one point of the coarse problem
-FEW = 100  # with fewer contact points a coarse problem saves no time
-ON_HOST = 400  # rows up to which steps on a device take as long as its calls, longer than the host
-
-
 @dataclass(frozen=True)
 class CoarseProblem:
     """A problem whose neighbouring points, in groups, have equal scaled forces: l = P L, P^T W P.
@@ -419,13 +402,13 @@ class CoarseProblem:
 
     @classmethod
     def of(cls, fine: BoundaryProblem, friction: Friction | None) -> CoarseProblem | None:
-        """Group points, numbered along the boundary; None in 3-D, for fewer than `FEW` points, with
+        """Group points, numbered along the boundary; None in 3-D, for fewer than a hundred, with
         bonded ones and on compliant surfaces.
         """
         m = fine.gap.size
-        if fine.tangent.shape[1] != 1 or m < FEW or fine.ties.any() or fine.compliance:
+        if fine.tangent.shape[1] != 1 or m < 100 or fine.ties.any() or fine.compliance:
             return None
-        group = np.arange(m) // GROUP
+        group = np.arange(m) // 4  # neighbours become one point
         count = int(group[-1]) + 1
         bears = np.column_stack((fine.can_touch, fine.tangent[:, 0] >= 0))
         there = np.stack([np.bincount(group, bears[:, j], count) > 0 for j in (0, 1)], axis=1)
@@ -447,8 +430,9 @@ class CoarseProblem:
         share[number[there]] = 1.0 / np.broadcast_to(scale[:, None], there.shape)[there]
         W = W * arrays.put(share) * arrays.put(share)[:, None]
         gap = np.bincount(group, np.where(fine.can_touch, fine.gap, 0.0), count) / scale
+        # With few rows, steps on a device take as long as its calls: longer than on the host.
         problem = BoundaryProblem(
-            W=arrays.get(W) if first.size <= ON_HOST else arrays.matrix(W),
+            W=arrays.get(W) if first.size <= 400 else arrays.matrix(W),
             v0=np.add.reduceat(fine.v0[used], first) * share,
             C=np.add.reduceat(fine.C[used], first, axis=0) * share[:, None],
             s=fine.s,

@@ -9,7 +9,7 @@ ends after finitely many steps.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -18,12 +18,15 @@ from contact.errors import NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.laws.law import ContactLaw, State, Zones
 
-ROUND_OFF = 1e2  # times the tolerance: below this residual a stall counts as rounding error
-# Residual below which the iterate is near a solution: the undamped Newton step is used there, and a
-# stall may be due to rounding.
-NEAR = 0.1
-SOFTEST, STIFFEST = 1e3, 1e-9  # limits of the compliance delta; that of each row is one
-ATTEMPTS = 100  # Newton solves at most; twenty reduce delta from the upper limit to the lower one
+
+class _Limits(NamedTuple):  # of residuals
+    inner: float = 1e-2  # tolerance of a boundary problem over that of the certificate of the body
+    near: float = 0.1  # below it steps are undamped, and a stall may be rounding
+    round_off: float = 1e2  # times the tolerance: a stall below it is rounding
+    noise: float = 10 * float(np.finfo(float).eps)  # rounding of a hundred terms over their size
+
+
+LIMITS = _Limits()
 
 
 class Compliance(Protocol):
@@ -55,7 +58,7 @@ class Compliance(Protocol):
 
 def at_rounding(compliance: Compliance, best: State | None, least: float) -> bool:
     """Whether the residual of a state near a solution is the rounding of the terms in it."""
-    return best is not None and least <= NEAR and least <= compliance.rounding(best)
+    return best is not None and least <= LIMITS.near and least <= compliance.rounding(best)
 
 
 class Progress:
@@ -82,7 +85,7 @@ class Progress:
             return True
         # Near the solution, a Newton step that does not halve the residual has reached rounding
         # error: that of the terms that cancel in it, or a multiple if badly conditioned.
-        if self._since_half >= 2 and self._least <= ROUND_OFF * self._tol:
+        if self._since_half >= 2 and self._least <= LIMITS.round_off * self._tol:
             return True
         if self._since_half >= 1 and at_rounding(self._compliance, self._best, self._least):
             return True
@@ -90,7 +93,7 @@ class Progress:
 
     def best_of(self, phase: str) -> Any:
         """The forces of least residual; `NotConverged` if it is larger than rounding."""
-        near = self._least <= ROUND_OFF * self._tol
+        near = self._least <= LIMITS.round_off * self._tol
         if self._best and (near or at_rounding(self._compliance, self._best, self._least)):
             return self._best.forces
         raise NotConverged(
@@ -112,7 +115,7 @@ def newton(
     """Forces of contact from a start, or `NotConverged`; `zones` take the place of its own."""
     now = compliance.state(start)
     size = compliance.residual(now) if zones is None else np.inf
-    progress, radial = Progress(compliance, tol, size), size < NEAR
+    progress, radial = Progress(compliance, tol, size), size < LIMITS.near
     for step in range(1, max_iterations + 1):
         zones = zones or compliance.law.zones(now)
         kind = ("radial" if radial else "damped") if form == "switched" else form
@@ -123,7 +126,7 @@ def newton(
         if progress.ended(now, size):
             break
         # Radial return that does not get nearer cycles: the damped form leads out.
-        radial, zones = size < NEAR and not (radial and size > 0.9 * before), None
+        radial, zones = size < LIMITS.near and not (radial and size > 0.9 * before), None
     return progress.best_of(phase)
 
 
@@ -148,7 +151,7 @@ def proximal_point(
     """
     now = best = start
     least, delta = np.inf, 0.1  # a tenth of the compliance of a row
-    for _ in range(ATTEMPTS):
+    for _ in range(100):  # twenty reduce delta from the upper limit to the lower one
         try:
             now = newton(
                 compliance.softened(now, delta),
@@ -160,7 +163,7 @@ def proximal_point(
             )
         except (NotConverged, LinAlgError):
             delta *= 4
-            if delta > SOFTEST:
+            if delta > 1e3:
                 break
             continue
         size = compliance.residual(compliance.state(now))
@@ -168,7 +171,7 @@ def proximal_point(
             best, least = now, size
         if size <= tol:
             break
-        delta = max(0.25 * delta, STIFFEST)
-    if least <= ROUND_OFF * tol:
+        delta = max(0.25 * delta, 1e-9)
+    if least <= LIMITS.round_off * tol:
         return best
     raise NotConverged(f"proximal point: residual {least:.1e} at best, tolerance {tol:.1e}")

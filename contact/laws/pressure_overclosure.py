@@ -11,7 +11,6 @@ from contact.errors import InputError
 from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
-_STEPS = 100  # of Newton's method for one scalar equation, at most; it needs less than twenty
 
 
 class PressureOverclosure:
@@ -162,7 +161,7 @@ class Exponential(PressureOverclosure):
         # x (e^x - 1) >= e^x - 1 from x = 1 on: the pressure alone bounds x, and so does b c alone.
         largest = np.maximum(1.0, np.log1p(rest / a * (np.expm1(1.0) / self._p0)))
         x = np.minimum(largest, rest / (b * self._c0))
-        for _ in range(_STEPS):
+        for _ in range(100):  # Newton's method; it needs less than twenty
             p, slope = self.evaluated(self._c0 * (x - 1.0))
             missed = a * p + b * self._c0 * x - rest
             new = np.maximum(x - missed / ((a * slope + b) * self._c0), 0.0)

@@ -26,10 +26,6 @@ from contact.laws.newton import newton
 from contact.laws.options import Options
 from skfem_adini.distributed import Alteration
 
-_LINEAR = 1e-13  # residual of the linear systems, relative to their largest right side
-_STIFFEST = 1e-8  # of |q|: a point whose friction is nearer to its bound all but sticks
-_GIVEN = 4  # solutions for the friction bound of the last one, before Newton's method starts anew
-
 
 def primal_newton(
     problem: PrimalProblem,
@@ -56,7 +52,7 @@ def primal_newton(
             failure = error
         if isinstance(laws.friction, Tresca):
             break
-        for _ in range(_GIVEN):
+        for _ in range(4):  # then Newton's method starts anew
             given = Primal(problem, Tresca(laws.friction.bound(now.mu)))
             now = given.solved(now, 1e-3, limit, "tresca step", report)
     raise NotConverged(f"{failure}; try a smaller friction coefficient, or backend='mumps'")
@@ -134,7 +130,7 @@ class Primal(Condensed):
             alteration, right = _slipping(problem, law, zones, held, load)
         begin = np.zeros(problem.load.size) if now.x is None else now.x
         x, product = system.solve(
-            alteration, problem.load, np.where(held, value, right), begin, _LINEAR
+            alteration, problem.load, np.where(held, value, right), begin, tol=1e-13
         )
         forces = load - system.of_chosen(product)
         mu, t = problem.zeros()
@@ -151,7 +147,8 @@ def _slipping(
     """
     points, n = np.flatnonzero(zones.slip), held.size
     at, of_normal = problem.tangent[points], problem.normal[points]
-    turned = law.blocks()[1] / np.maximum(1.0 - law.ratio, _STIFFEST)[:, None, None]
+    # Points whose friction is nearer to its bound all but stick.
+    turned = law.blocks()[1] / np.maximum(1.0 - law.ratio, 1e-8)[:, None, None]
     share, known = ((law.a * part).T for part in (law.coefficient, law.bound))
     with_x = blocks_in(n, at, at, turned)
     # The bound of Coulomb's law is F mu, where mu = f_n - K_n x.

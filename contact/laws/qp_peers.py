@@ -14,22 +14,13 @@ from contact.errors import InputError, MissingDependency, NotConverged
 
 Array = NDArray[np.float64]
 
-# Names of each solver's tolerances, and the tightest values requested; the other solvers of
-# qpsolvers keep their defaults.
+# The tightest tolerances that are tried; other solvers of qpsolvers keep their defaults.
 _TOLERANCES: dict[str, dict[str, float]] = {
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9},
     "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0},
     "piqp": {"eps_abs": 1e-12, "eps_rel": 1e-12},
     "clarabel": {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13},
 }
-_OPTIONS: dict[str, dict[str, Any]] = {
-    "osqp": {"polishing": True, "max_iter": 20_000},
-    "proxqp": {"backend": "sparse"},
-}
-# Factors on these tolerances, tried in turn. An interior point method whose tolerance is below its
-# rounding error ends in failed steps, far from its best iterate, and OSQP where rows are nearly
-# dependent stalls just above its tolerance.
-_LOOSER = (1.0, 1e1, 1e2, 1e4)
 
 
 def solve_with(
@@ -62,7 +53,10 @@ def solve_with(
             return matrix
         return sparse.csc_matrix(matrix)
 
-    options = dict(_OPTIONS.get(solver, {}))
+    options: dict[str, Any] = {
+        "osqp": {"polishing": True, "max_iter": 20_000},
+        "proxqp": {"backend": "sparse"},
+    }.get(solver, {})
     if solver == "osqp" and all(rows is None or rows.shape[0] == 0 for rows in (G, A, lb, ub)):
         options["polishing"] = False  # it prints that there is nothing to polish
     if solver == "proxqp" and not as_sparse:
@@ -86,7 +80,9 @@ def solve_with(
     begin = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of matrix formats
-        for factor in _LOOSER:
+        # An interior point method whose tolerance is below its rounding error ends in failed steps,
+        # far from its best iterate, and OSQP just above it where rows are nearly dependent.
+        for factor in (1.0, 1e1, 1e2, 1e4):
             tolerances = {k: factor * tol for k, tol in _TOLERANCES.get(solver, {}).items()}
             try:
                 solution = qpsolvers.solve_problem(problem, solver, **options, **tolerances)

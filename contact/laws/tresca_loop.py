@@ -11,7 +11,7 @@ from contact.errors import NotConverged
 from contact.laws.condensed_newton import Condensed, outer_step
 from contact.laws.friction import Coulomb
 from contact.laws.iteration import Report
-from contact.laws.newton import ROUND_OFF, at_rounding
+from contact.laws.newton import LIMITS, at_rounding
 
 Tresca = Callable[[Array, Forces], Forces]
 
@@ -40,7 +40,7 @@ def tresca_loop(
             best, least = now, line.residual
         elif at_rounding(laws, laws.state(best), least):
             return best
-    if least <= ROUND_OFF * tol or at_rounding(laws, laws.state(best), least):
+    if least <= LIMITS.round_off * tol or at_rounding(laws, laws.state(best), least):
         return best
     raise NotConverged(
         f"tresca loop: residual {line.residual:.1e} after {step} outer steps, tolerance {tol:.1e}; "

@@ -466,19 +466,16 @@ def _same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult
 
-_RATIO = 4.0  # largest one of lengths of facets that face each other without a warning
-_VARIES = 0.05  # relative to the largest pressure: any facets resolve smaller variations
-
 
 def warn_of_coarse_facets(result: ContactResult, ratio: Array) -> None:
     """Warn (ContactWarning) if facets in contact face others of less than a quarter the length.
     The coarser mesh limits the accuracy of the pressure; `ratio` (m,) is that of `facet_ratio`."""
     p = result.pressure
     loaded = p > 1e-12 * p.max(initial=0.0)
-    if not loaded.any() or np.ptp(p) <= _VARIES * p.max():
+    if not loaded.any() or np.ptp(p) <= 0.05 * p.max():  # any facets resolve smaller variations
         return
     worst = float(ratio[loaded].max())
-    if worst > _RATIO * (1 + 1e-9):
+    if worst > 4.0 * (1 + 1e-9):
         warn(
             f"facets in contact are up to {worst:.0f} times as long as those of the other body: "
             "the coarser mesh limits the accuracy of the pressure; refine it there"

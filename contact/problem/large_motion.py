@@ -27,18 +27,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Relative to the largest force: points with less do not count as loaded.
-_LOADED = 1e-3
-# Volume of cells that are turned inside out over that of a cube as wide as the contact.
-_TURNED = 0.1
-_VOLUMES = {RefTri: 1 / 2, RefQuad: 1.0, RefTet: 1 / 6, RefHex: 1.0}  # of the reference cells
-# Relative to the penetration: with less the body has only been moved until it touches.
-_TOUCHES = 1e-9
-_REMEDY = (
-    "; let bodies slide with LoadStepper(..., sliding='finite'), place a rigid obstacle where it "
-    "has moved to (LoadStepper.obstacle), or measure its gap by ClosestPoint"
-)
-
 
 @dataclass(frozen=True)
 class _Motion:
@@ -76,7 +64,8 @@ def check_motion(
     worst = int(off.argmax())
     far = np.linalg.norm(motion.moves, axis=0)
     warned = elastic | (off > CHANGED * depth)
-    if not warned.any() or depth <= _TOUCHES * far.max():
+    # With less penetration the body has only been moved until it touches.
+    if not warned.any() or depth <= 1e-9 * far.max():
         return
     k = worst if off[worst] > CHANGED * depth else int(np.where(elastic, far, 0.0).argmax())
     where = tuple(float(f"{c:.4g}") for c in result.x_nominal[:, motion.points[k]])
@@ -84,9 +73,13 @@ def check_motion(
         f"the contact point at {where} has moved by {far[k]:.3g} along the obstacle, past "
         f"contact points {motion.spacing[k]:.3g} away"
     )
+    remedy = (
+        "; let bodies slide with LoadStepper(..., sliding='finite'), place a rigid obstacle where "
+        "it has moved to (LoadStepper.obstacle), or measure its gap by ClosestPoint"
+    )
     if off[worst] <= depth:
         found = f", and its gap changes by {change[k]:+.3g}" if off[k] > 0 else ""
-        warn(f"{moved}{found}: contact is linearised at rest{_REMEDY}", LargeMotionWarning)
+        warn(f"{moved}{found}: contact is linearised at rest{remedy}", LargeMotionWarning)
         return
     there = (
         "where nothing lies opposite"
@@ -94,7 +87,7 @@ def check_motion(
         else f"where the gap is {change[worst]:+.3g} off the linearised one, more than the "
         f"penetration of about {depth:.3g}"
     )
-    raise InputError(f"displacement: {moved}, {there}{_REMEDY}")
+    raise InputError(f"displacement: {moved}, {there}{remedy}")
 
 
 def _check_cells(result: ContactResult, boundaries: ContactBoundaries | Interfaces) -> None:
@@ -111,8 +104,9 @@ def _check_cells(result: ContactResult, boundaries: ContactBoundaries | Interfac
         rest, now = (middle_determinants(mesh, p) for p in (place, place + moves))
         zone = np.linalg.norm(np.ptp(result.zone, axis=1))
         size = float(zone) if zone > 0 else result.solid.extent
-        turned = np.abs(rest[rest * now <= 0]).sum() * _VOLUMES[mesh.elem.refdom]
-        if turned > _TURNED * size**body.dim:
+        volumes = {RefTri: 1 / 2, RefQuad: 1.0, RefTet: 1 / 6, RefHex: 1.0}  # of reference cells
+        turned = np.abs(rest[rest * now <= 0]).sum() * volumes[mesh.elem.refdom]
+        if turned > 0.1 * size**body.dim:
             warn(
                 f"cells of the volume {turned:.3g} are turned inside out by the displacements, "
                 "in a theory of small ones: the obstacle presses too deep, or the loads are "
@@ -129,7 +123,7 @@ def _large(result: ContactResult, boundaries: ContactBoundaries | Interfaces) ->
     if given is not None and given.travel is not None:  # the gap is that where the shape is now
         slip = slip + given.travel
     far = np.linalg.norm(slip, axis=1)
-    loaded = result.mu > _LOADED * result.mu.max(initial=0.0)
+    loaded = result.mu > 1e-3 * result.mu.max(initial=0.0)
     of_all_steps = boundaries.rows
     spacing = (of_all_steps if of_all_steps.x_nominal is rows.x_nominal else rows).spacing
     points = np.flatnonzero((far > spacing) & ~rows.ties & np.isfinite(rows.gap))

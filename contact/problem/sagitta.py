@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ERROR = 0.1  # relative rms error of the pressures above which a warning is given
-_AIM = 0.05  # error with the finer facets that the warning recommends
-
 
 def warn_of_sagitta(
     result: ContactResult, rise: Array, condensed: CondensedContact, options: Options
@@ -50,7 +47,8 @@ def warn_of_sagitta(
         pressure = np.where(system.rows.ties, 0.0, forces.mu / scale / w)
         size = float(np.linalg.norm(np.sqrt(w) * pressure))
         change = float(np.linalg.norm(np.sqrt(w) * (pressure - result.pressure)))
-        if change <= _ERROR * size or not max(change, size) > 0:
+        # The rms error of the pressures.
+        if change <= 0.1 * size or not max(change, size) > 0:
             return
         off = change / size if size > 0 else np.inf
         # Where the curve touches and the polygon does not, the error is estimated by the rise
@@ -59,7 +57,8 @@ def warn_of_sagitta(
         live = np.flatnonzero((forces.mu > 0) & (boundary.normal >= 0))
         overlap = np.linalg.norm(pressed[boundary.normal[live]])
         missing = np.linalg.norm((rise / scale)[live])
-        shorter = np.sqrt(max(min(off, 1e4), missing / overlap if overlap > 0 else 0.0) / _AIM)
+        # The warning recommends facets with an error of 5 %.
+        shorter = np.sqrt(max(min(off, 1e4), missing / overlap if overlap > 0 else 0.0) / 0.05)
         found = f"are {off:.0%} off" if size > 0 else "should be zero"
         warn(
             f"the pressures {found} if the contact boundary stands for a curve: its straight "

@@ -19,7 +19,7 @@ from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import Infeasible, NotConverged, Unbounded
 from contact.laws.friction import Friction
 from contact.laws.iteration import Iteration, Report
-from contact.laws.load_balance import LIMIT, at_the_limit, by_friction_alone, undetermined_slip
+from contact.laws.load_balance import BALANCE, at_the_limit, by_friction_alone, undetermined_slip
 from contact.laws.methods import solve_boundary
 from contact.laws.options import Options
 from contact.problem.nested_start import start_forces
@@ -29,11 +29,7 @@ from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactState, ContactSystem
 
 Array = NDArray[np.float64]
-STIFF = ("newton", "pdas", "tresca_loop")  # methods that may fall back on the stiffness form
-# Allowed iterations from which a failure is not due to their limit.
-THOROUGH = 50
-# Imbalance of forces over the tolerance beyond which a displacement is refined: a digit to spare.
-RESERVE = 0.1
+RESERVE = 0.1  # imbalance over the tolerance from which displacements are refined
 
 
 def solve_system(
@@ -92,7 +88,7 @@ def _solved(
         raise driven(condensed, error.certificate) from error
     except NotConverged as error:
         slender = whole and (condensed.thin or condensed.slender)
-        if slender and options.max_iterations >= THOROUGH:
+        if slender and options.max_iterations >= 50:  # else its limit may be why it failed
             with suppress(NotConverged, LinAlgError):
                 return solved_stiffly(system, condensed, options, None, report, history)
         more = doubt(condensed, _boundary_problem(system, condensed, system.load), friction)
@@ -103,12 +99,13 @@ def _solved(
         system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
     )
     result = ContactResult(**vars(replace(answer, u=condensed.fetched(u))))
-    if condensed.slender and fits(condensed) and options.method in STIFF:
+    stiff = ("newton", "pdas", "tresca_loop")  # methods that may take the stiffness form
+    if condensed.slender and fits(condensed) and options.method in stiff:
         return refined(system, condensed, options, result, report, history)
     try:
         certify(answer, options.tol, slack)
     except NotConverged:
-        if whole and options.method in STIFF:
+        if whole and options.method in stiff:
             for _ in range(2):
                 with suppress(NotConverged, LinAlgError):
                     return solved_stiffly(system, condensed, options, result, report, history)
@@ -173,7 +170,7 @@ def undetermined(condensed: CondensedContact, a: Array) -> Unbounded:
     """The error for a rigid motion a at the limit of friction, whose size is undetermined."""
     name, u = condensed.rigid_motion(a)
     return Unbounded(
-        f"the slip is undetermined: the loads are within {LIMIT:.0e} of the limit of what "
+        f"the slip is undetermined: the loads are within {BALANCE.limit:.0e} of the limit of what "
         f"friction holds, and {name} may go on for ever; load less, add friction or a support",
         u / (np.abs(u).max() or 1.0),
     )

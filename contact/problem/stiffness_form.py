@@ -16,12 +16,12 @@ import numpy as np
 from scipy.linalg import LinAlgError, block_diag
 
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
+from contact.condensation.solved_body import DENSE_ORDER
 from contact.errors import NotConverged
 from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Tresca
 from contact.laws.iteration import Iteration, Report
-from contact.laws.methods import INNER
-from contact.laws.newton import newton, proximal_point
+from contact.laws.newton import LIMITS, newton, proximal_point
 from contact.laws.options import Options
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
@@ -31,19 +31,13 @@ if TYPE_CHECKING:
     from contact.result.contact_system import ContactSystem
 
 
-_REFINEMENTS = 10  # steps at most; each adds the digits of the factorisation
-_CHANGE = 1e-8  # tolerance of one step, whose residual the next step reduces
-_SETTLED = 1e-6  # largest relative change in the last step: six reliable digits
-_LARGEST_ORDER = 8000  # order of a matrix that takes 20 s and half a gigabyte to factor
-
-
 class StiffnessForm:
     """A condensation of moderate size in its stiffness form, for one system.
     Raises NotConverged if its matrix is too large for a second attempt."""
 
     def __init__(self, condensed: CondensedContact, system: ContactSystem) -> None:
         if not fits(condensed):
-            raise NotConverged(f"stiffness form: more than {_LARGEST_ORDER} unknowns")
+            raise NotConverged(f"stiffness form: more than {DENSE_ORDER} unknowns")
         self._condensed, self._system = condensed, system
         S, B, N = condensed.stiffness, condensed.B.toarray(), condensed.N
         if N.shape[1]:  # S_b resists rigid motions by rounding only: project them out
@@ -103,8 +97,9 @@ class StiffnessForm:
         now = Forces(mu * scale, t * scale[:, None], np.zeros(problem.s.size))
         if near is None:
             now = replace(now, a=self._motions(problem, now.mu, now.t))
-        for _ in range(_REFINEMENTS):
-            now = self._change(problem, now, max(tol, _CHANGE), report)
+        for _ in range(10):  # each adds the digits of the factorisation
+            # The next step reduces the residual.
+            now = self._change(problem, now, max(tol, 1e-8), report)
             du = self._condensed.moved(left, self._of_boundary(now.a))
             u = u + du
             if motion is not None and system.motion is not None:
@@ -119,7 +114,7 @@ class StiffnessForm:
             last = size
             problem, left = self._about(u, motion)
             now = replace(now, a=np.zeros(now.a.size))
-        if self._condensed.slender and size > _SETTLED * reach:
+        if self._condensed.slender and size > 1e-6 * reach:  # less than six reliable digits
             raise NotConverged(
                 f"refinement of the displacement ended with a change of {size / reach:.1e} of it: "
                 "the cells are too slender for the digits of their stiffness; make them squarer"
@@ -177,7 +172,7 @@ class StiffnessForm:
 
 def fits(condensed: CondensedContact) -> bool:
     """Whether the matrix of the stiffness form is of moderate size."""
-    return sum(condensed.B.shape) <= _LARGEST_ORDER
+    return sum(condensed.B.shape) <= DENSE_ORDER
 
 
 def solved_stiffly(
@@ -191,7 +186,7 @@ def solved_stiffly(
     """Solve and certify in the stiffness form, starting from a result or from rest.
     Raises as `StiffnessForm.solve`, and NotConverged if the certificate fails."""
     form = StiffnessForm(condensed, system)
-    (u, mu, t), motion = form.solve(near, INNER * options.tol, report)
+    (u, mu, t), motion = form.solve(near, LIMITS.inner * options.tol, report)
     t = system.with_held_points(u, mu, t, motion)
     result = ContactResult(system, u, mu, t, options.method, tuple(history), motion, options.tol)
     certify(result, options.tol, 0.0)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from contact.errors import InputError
 from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca, against, project
 from contact.laws.iteration import Iteration
+from contact.laws.newton import LIMITS
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.surface_compliance import SurfaceCompliance
 from contact.obstacles.rigid import ObstacleMotion
@@ -23,9 +24,6 @@ Array = NDArray[np.float64]
 _TRAVEL = 1e-3
 _DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
 ON_AXIS = 1e-9  # radius over the extent of the body, and radial part of a normal: rounding
-# Part of the forces that cancel inside a body below which a contact force is their rounding: that
-# at which the Newton method ends, see `contact.laws.condensed_newton`.
-NOISE = 10 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,7 +116,7 @@ class ContactSystem:
         length = max(self.body.reach(here), self.body.give(contact)) or 1.0
         # Forces below the rounding of those that cancel inside have no digits: a body moved by its
         # supports until it just touches has no others.
-        noise = NOISE * cancelling
+        noise = LIMITS.noise * cancelling
         size = max(_largest(mu), _largest(t), noise) or 1.0
         ties = rows.ties
         free = ~ties

@@ -274,8 +274,8 @@ def test_free_rows_are_taken_on_the_device_where_unknowns_are_dofs(engine, make,
 def test_a_dissection_of_the_mesh_is_handed_over(engine, make, element, cells, monkeypatch):
     if engine is not None:  # which is slow, and knows no smallest tree
         cells = 9 if element().dim == 2 else 5
-        monkeypatch.setattr(elimination_order, "_FEWEST", 0)
-        monkeypatch.setattr(elimination_order, "_FLATTEST", 2)
+        limits = elimination_order.LIMITS._replace(unknowns=0, flattest=2)
+        monkeypatch.setattr(elimination_order, "LIMITS", limits)
     problem = held(make, element, cells=cells)
     condensed = problem.condense(device="cuda")
     there = problem.solve()

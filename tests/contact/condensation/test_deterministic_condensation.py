@@ -32,7 +32,7 @@ def solved(problem: ContactProblem, deterministic: bool) -> ContactResult:
 @pytest.mark.parametrize("columns", [0, 300])
 @pytest.mark.parametrize("case", CASES)
 def test_the_same_bits_again_and_the_results_of_the_host(engine, make, case, columns, monkeypatch):
-    monkeypatch.setattr(condense_module, "MOST_ALONE", columns)
+    monkeypatch.setattr(condense_module, "LIMITS", condense_module.LIMITS._replace(alone=columns))
     pose, element = CASES[case]
     if engine is not None:
         engine.jitter = 1e-13
@@ -56,7 +56,7 @@ def test_without_it_the_bits_may_vary(engine, make):
 
 @pytest.mark.parametrize(("most", "by_products"), [(0, True), (300, False)])
 def test_the_compliance_of_many_rows_is_applied(engine, make, monkeypatch, most, by_products):
-    monkeypatch.setattr(condense_module, "MOST_ALONE", most)
+    monkeypatch.setattr(condense_module, "LIMITS", condense_module.LIMITS._replace(alone=most))
     condensed = held(make, ElementQuad1).condense("cuda", deterministic=True)
     assert isinstance(condensed._W, FactorCompliance) == by_products
 
@@ -65,8 +65,8 @@ def test_the_compliance_of_many_rows_is_applied(engine, make, monkeypatch, most,
 def test_a_dissection_of_all_unknowns_is_handed_over(engine, make, element, monkeypatch):
     if engine is None:
         pytest.skip("a device tells nobody its order")
-    monkeypatch.setattr(elimination_order, "_FEWEST", 0)
-    monkeypatch.setattr(elimination_order, "_FLATTEST", 2)
+    limits = elimination_order.LIMITS._replace(unknowns=0, flattest=2)
+    monkeypatch.setattr(elimination_order, "LIMITS", limits)
     problem = held(make, element, cells=9)
     problem.condense("cuda", deterministic=True)
     (order,), (sizes,) = engine.orders, engine.trees

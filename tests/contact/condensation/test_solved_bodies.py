@@ -32,8 +32,8 @@ def several(monkeypatch):
 @pytest.fixture
 def products(monkeypatch):
     """No compliance is small enough to be dense."""
-    monkeypatch.setattr(condense_module, "MOST_ROWS", 0)
-    monkeypatch.setattr(condense_module, "MOST_COLUMNS", 0)
+    limits = condense_module.LIMITS._replace(rows=0, columns=0)
+    monkeypatch.setattr(condense_module, "LIMITS", limits)
 
 
 def agree(result, expected):
@@ -90,7 +90,7 @@ def test_on_all_devices_that_are_there(make, case, columns, monkeypatch):
         cudss_library.load_cudss()
     except ImportError:
         pytest.skip("cuDSS, CuPy or a CUDA device is not there")
-    monkeypatch.setattr(condense_module, "MOST_COLUMNS", columns)
+    monkeypatch.setattr(condense_module, "LIMITS", condense_module.LIMITS._replace(columns=columns))
     pose, element = CASES[case]
     words = tuple(f"cuda:{i}" for i in range(cudss_library.device_count(cupy)))
     result, by_products = solved(pose(make, element), words)

@@ -7,7 +7,8 @@ import pytest
 
 from contact import ContactProblem, LayeredBlock
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
-from contact.laws.methods import INNER, device_newton, solve_boundary
+from contact.laws.methods import device_newton, solve_boundary
+from contact.laws.newton import LIMITS
 from contact.laws.options import Options
 
 
@@ -41,7 +42,7 @@ def solved(problem, law, chosen):
 def test_newton_runs_where_the_matrix_lies(pressed):
     here, moved, law = pressed
     chosen, lines = options(), []
-    tol = INNER * chosen.tol
+    tol = LIMITS.inner * chosen.tol
     expected = device_newton(moved, law, None, tol=tol, max_iterations=100, report=lines.append)
     forces, history = solved(moved, law, chosen)
     np.testing.assert_array_equal(forces.mu, expected.mu)
