@@ -18,10 +18,8 @@ from skfem_adini.ground.arguments import array_of, numbers
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SAME = 1e-7  # relative to the surface: nearer points are one, as files in single precision round
-LARGEST = 1e75  # coordinates whose fourth powers do not overflow: solid angles multiply lengths
-_ENTERS, _FACES = 1, 2  # a line enters the obstacle there, by so small an angle or a larger one
-_NAMES = {2: ("segment", "end"), 3: ("triangle", "edge")}
+SAME = 1e-7  # nearer points, over the size of the surface, are one, as in files of single precision
+_NAMES = {2: ("segment", "end"), 3: ("triangle", "edge")}  # of facets and of their sides
 
 
 def read_points(points: Any) -> Array:
@@ -36,8 +34,9 @@ def read_points(points: Any) -> Array:
     if not np.all(np.isfinite(array)):
         bad = int(np.flatnonzero(~np.isfinite(array).all(axis=0))[0])
         raise InputError(f"points: point {bad} is not finite: {array[:, bad].tolist()}")
-    if array.size and (largest := float(np.abs(array).max())) > LARGEST:
-        raise InputError(f"points: a coordinate is {largest:g}, expected at most {LARGEST:g}")
+    # Solid angles multiply four lengths, which must not overflow.
+    if array.size and (largest := float(np.abs(array).max())) > 1e75:
+        raise InputError(f"points: a coordinate is {largest:g}, expected at most 1e+75")
     return array
 
 
@@ -233,7 +232,8 @@ def gap_to_facets(corners: Array, tree: BoxTree, x: Array, n: Array) -> Array:
     slope = np.sum(normal * n[line], axis=1)
     size = np.linalg.norm(normal, axis=1)
     steep = np.abs(slope) > 1e-12 * size
-    faces = np.where(slope < -GRAZING * size, _FACES, np.where(slope < 0, _ENTERS, 0))
+    # 1 where a line enters the obstacle at a grazing angle, 2 at a larger one.
+    faces = np.where(slope < -GRAZING * size, 2, np.where(slope < 0, 1, 0))
     line, c, normal, slope = line[steep], c[steep], normal[steep], slope[steep]
     d = np.sum(normal * (c[:, 0] - x[line]), axis=1) / slope
     foot = x[line] + d[:, None] * n[line]
@@ -241,10 +241,10 @@ def gap_to_facets(corners: Array, tree: BoxTree, x: Array, n: Array) -> Array:
     line, d, enters = line[inside], d[inside], faces[steep][inside]
     ahead, ahead_enters = _nearest(len(x), line, d, enters, d >= 0)
     behind, behind_enters = _nearest(len(x), line, -d, enters, d < 0)
-    nearer = (behind_enters >= _ENTERS) & (behind < ahead)
-    last = np.where(behind_enters == _FACES, -behind, np.inf)
-    first = np.where(ahead_enters == _FACES, ahead, np.inf)
-    return np.where((ahead_enters >= _ENTERS) & ~nearer, first, last)
+    nearer = (behind_enters >= 1) & (behind < ahead)
+    last = np.where(behind_enters == 2, -behind, np.inf)
+    first = np.where(ahead_enters == 2, ahead, np.inf)
+    return np.where((ahead_enters >= 1) & ~nearer, first, last)
 
 
 def _nearest(count: int, line: Index, d: Array, enters: Index, among: Array) -> tuple[Array, Index]:

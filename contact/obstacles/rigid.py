@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from contact.errors import InputError
 from skfem_adini.ground.arguments import array_of, numbers
 
-_ACROSS = 1e-12  # relative to the largest: a tangential displacement that is rounding
-
 Array = NDArray[np.float64]
 Components = float | Sequence[float | None]
 ObstacleLike = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
@@ -165,7 +163,7 @@ class ObstacleMotion:
     def drags(self) -> NDArray[np.bool_]:
         """Tangents of points along which free motions move the obstacle, shape (m, dim - 1)."""
         along = np.abs(self.tangent[:, self.free]).max(axis=1, initial=0.0)
-        moved = along > _ACROSS * along.max(initial=0.0)
+        moved = along > 1e-12 * along.max(initial=0.0)  # less is rounding
         return np.asarray(moved.reshape(self.normal.shape[0], -1))
 
     def displacement(self, motion: Array) -> tuple[Array, Array]:

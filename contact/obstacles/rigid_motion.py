@@ -20,7 +20,6 @@ from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 
-_SAME = 1e-9  # relative to the surface's size: error to which a rigid motion fits its points
 _HALF_TURN = np.pi - 1e-6  # larger rotations have no unique axis and sense
 
 
@@ -150,7 +149,8 @@ def fitted(before: Array, now: Array) -> RigidMotion | None:
     U, _, V = np.linalg.svd(there @ here.T)
     U[:, -1] *= np.sign(np.linalg.det(U @ V))
     turn = turn_of(U @ V)
-    if turn is None or np.abs(there - U @ V @ here).max() > _SAME * size:
+    # The rigid motion does not fit all points.
+    if turn is None or np.abs(there - U @ V @ here).max() > 1e-9 * size:
         return None
     return RigidMotion.between(p, q, turn)
 

@@ -108,7 +108,8 @@ class Rough:
     _frame: tuple[Array, Array, Array] = field(init=False)
 
     def __post_init__(self) -> None:
-        degree = DEGREES[choice("interpolation", self.interpolation, DEGREES)]
+        degrees = {"linear": 1, "cubic": 3}
+        degree = degrees[choice("interpolation", self.interpolation, degrees)]
         periodic = flag("periodic", self.periodic)
         heights = numbers("heights", self.heights)
         if heights.ndim not in (1, 2) or min(heights.shape) <= degree:
@@ -395,9 +396,6 @@ def power_spectrum(values: Array, lengths: Sequence[float]) -> tuple[Array, Arra
     return np.array(np.meshgrid(*waves, indexing="ij")), C
 
 
-DEGREES = {"linear": 1, "cubic": 3}
-
-
 def self_affine(
     n: int | Sequence[int],
     hurst: float,
@@ -625,22 +623,16 @@ def _axes(places: Array) -> list[Array] | None:
     return axes
 
 
-TABLES = (".txt", ".csv", ".dat", ".asc")
-_WHOLE = re.compile(r"[+-]?\d+(?:[eE][+-]?\d+)?")
-_WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-_UNEVEN = 0.2  # differences of spacings over their mean that rounded coordinates may have
-FORMATS = (".npy", *TABLES, ".xyz", ".png")
-
-
 def read_heights(path: str | PathLike[str]) -> Array:
     """The numbers of a file: first index along the first axis of the surface."""
     try:
         place = Path(fspath(path))
     except TypeError as error:
         raise InputError(f"path={path!r}: expected the name of a file ({error})") from None
-    kind = place.suffix.lower()
-    if kind not in FORMATS:
-        raise InputError(f"path={path!r}: heights are read from {', '.join(FORMATS)} files")
+    kind, tables = place.suffix.lower(), (".txt", ".csv", ".dat", ".asc")
+    formats = (".npy", *tables, ".xyz", ".png")
+    if kind not in formats:
+        raise InputError(f"path={path!r}: heights are read from {', '.join(formats)} files")
     if not place.is_file():
         raise InputError(f"path={path!r}: there is no such file")
     try:
@@ -648,7 +640,7 @@ def read_heights(path: str | PathLike[str]) -> Array:
             return _array(place)
         if kind == ".xyz":
             return _points(place)
-        return _table(place) if kind in TABLES else _image(place)
+        return _table(place) if kind in tables else _image(place)
     except Exception as error:  # readers raise whatever they meet
         said = str(error) or type(error).__name__
         raise InputError(f"path={path!r}: not readable as {kind} ({said})") from error
@@ -678,13 +670,15 @@ def _table(place: Path) -> Array:
 def _decimal_commas(lines: list[str]) -> bool:
     """Whether commas are decimal marks; a `ValueError` where they may also separate numbers."""
     parts = [part for line in lines for part in line.replace(";", " ").split()]
-    inside = [bool(_WITH_COMMA.fullmatch(part)) for part in parts]
+    exponent = r"(?:[eE][+-]?\d+)?"
+    with_comma, whole = (re.compile(n + exponent) for n in (r"[+-]?\d*,\d+", r"[+-]?\d+"))
+    inside = [bool(with_comma.fullmatch(part)) for part in parts]
     if not any(inside):
         return False
     points, semicolons = (any(mark in line for line in lines) for mark in ".;")
     if points and not semicolons:
         return False
-    plain = all(own or _WHOLE.fullmatch(part) for own, part in zip(inside, parts, strict=True))
+    plain = all(own or whole.fullmatch(part) for own, part in zip(inside, parts, strict=True))
     if plain and len(parts) > len(lines):
         return True
     raise ValueError(
@@ -706,7 +700,7 @@ def _points(place: Path) -> Array:
         place_of = np.empty(t.size, dtype=int)
         place_of[order] = np.cumsum(step)
         apart = np.diff(t[order][np.flatnonzero(step)], prepend=t[order[0]])
-        if apart.size and np.ptp(apart) > _UNEVEN * apart.mean():
+        if apart.size and np.ptp(apart) > 0.2 * apart.mean():  # more than coordinates are rounded
             raise ValueError("the points of the grid are not equally far apart; interpolate them")
         index.append(place_of)
     shape = tuple(int(i.max()) + 1 for i in index)

@@ -19,8 +19,6 @@ from skfem_adini.ground.errors import optional
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-FORMATS = (".stl", ".ply", ".obj", ".vtp")
-
 
 def read_surface(path: str | PathLike[str]) -> tuple[Array, Index]:
     """Points (dim, npoints) and facets (dim, nfacets) of a file."""
@@ -28,15 +26,16 @@ def read_surface(path: str | PathLike[str]) -> tuple[Array, Index]:
         place = Path(fspath(path))
     except TypeError as error:
         raise InputError(f"path={path!r}: expected the name of a file ({error})") from None
-    if place.suffix.lower() not in FORMATS:
-        raise InputError(f"path={path!r}: surfaces are read from {', '.join(FORMATS)} files")
+    formats = (".stl", ".ply", ".obj", ".vtp")
+    if place.suffix.lower() not in formats:
+        raise InputError(f"path={path!r}: surfaces are read from {', '.join(formats)} files")
     if not place.is_file():
         raise InputError(f"path={path!r}: there is no such file")
     pyvista = _pyvista()
     try:
         if place.suffix.lower() == ".vtp":
             _check_claims(place.read_bytes())
-        found = _READERS.get(place.suffix.lower(), pyvista.read)(place)
+        found = {".obj": _obj, ".ply": _ply}.get(place.suffix.lower(), pyvista.read)(place)
         points, polygons, lines = found if isinstance(found, _Facets) else _facets(found)
         _check(len(points), polygons, lines)
         if polygons.length.size:
@@ -146,16 +145,6 @@ def _joined(cells: list[Index]) -> _Cells:
     return _Cells(np.array([c.size for c in cells], dtype=int), np.concatenate([empty, *cells]))
 
 
-_PLY_TYPES = {
-    name: code
-    for code, names in {
-        "i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16",
-        "i4": "int int32", "u4": "uint uint32", "f4": "float float32", "f8": "double float64",
-    }.items()
-    for name in names.split()
-}  # fmt: skip
-
-
 def _ply(place: Path) -> _Facets:
     """Vertices and faces of a PLY file (Turk 1994), as text or binary of either order of bytes."""
     head, mark, data = place.read_bytes().partition(b"end_header")
@@ -173,10 +162,18 @@ def _ply(place: Path) -> _Facets:
             elements.append((words[0], int(words[1]), []))
         elif kind == "property":
             elements[-1][2].append(words)
+    types = {
+        name: code
+        for code, names in {
+            "i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16",
+            "i4": "int int32", "u4": "uint uint32", "f4": "float float32", "f8": "double float64",
+        }.items()
+        for name in names.split()
+    }  # fmt: skip
     if order == "text":  # the same as binary numbers of one type
-        data, code = np.array(data.split(), dtype="<f8").tobytes(), dict.fromkeys(_PLY_TYPES, "<f8")
+        data, code = np.array(data.split(), dtype="<f8").tobytes(), dict.fromkeys(types, "<f8")
     else:
-        code = {name: order + kind for name, kind in _PLY_TYPES.items()}
+        code = {name: order + kind for name, kind in types.items()}
     at, points, faces = 0, np.zeros((0, 3)), []
     for name, count, properties in elements:
         runs, at = _ply_records(data, at, name, count, properties, code)
@@ -232,9 +229,6 @@ def _ply_record(
         length[f"length of {name}"] = float(number)
         fields += [(f"length of {name}", code[of]), (name, code[item], (int(number),))]
     return np.dtype(fields), length
-
-
-_READERS = {".obj": _obj, ".ply": _ply}
 
 
 def _pyvista() -> Any:

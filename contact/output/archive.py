@@ -24,15 +24,7 @@ from scipy import sparse
 from contact.errors import InputError, NotConverged
 from skfem_adini.ground.files import complete_file
 
-# Meshes and solutions shrink by less than 50; an archive that grows further is no result.
-_EXPANSION, _LARGE = 200, 1 << 26
-_COMPRESSION = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_CHECKSUM = "checksum"
 _SPARSE = ("data", "indices", "indptr", "shape")
-_HEADERS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
 
 
 _DAMAGED = "it is cut short, or its bits have changed"
@@ -157,7 +149,7 @@ def write_arrays(
     """Write an archive with its `checksum`, complete or not; `exclusive`: over no existing file."""
     with complete_file(path, exclusive=exclusive) as file, uninterrupted():
         whole = {name: np.asarray(value) for name, value in arrays.items()}
-        whole[_CHECKSUM] = np.array(checksum(whole))
+        whole["checksum"] = np.array(checksum(whole))
         save: Any = np.savez_compressed if compress else np.savez
         save(file, **whole)
     return path
@@ -180,7 +172,7 @@ def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
         if isinstance(error, OSError) and error.errno != errno.EINVAL:  # a seek to nowhere
             raise InputError(f"result file {path} cannot be read: {error}") from error
         raise _damaged(path, error) from error
-    given = arrays.pop(_CHECKSUM, None)
+    given = arrays.pop("checksum", None)
     found = checksum(arrays)
     if given is not None and str(given) != found:
         raise InputError(
@@ -227,10 +219,12 @@ def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
         raise _damaged(path, "two of its arrays have one name")
     if any(info.flag_bits & 1 for info in archive.filelist):
         raise InputError(f"result file {path} is encrypted; unpack it and write it without")
-    if any(info.compress_type not in _COMPRESSION for info in archive.filelist):
+    written = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+    if any(info.compress_type not in written for info in archive.filelist):
         raise InputError(f"result file {path} is packed in a way that NumPy does not write")
     total, size = sum(info.file_size for info in archive.filelist), path.stat().st_size
-    if total > max(_LARGE, _EXPANSION * size):
+    # Meshes and solutions shrink by less than 50.
+    if total > max(1 << 26, 200 * size):
         raise InputError(
             f"result file {path}: {size} bytes claim to unpack to {total}; no result does"
         )
@@ -239,7 +233,11 @@ def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
     with archive.open(info) as stream:
         version = np.lib.format.read_magic(stream)
-        shape, fortran, dtype = _HEADERS[version](stream)
+        header = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }[version]
+        shape, fortran, dtype = header(stream)
         # Before memory is asked for: the header must fit what the archive says, checked above.
         count = math.prod(shape) * dtype.itemsize
         if dtype.kind not in "biufU" or count != info.file_size - stream.tell():

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _PIECES = 16  # straight pieces of a facet, which may be curved
-_NEAR = 1e-2  # relative to a facet's length: a point so near to its end belongs to the vertex
 _FACING = 0.1  # least cosine between the normals of a point and of its facet
 
 
@@ -167,6 +166,7 @@ def _met(curve: Array, outward: Array, nominal: Array, normals: Array) -> NDArra
     size = np.linalg.norm(curve[:, :, -1] - curve[:, :, 0], axis=0)
     touched = np.zeros((size.size, 2), dtype=bool)
     within = np.zeros(size.size, dtype=bool)
+    near_end = 1e-2  # part of a facet: points so near to its end belong to the vertex
     for x, n in zip(nominal.T, normals.T, strict=True):
         to = x[:, None, None] - curve
         far = np.sqrt(np.min(np.sum(to * to, axis=0), axis=1))
@@ -175,11 +175,11 @@ def _met(curve: Array, outward: Array, nominal: Array, normals: Array) -> NDArra
         for f in near:
             line = _Line(curve[:, f], np.zeros(1), False)
             place, away = (float(v[0]) for v in line.project(x[:, None]))
-            if away > _NEAR * size[f]:
+            if away > near_end * size[f]:
                 continue
-            touched[f, 0] |= place < _NEAR * line.length
-            touched[f, 1] |= place > (1 - _NEAR) * line.length
-            within[f] |= _NEAR * line.length < place < (1 - _NEAR) * line.length
+            touched[f, 0] |= place < near_end * line.length
+            touched[f, 1] |= place > (1 - near_end) * line.length
+            within[f] |= near_end * line.length < place < (1 - near_end) * line.length
     return np.asarray(within | touched.all(axis=1))
 
 

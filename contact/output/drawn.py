@@ -15,7 +15,6 @@ from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_ROUNDING = 1e-12  # relative: normal displacement of a pair under a common translation
 
 
 class DrawnSystem(Protocol):
@@ -153,7 +152,8 @@ def is_elastic(result: Drawn, points: Index) -> bool:
     own, axes = side(result, points), rows.axes[points]
     trace = own.trace
     moved = own.G[:, : trace.f.size] @ rigid_field(trace, np.zeros(trace.dim))[:, : trace.dim]
-    return bool(np.abs(moved).max() <= _ROUNDING * np.abs(axes).max())
+    # A common translation moves the pairs by rounding alone.
+    return bool(np.abs(moved).max() <= 1e-12 * np.abs(axes).max())
 
 
 def drawn_bodies(result: DrawnBody) -> list[Any]:

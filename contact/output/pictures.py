@@ -25,8 +25,6 @@ COLOURS = {
     Status.BONDED: "#5b4a8a",
     Status.UNDETERMINED: "#d9a441",
 }
-_BODIES = ("#3d3d3d", "#b0702a", "#4f7942", "#6a5acd")
-_ROOM = 0.3  # margin around the contact points, relative to their extent
 
 
 def triangulated(one: DrawnBody, per_cell: int, nodal: bool) -> tuple[Array, Array, Index]:
@@ -110,8 +108,9 @@ def draw_outlines(result: Drawn, ax: Any) -> Any:
     Displacements are not magnified, which would let touching bodies overlap."""
     from matplotlib.collections import LineCollection
 
+    colours = ("#3d3d3d", "#b0702a", "#4f7942", "#6a5acd")
     for k, one in enumerate(drawn_bodies(result)):
-        colour = _BODIES[k % len(_BODIES)]
+        colour = colours[k % len(colours)]
         cells = LineCollection(deformed_edges(one, 1.0, False), colors=colour, linewidths=0.3)
         outline = LineCollection(deformed_edges(one, 1.0, True), colors=colour, linewidths=1.3)
         cells.set_alpha(0.5)
@@ -121,7 +120,7 @@ def draw_outlines(result: Drawn, ax: Any) -> Any:
     x = on_deformed(result)
     mark_points(ax, result, x[0], x[1], 3.5)
     low, high = x.min(axis=1), x.max(axis=1)
-    room = _ROOM * float((high - low).max())
+    room = 0.3 * float((high - low).max())
     ax.set_xlim(low[0] - room, high[0] + room)
     ax.set_ylim(low[1] - room, high[1] + room)
     ax.set_aspect("equal")

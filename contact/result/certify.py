@@ -17,8 +17,6 @@ from contact.body.supports import norms
 from contact.errors import InputError, NotConverged
 from contact.result.contact_system import ContactState
 
-_UNEVEN = 1e6  # ratio of stiffnesses from which reactions lose the digits that a certificate needs
-
 
 def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     """Recompute all residuals; raise unless below tol, those of a regularised law tol + slack."""
@@ -91,7 +89,7 @@ def _uneven(bodies: Sequence[Any]) -> str:
     # Of each dof for a unit displacement, whatever the unit of the dof.
     sizes = [float((b.stiffness.diagonal() / b.lengths[0] ** 2).max()) for b in solids]
     ratio = max(sizes, default=1.0) / min(sizes, default=1.0)
-    if ratio < _UNEVEN:
+    if ratio < 1e6:  # reactions keep the digits that a certificate needs
         return ""
     return (
         f"; the stiffest body is {ratio:.0e} times as stiff as the softest one, so that it moves "
@@ -106,10 +104,6 @@ def as_lines(kkt: dict[str, float]) -> str:
     return "\n".join(["certificate: relative residuals, recomputed from the problem", *lines])
 
 
-_TOUCHES = 1e-8  # of the largest displacement: gaps below this are closed
-_DEPENDENT = 1e-11  # pivots of the Gram matrix of rows of unit length below this are rounding
-
-
 def refuse_shared_points(state: ContactState) -> None:
     """Raise if displacements of points in contact depend on each other linearly.
     Only sums of their forces would be determined, and the pressure at one be arbitrary."""
@@ -120,12 +114,13 @@ def refuse_shared_points(state: ContactState) -> None:
         return
     rows = system.rows
     u_n, _ = system.relative(state.u, state.motion)
-    closed = (u_n - rows.gap > -_TOUCHES * (body.reach(state.u) or 1.0)) | (state.mu > 0.0)
+    rounding = 1e-8  # of gaps over the largest displacement, and of forces over the bound
+    closed = (u_n - rows.gap > -rounding * (body.reach(state.u) or 1.0)) | (state.mu > 0.0)
     if not np.any(state.mu[closed] != 0.0):
         return
     chosen = [rows.G[np.flatnonzero(closed)]]
     if system.law is not None:
-        held = np.linalg.norm(state.t, axis=1) < (1.0 - _TOUCHES) * system.bound(state.mu)
+        held = np.linalg.norm(state.t, axis=1) < (1.0 - rounding) * system.bound(state.mu)
         sticks = np.repeat(closed & held, state.t.shape[1])
         chosen.append(rows.T[np.flatnonzero(sticks)])
     if any(_dependent(body, each) for each in chosen):
@@ -157,4 +152,4 @@ def _dependent(body: Any, rows: sparse.csr_array) -> bool:
     except RuntimeError:  # a pivot that is exactly zero
         return True
     pivots: NDArray[np.float64] = np.abs(factor.U.diagonal())
-    return bool(pivots.min() < _DEPENDENT)
+    return bool(pivots.min() < 1e-11)  # of rows of unit length: rounding

@@ -19,11 +19,6 @@ from contact.portable import carried
 from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
-# Supports that move a body until it just touches cause forces of the size of the rounding of that
-# motion: these are relative to those that this part of it would cause.
-_TRAVEL = 1e-3
-_DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
-ON_AXIS = 1e-9  # radius over the extent of the body, and radial part of a normal: rounding
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,8 +60,9 @@ class ContactSystem:
         rows = self.rows
         free = self.body.live(rows.T).reshape(rows.gap.size, -1).any(axis=1)
         if self.body.is_ring:
-            on_axis = np.abs(rows.x_nominal[0]) <= ON_AXIS * self.body.extent
-            free = free | (on_axis & (np.abs(rows.normals[0]) <= ON_AXIS))
+            rounding = 1e-9  # of radii over the extent, and of radial parts of normals
+            on_axis = np.abs(rows.x_nominal[0]) <= rounding * self.body.extent
+            free = free | (on_axis & (np.abs(rows.normals[0]) <= rounding))
         if self.motion is not None and np.any(self.motion.free):
             free = free | self.motion.drags.any(axis=1)
         return np.asarray(~free & ~rows.ties)
@@ -219,9 +215,10 @@ def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any) -> float:
 
 
 def beside_travel(left: float, loads: Array, body: Any, u: Any) -> float:
-    """A residual of the balance, less where supports alone, no loads, cause the forces."""
-    if left > _DIGITS and not np.any(loads):
-        left /= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
+    """A residual of the balance, less where supports alone, no loads, cause the forces: those of
+    a body that they move until it just touches are of the size of the rounding of that motion."""
+    if left > 1e-12 and not np.any(loads):  # more than the rounding of sums
+        left /= max(1.0, 1e-3 * body.reach(u) / (body.deformation(u) or 1e-300))
     return left
 
 

@@ -10,7 +10,7 @@ import json
 import logging
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import skfem
@@ -52,12 +52,15 @@ from contact.rows.contact_rows import ContactRows
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 Array = NDArray[np.float64]
-# Several bodies have a format of their own: versions that know one body only refuse it.
-_FORMAT, _BEFORE_CHECKSUMS, _SEVERAL = 3, 2, 4
-_READS = (
-    f"formats {_FORMAT} and {_SEVERAL} with one and format {_BEFORE_CHECKSUMS}, of version 0.1.0, "
-    "without"
-)
+
+
+class _Formats(NamedTuple):  # numbers of the formats of files
+    one: int = 3  # of one body
+    several: int = 4  # of several bodies, which versions that know one body refuse
+    before_checksums: int = 2  # of version 0.1.0
+
+
+FORMATS = _Formats()
 _MESHES = Kinds(
     *(skfem.MeshTri1, skfem.MeshTri2, skfem.MeshQuad1, skfem.MeshQuad2),
     *(skfem.MeshTet1, skfem.MeshTet2, skfem.MeshHex1, skfem.MeshHex2),
@@ -69,9 +72,7 @@ _ELEMENTS = Kinds(
 )
 _OF_STATE = {"u": "u", "mu": "mu", "t": "multiplier_t", "motion": "motion"}
 OWN = "rows/own"  # in a step of a history: it has rows of its own
-_OPTIONAL = ("bonded", "owner", "axes")  # rows of files from before there were ties, or two bodies
-# Of unit vectors and of rows that average a constant: rounding of a few dozen terms.
-_UNIT = 1e-9
+_UNIT = 1e-9  # rounding of unit vectors, and of rows that average a constant
 logger = logging.getLogger(__name__)
 
 
@@ -95,14 +96,14 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
     arrays: dict[str, Any]
     about: dict[str, Any]
     if isinstance(system.body, Bodies):
-        arrays, about = {}, {"format": _SEVERAL, "bodies": [], **rows}
+        arrays, about = {}, {"format": FORMATS.several, "bodies": [], **rows}
         for k, body in enumerate(system.body.bodies):
             own, told = _body_arrays(body, {})
             arrays |= to_arrays(own, _prefix(k))
             about["bodies"].append(told)
     else:
         arrays, about = _body_arrays(system.body, rows)
-        about = {"format": _FORMAT, **about}
+        about = {"format": FORMATS.one, **about}
     return arrays | rows_arrays(system.body, system.rows) | {"about": words(about)}
 
 
@@ -118,7 +119,9 @@ def _thermal_name(body: Solid, k: int) -> str:
 
 def rows_arrays(body: Any, rows: ContactRows) -> dict[str, Any]:
     """The arrays of contact rows, but for the gap, which is one of a state."""
-    parts = {n: part for n, part in vars(rows).items() if n not in _OPTIONAL or part.size}
+    # Not in files from before there were ties, or two bodies.
+    optional = ("bonded", "owner", "axes")
+    parts = {n: part for n, part in vars(rows).items() if n not in optional or part.size}
     if isinstance(body, DistributedBody):  # the columns that all processes have
         n = body.trace.basis.N
         parts |= {"G": rows.G[:, :n], "T": rows.T[:, :n]}
@@ -245,7 +248,7 @@ def rebuild(
         logger.warning(
             "%s has format %d, without a checksum: its residuals are right, but nothing shows "
             "whether names, weights or gaps of open points were changed; save it again",
-            *(path, _BEFORE_CHECKSUMS),
+            *(path, FORMATS.before_checksums),
         )
     return state
 
@@ -270,8 +273,9 @@ def _certified(state: ContactState, consequence: str) -> ContactState:
 def _rebuild(
     arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None
 ) -> ContactState:
-    formats = (_FORMAT, _SEVERAL) if with_checksum else (_BEFORE_CHECKSUMS,)
-    about = head(arrays, None, formats, "with" if with_checksum else "without", _READS)
+    formats = (FORMATS.one, FORMATS.several) if with_checksum else (FORMATS.before_checksums,)
+    reads = "formats 3 and 4 with one and format 2, of version 0.1.0, without"
+    about = head(arrays, None, formats, "with" if with_checksum else "without", reads)
     step = json.loads(str(arrays["step"]))
     body, rows = _rebuild_problem(arrays, about) if near is None else (near.body, near.rows)
     if near is not None and OWN in arrays:  # projected where the bodies were in this step
@@ -308,7 +312,7 @@ def _rebuild(
 
 def _rebuild_problem(arrays: dict[str, Any], about: dict[str, Any]) -> tuple[Any, ContactRows]:
     body: Any
-    if about["format"] == _SEVERAL:
+    if about["format"] == FORMATS.several:
         body = Bodies([_body_of(arrays, k, told) for k, told in enumerate(about["bodies"])])
     else:
         body = _rebuild_body(arrays, about)

@@ -32,7 +32,6 @@ from contact.rows.gap_rule import given_gaps
 from contact.rows.shares import check_weights
 
 Array = NDArray[np.float64]
-HAT = "hat"
 
 
 def arc_rows(
@@ -42,12 +41,12 @@ def arc_rows(
 ) -> tuple[ContactRows, ArcGap]:
     """Contact rows of an arc, and the rule that evaluates its gap.
     `direction` as for `contact_boundary`; raises InputError for a functional other than "hat"."""
-    if functional not in (None, HAT):
-        raise InputError(f"functional={functional!r}: a cut arc offers {HAT!r} alone")
+    if functional not in (None, "hat"):
+        raise InputError(f"functional={functional!r}: a cut arc offers 'hat' alone")
     hats, x = hats_along(arc)
     mean = sparse.csr_array(hats @ sparse.diags_array(arc.weights))
     weights = np.asarray(mean.sum(axis=1), dtype=float)
-    check_weights(weights, float(arc.weights.sum()), HAT)
+    check_weights(weights, float(arc.weights.sum()), "hat")
     mean = sparse.csr_array(sparse.diags_array(1.0 / weights) @ mean)
     normals = arc.normals if direction is None else direction(arc.x)
     tangents = tangent_frame(normals)[:, 0]
@@ -63,7 +62,7 @@ def arc_rows(
         arc.x @ mean.T,
         middle,
         tangent_frame(middle),
-        HAT,
+        "hat",
     )
     return rows, ArcGap(arc.x, arc.normals, mean, rows.x_nominal, arc.body.extent)
 

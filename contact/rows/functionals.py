@@ -44,6 +44,7 @@ u at the centroid of phi_v to first order. The forces w_v p are the load of a un
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,7 @@ class FacetFunctional:
     def basis(self, points: Array) -> Array:
         """The polynomials N_k of ``v = sum_k value_k N_k`` at points (dim - 1, n), (nvalues, n).
         They sum to one and are not negative for Bernstein coefficients."""
-        powers = _POWERS[self.points.shape]
+        powers = _powers(*self.points.shape)
         at_nodes, at_points = (
             np.prod(x.T[:, None] ** powers, axis=2) for x in (self.points, points)
         )
@@ -106,94 +107,84 @@ def _line(
     )
 
 
-# Exponents of the monomials that span the traces, by the number of points that determine them.
-_LINE = {(1, n): np.arange(n)[:, None] for n in (2, 3, 4)}
-_POWERS = _LINE | {
-    (2, 3): np.array([[0, 0], [1, 0], [0, 1]]),
-    (2, 6): np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]]),
-    (2, 4): np.array([[i, j] for i in range(2) for j in range(2)]),
-    (2, 9): np.array([[i, j] for i in range(3) for j in range(3)]),
-}
-_THIRDS = [0.0, 1 / 3, 2 / 3, 1.0]
-_GAUSS = [0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)]
-# Bernstein coefficients of the interpolating quadratic and cubic.
-_QUADRATIC = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
-_CUBIC = np.array([[6.0, 0, 0, 0], [-5, 18, -9, 2], [2, -9, 18, -5], [0, 0, 0, 6.0]]) / 6.0
+@cache
+def _powers(dim: int, count: int) -> Array:
+    """Exponents of the monomials that span the traces which that many points determine."""
+    if dim == 1:
+        return np.arange(count)[:, None]
+    if count in (4, 9):
+        order = range(2 if count == 4 else 3)
+        return np.array([[i, j] for i in order for j in order])
+    return np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]][:count])
 
-_NODAL_LINE = _line("nodal", [0.0, 1.0], None, (0, 1))
-_GAUSS_LINE = _line("gauss", _GAUSS, None, (-1, -1))
-_TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.5, 0.5, 0.0], [0.0, 0.0, 1.0, 0.0, 0.5, 0.5]])
-_SQUARE = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
-_NODAL_TRIANGLE = FacetFunctional("nodal", _TRIANGLE[:, :3], np.eye(3), _TRIANGLE[:, :3], (0, 1, 2))
-_NODAL_QUAD = FacetFunctional("nodal", _SQUARE, np.eye(4), _SQUARE, (0, 1, 2, 3))
-_TRIANGLE_EDGES, _SQUARE_EDGES = ((0, 1), (1, 2), (0, 2)), ((0, 1), (1, 2), (2, 3), (3, 0))
+
+@cache
+def _of_elements() -> dict[str, tuple[FacetFunctional, ...]]:
+    """The functionals of each element, of which the first is its default."""
+    roots = [0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)]
+    nodal, gauss = _line("nodal", [0.0, 1.0], None, (0, 1)), _line("gauss", roots, None, (-1, -1))
+    quadratic = _line("bernstein", [0.0, 0.5, 1.0], _quadratic(), (0, -1, 1), reduced=True)
+    # Bernstein coefficients of the interpolating cubic.
+    C = np.array([[6.0, 0, 0, 0], [-5, 18, -9, 2], [2, -9, 18, -5], [0, 0, 0, 6.0]]) / 6.0
+    thirds, carriers = [0.0, 1 / 3, 2 / 3, 1.0], (0, -1, -1, 1)
+    cubic = _line("bernstein", thirds, C, carriers, smooth=True, reduced=True)
+    straight = replace(gauss, trace=cubic, straight=True)
+    cubics = (cubic, straight, nodal, replace(nodal, name="centroid", mean=True))
+    corners = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    triangle = FacetFunctional("nodal", corners, np.eye(3), corners, (0, 1, 2))
+    corners = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
+    square = FacetFunctional("nodal", corners, np.eye(4), corners, (0, 1, 2, 3))
+    points = np.array([[x, y] for x in roots for y in roots]).T
+    in_square = FacetFunctional("gauss", points, np.eye(4), points, (-1,) * 4, straight=True)
+    return {
+        "ElementTriP1": (nodal,),
+        "ElementQuad1": (nodal,),
+        "ElementTriP2": (quadratic, replace(gauss, straight=True)),
+        "ElementQuad2": (quadratic, replace(gauss, straight=True)),
+        "ElementTetP1": (triangle,),
+        "ElementHex1": (square,),
+        "ElementTetP2": (_quadratic_triangle(),),
+        "ElementHex2": (_quadratic_square(), in_square),
+        "ElementHexAdini": (replace(square, name="centroid", mean=True), square),
+        "ElementQuadBFS": cubics,
+        "ElementQuadAdini": (*cubics, _line("thesis", thirds, None, carriers, straight=True)),
+    }
+
+
+def _quadratic() -> Array:
+    """Bernstein coefficients of the interpolating quadratic."""
+    return np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
 
 
 def _quadratic_triangle() -> FacetFunctional:
-    C = np.eye(6)
-    for k, (a, b) in enumerate(_TRIANGLE_EDGES):
+    points = np.array([[0.0, 1.0, 0.0, 0.5, 0.5, 0.0], [0.0, 0.0, 1.0, 0.0, 0.5, 0.5]])
+    C, edges = np.eye(6), ((0, 1), (1, 2), (0, 2))
+    for k, (a, b) in enumerate(edges):
         C[3 + k, [3 + k, a, b]] = 2.0, -0.5, -0.5
-    carriers = (0, 1, 2, *_TRIANGLE_EDGES)
-    return FacetFunctional("bernstein", _TRIANGLE, C, _TRIANGLE, carriers, reduced=True)
+    return FacetFunctional("bernstein", points, C, points, (0, 1, 2, *edges), reduced=True)
 
 
 def _quadratic_square() -> FacetFunctional:
     # Places in halves of a side: vertices, middles of edges, the middle.
     place = np.array([(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1)])
-    C = np.array([[_QUADRATIC[k, i] * _QUADRATIC[m, j] for i, j in place] for k, m in place])
+    of_line, edges = _quadratic(), ((0, 1), (1, 2), (2, 3), (3, 0))
+    C = np.array([[of_line[k, i] * of_line[m, j] for i, j in place] for k, m in place])
     return FacetFunctional(
-        "bernstein", place.T / 2, C, place.T / 2, (0, 1, 2, 3, *_SQUARE_EDGES, -1), reduced=True
+        "bernstein", place.T / 2, C, place.T / 2, (0, 1, 2, 3, *edges, -1), reduced=True
     )
-
-
-_GAUSS_SQUARE = FacetFunctional(
-    "gauss",
-    np.array([[x, y] for x in _GAUSS for y in _GAUSS]).T,
-    np.eye(4),
-    np.array([[x, y] for x in _GAUSS for y in _GAUSS]).T,
-    (-1, -1, -1, -1),
-    straight=True,
-)
-_QUADRATIC_LINE = _line("bernstein", [0.0, 0.5, 1.0], _QUADRATIC, (0, -1, 1), reduced=True)
-
-_CUBIC_LINE = _line("bernstein", _THIRDS, _CUBIC, (0, -1, -1, 1), smooth=True, reduced=True)
-_CUBIC_LINES = (
-    _CUBIC_LINE,
-    replace(_GAUSS_LINE, trace=_CUBIC_LINE, straight=True),
-    _NODAL_LINE,
-    replace(_NODAL_LINE, name="centroid", mean=True),
-)
-
-# The first functional of an element is its default.
-_OF_ELEMENT: dict[str, tuple[FacetFunctional, ...]] = {
-    "ElementTriP1": (_NODAL_LINE,),
-    "ElementQuad1": (_NODAL_LINE,),
-    "ElementTriP2": (_QUADRATIC_LINE, replace(_GAUSS_LINE, straight=True)),
-    "ElementQuad2": (_QUADRATIC_LINE, replace(_GAUSS_LINE, straight=True)),
-    "ElementTetP1": (_NODAL_TRIANGLE,),
-    "ElementHex1": (_NODAL_QUAD,),
-    "ElementTetP2": (_quadratic_triangle(),),
-    "ElementHex2": (_quadratic_square(), _GAUSS_SQUARE),
-    "ElementHexAdini": (replace(_NODAL_QUAD, name="centroid", mean=True), _NODAL_QUAD),
-    "ElementQuadBFS": (*_CUBIC_LINES,),
-    "ElementQuadAdini": (
-        *_CUBIC_LINES,
-        _line("thesis", _THIRDS, None, (0, -1, -1, 1), straight=True),
-    ),
-}
 
 
 def facet_functional(element: Any, name: str | None) -> FacetFunctional:
     """The functional of a scalar element by its name, None for the family's default.
     Raises InputError for an unsupported family or a name that it does not offer."""
-    family = type(element).__name__
-    if family not in _OF_ELEMENT:
+    family, known = type(element).__name__, _of_elements()
+    if family not in known:
         raise InputError(
-            f"element: {family} has no contact functional yet; use one of {sorted(_OF_ELEMENT)}"
+            f"element: {family} has no contact functional yet; use one of {sorted(known)}"
         )
-    offered = {functional.name: functional for functional in _OF_ELEMENT[family]}
+    offered = {functional.name: functional for functional in known[family]}
     if name is None:
-        return _OF_ELEMENT[family][0]
+        return known[family][0]
     if not isinstance(name, str) or name not in offered:
         raise InputError(f"functional={name!r}: {family} offers {sorted(offered)}")
     return offered[name]

@@ -14,8 +14,8 @@ from contact.rows.shares import Shares
 from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
-# A gap is smooth if the polynomial through its points errs between them by less, over the amount by
-# which the mean exceeds the range of the points: 1/4 at a kink, more at a step.
+# Error between points of the polynomial through them, over that by which the mean exceeds their
+# range, up to which a gap is smooth: 1/4 at a kink, more at a step.
 _SMOOTH = 0.2
 
 

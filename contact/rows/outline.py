@@ -23,9 +23,7 @@ from skfem_adini.conditions.trace_directions import CORNER, corner_weights
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Radians: facets whose normals turn by more approximate a curve; smaller angles are noise.
-CURVED = 1e-3
-# Sine of the largest angle of a normal to its plane of symmetry: half that to its mirror image.
+# Sine of the largest angle of a normal to a plane of symmetry: half of that to its mirror image.
 NEARLY = np.sin(0.5 * CORNER)
 
 
@@ -105,7 +103,7 @@ class Outline:
     def curved(self) -> NDArray[np.bool_]:
         """Whether a facet approximates a piece of a curve or curved surface, shape (nfacets,)."""
         tilt = np.maximum(*self._tilts)
-        return np.asarray((tilt > 0.5 * CURVED).any(axis=1))
+        return np.asarray((tilt > 0.5 * 1e-3).any(axis=1))  # smaller angles, in radians, are noise
 
     @cached_property
     def _tilts(self) -> tuple[Array, Array]:

@@ -17,7 +17,6 @@ from contact.spectral.wave_condensation import condensed, phases_of
 from skfem_adini.ground.arrays import namespace
 
 Array = NDArray[np.float64]
-_HELD = 1e9  # bytes of slabs inside that are kept, or made for one block of waves at a time
 
 
 class CondensedLayers:
@@ -145,7 +144,8 @@ class CondensedLayers:
         steps, r = self._waves.steps, self.kinds.size
         waves = int(np.prod(self._waves.shape))
         levels = sum(2 * count.bit_length() for count in self._column.counts)
-        size = max(1, int(_HELD / (24 * r * r * levels)))
+        # At most 1 GB of slabs is kept, or made for one block of waves.
+        size = max(1, int(1e9 / (24 * r * r * levels)))
         if self._kept is not None:
             yield slice(0, waves), self._kept
             return

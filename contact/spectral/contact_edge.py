@@ -23,19 +23,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_NEXT = 2  # points on either side of the edge that do not count
-_INSIDE, _OUTSIDE = 5, 4  # points that do, at most
-_TERMS = 4
-_STEPS = 30
-_MISFIT = 0.05  # of a pressure inside that shows an edge of another kind
-_OBLIQUE = 0.3  # cosine of the most oblique crossing that counts
+
+class _Fit(NamedTuple):  # what is fitted along a line of the grid, beside the edge
+    skipped: int = 2  # points on either side that do not count
+    inside: int = 5  # points in contact that do, at most
+    outside: int = 4  # points not in contact that do, at most
+    terms: int = 4  # of the series for the pressure
+
+
+FIT = _Fit()
 
 
 @dataclass(frozen=True)
@@ -123,16 +126,17 @@ class _Lines:
         self.p, self.axis, self.sense = pressure, axis, sense
         self.last = np.nonzero((pressure > 0) & ~(np.roll(pressure, -sense, axis) > 0))
         n, curvature = direction(pressure, axis, sense, spacing, self.at)
-        t = np.r_[_NEXT : _NEXT + _INSIDE, -_NEXT - np.arange(_OUTSIDE)]
+        t = np.r_[FIT.skipped : FIT.skipped + FIT.inside, -FIT.skipped - np.arange(FIT.outside)]
         beside = gap[self.at(t)]
         used = self._used(t) & np.isfinite(beside)
         values = np.where(t > 0, pressure[self.at(t)], np.where(used, beside, 0.0))
-        beyond = beside_edge(np.maximum(n, _OBLIQUE), curvature)
+        oblique = 0.3  # cosine of the most oblique crossing that counts
+        beyond = beside_edge(np.maximum(n, oblique), curvature)
         self.e, self.c, good = fitted(t.astype(float), values, used, beyond)
-        near = np.arange(1 - _NEXT, _NEXT)
+        near = np.arange(1 - FIT.skipped, FIT.skipped)
         rho = np.maximum(near + self.e[:, None], 0.0)
         self._values = _sum(self.c, rho)
-        self._good = good & (n > _OBLIQUE) & np.all(self._values >= 0, axis=1)
+        self._good = good & (n > oblique) & np.all(self._values >= 0, axis=1)
         self._near, self._shares = self.at(near), n**2
 
     def at(self, t: Any) -> tuple[Any, ...]:
@@ -144,10 +148,10 @@ class _Lines:
 
     def _used(self, t: Array) -> NDArray[np.bool_]:
         """Points before the next edge, and before those next to it."""
-        touches = self.p[self.at(np.arange(2 * _NEXT + _INSIDE))] > 0
-        opens = ~(self.p[self.at(-1 - np.arange(_NEXT + _OUTSIDE))] > 0)
+        touches = self.p[self.at(np.arange(2 * FIT.skipped + FIT.inside))] > 0
+        opens = ~(self.p[self.at(-1 - np.arange(FIT.skipped + FIT.outside))] > 0)
         run, free = (np.cumprod(part, axis=1).sum(axis=1)[:, None] for part in (touches, opens))
-        return np.where(t > 0, t < run - _NEXT, -t < free)
+        return np.where(t > 0, t < run - FIT.skipped, -t < free)
 
     @property
     def places(self) -> Array:
@@ -209,7 +213,8 @@ def _second(values: Array, axis: int) -> Array:
 
 def _sum(c: Array, rho: Array) -> Array:
     """Pressure of coefficients at distances into the contact, shape (lines, points)."""
-    return np.asarray(np.sqrt(rho) * np.sum(c[:, None] * rho[..., None] ** np.arange(_TERMS), -1))
+    powers = rho[..., None] ** np.arange(FIT.terms)
+    return np.asarray(np.sqrt(rho) * np.sum(c[:, None] * powers, -1))
 
 
 def fitted(t: Array, values: Array, used: Any, bend: Array) -> tuple[Array, Array, Any]:
@@ -218,9 +223,9 @@ def fitted(t: Array, values: Array, used: Any, bend: Array) -> tuple[Array, Arra
     """
     inside = t > 0
     within, beyond = (used & inside).sum(axis=1), (used & ~inside).sum(axis=1)
-    kept = np.arange(_TERMS) < np.where(within > 4, _TERMS, _TERMS - 1)[:, None]
-    e, c = np.full(len(values), 0.25), np.zeros((len(values), _TERMS))
-    for step in range(_STEPS):
+    kept = np.arange(FIT.terms) < np.where(within > 4, FIT.terms, FIT.terms - 1)[:, None]
+    e, c = np.full(len(values), 0.25), np.zeros((len(values), FIT.terms))
+    for step in range(30):
         rho = np.abs(t + e[:, None])
         B, slope = _functions(rho, inside, kept)
         more = np.where(inside, 1.0, bend[:, :1] + bend[:, 1:] * rho)
@@ -231,20 +236,20 @@ def fitted(t: Array, values: Array, used: Any, bend: Array) -> tuple[Array, Arra
         J = np.concatenate([B, slope @ c[..., None]], axis=2) if step else B
         left = values - (B @ c[..., None])[..., 0]
         change = np.linalg.pinv(J * w[..., None], rcond=1e-12) @ (w * left)[..., None]
-        c = c + change[:, :_TERMS, 0]
+        c = c + change[:, : FIT.terms, 0]
         if step:
             moved = np.clip(e + np.clip(change[:, -1, 0], -0.3, 0.3), -0.5, 1.25)
             settled, e = np.abs(moved - e).max(initial=0.0) < 1e-10, moved
             if settled:
                 break
-    off = np.abs((B @ c[..., None])[..., 0] - values) > _MISFIT * values
+    off = np.abs((B @ c[..., None])[..., 0] - values) > 0.05 * values  # an edge of another kind
     good = (within >= 3) & (beyond >= 2) & (c[:, 0] > 0) & ~np.any(off & used & inside, axis=1)
     return e, c, good
 
 
 def _functions(rho: Array, inside: Any, kept: Any) -> tuple[Array, Array]:
     """Functions that the coefficients multiply, and their derivatives by the place of the edge."""
-    k = np.arange(_TERMS)
+    k = np.arange(FIT.terms)
     powers, root = rho[..., None] ** k * kept[:, None], np.sqrt(rho)[..., None]
     outer = 1.5 * (-1.0) ** k
     where = inside[:, None]

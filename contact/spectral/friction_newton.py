@@ -14,8 +14,6 @@ from contact.laws.law import ContactLaw, SlipLaw, State, Zones
 from contact.spectral.grid_problem import Grid, GridProblem
 from skfem_adini.ground.arrays import host
 
-_FORCING = 1e-3  # of a step (S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16)
-
 
 @dataclass(frozen=True)
 class Waves:
@@ -64,7 +62,8 @@ class Waves:
         off[1:] += xp.where(zones.slip, slip.a * slip.weight * slip.bound, 0.0)
         balance = (problem.force - problem.sums(kept))[free]
         right = system.packed(off, balance * system.unit)
-        forcing = min(_FORCING, 0.01 * size)
+        # S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16.
+        forcing = min(1e-3, 0.01 * size)
         change, _ = gmres(system.product, right, system.precondition, forcing, most=300)
         step, motions = system.unpacked(change)
         moved = a.copy()

@@ -14,15 +14,6 @@ from contact.spectral.grid_problem import Grid, GridProblem
 from contact.spectral.normal_filter import NormalFilter
 from skfem_adini.ground.arrays import host, namespace
 
-_LOOSEST = 1e-2  # accuracy of conjugate gradients on the first sets
-_COARSE = 0.1  # what may be off on coarser grids
-_FORCING = 1e-2  # that of later sets, over what the set before was off
-_SETS = 60
-_LOOSE_SETS = 30  # after which every set is solved
-_PRODUCTS = 400  # of one set
-_DRIFTS = 1e-9  # mean compliance over that of a point: zero but for rounding
-_STALLED = 25  # products that do not halve what is left: rounding
-
 
 def frictionless(
     problem: GridProblem,
@@ -61,8 +52,9 @@ def _solved(
         return xp.zeros_like(driving), -float(highest) if problem.given else 0.0
     drifts = not problem.given and _drifts(problem)
     mu, active = _first_set(problem, start)
-    accuracy, best = _LOOSEST, np.inf
-    for step in range(1, _SETS + 1):
+    loosest = 1e-2  # accuracy of conjugate gradients on the first sets
+    accuracy, best = loosest, np.inf
+    for step in range(1, 61):
         if drifts and bool(active.all()):
             raise Infeasible(
                 "obstacle: it is displaced beyond full contact, where nothing holds the mean "
@@ -80,8 +72,8 @@ def _solved(
             break
         if settled:
             best = size
-        solved = settled or step >= _LOOSE_SETS
-        accuracy = 0.5 * tol if solved else max(0.5 * tol, min(_LOOSEST, _FORCING * size))
+        solved = settled or step >= 30  # later every set is solved
+        accuracy = 0.5 * tol if solved else max(0.5 * tol, min(loosest, 1e-2 * size))
         if not bool(found.any()):
             raise NotConverged("frictionless contact: no point is left in contact")
         active = found
@@ -93,14 +85,14 @@ def _solved(
 def _drifts(problem: NormalProblem) -> bool:
     """Whether nothing holds the mean displacement of the surface."""
     whole = problem.W(problem.xp.ones_like(problem.driving))
-    return bool(problem.c * float(problem.xp.abs(whole).max()) < _DRIFTS)
+    return bool(problem.c * float(problem.xp.abs(whole).max()) < 1e-9)  # zero but for rounding
 
 
 def _first_set(problem: NormalProblem, start: Grid | None) -> tuple[Grid, Grid]:
     """Forces to begin with, and the points in contact."""
     if start is None and (coarser := problem.coarser()) is not None and problem.filter is not None:
         try:
-            mu, _ = _solved(coarser, None, _COARSE, lambda iteration: None)
+            mu, _ = _solved(coarser, None, 0.1, lambda iteration: None)
             start = problem.filter.refined(mu)
         except (Infeasible, NotConverged):
             start = None
@@ -141,7 +133,7 @@ def _on_set(
     z, _ = centred(problem.S(spread(r)).ravel()[at])
     p, rz, a, curvature = z, xp.vdot(r, z), -mean, xp.ones(())
     best, since = (np.inf, 0, x, a), 0
-    for step in range(_PRODUCTS):
+    for step in range(400):
         known = xp.stack((xp.abs(r).max(), xp.abs(x).max(), rz, curvature))
         left, largest, slope, curved = map(float, host(known))
         if not curved > 0:
@@ -150,7 +142,8 @@ def _on_set(
         since = 0 if left < 0.5 * best[0] else since + 1
         if left < best[0]:
             best = (left, step, x, a)
-        if left <= accuracy * largest or slope <= 0 or since > _STALLED:
+        # What is left after so many products that do not halve it is rounding.
+        if left <= accuracy * largest or slope <= 0 or since > 25:
             break
         w = problem.W(spread(p))
         inside = w.ravel()[at]

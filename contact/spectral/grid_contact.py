@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from contact.errors import CHANGED, Infeasible, InputError, LargeMotionWarning, NotConverged, warn
 from contact.laws.friction import Friction, Tresca
 from contact.laws.iteration import Iteration
-from contact.laws.newton import newton, proximal_point
+from contact.laws.newton import LIMITS, newton, proximal_point
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import (
     RigidMotion,
@@ -38,10 +38,7 @@ from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
 
-_INNER = 1e-2  # tolerance of the solvers relative to that of the certificate
-_LOADED = 1e-3  # part of the largest pressure: less hardly presses
-_NEWTON, _SOFT = 60, 30  # steps of Newton's method at most, and of each with springs
-_LOOPS = 6  # Tresca solves that lead to Coulomb's law where Newton's method stalls
+_NEWTON = 60  # steps of Newton's method at most
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -251,7 +248,7 @@ class GridContact:
 
         friction = self._friction()
         _check_forces(case, problem)
-        inner = _INNER * tol
+        inner = LIMITS.inner * tol
         before = None
         if after is not None and np.any(after.pressure > 0):
             before = problem.xp.asarray(after.forces[0])
@@ -392,7 +389,7 @@ def _check_motion(problem: GridProblem, result: GridResult, travel: Any) -> None
     if travel is not None:  # the gap is that where the shape is now
         slip = slip + xp.asarray(travel[problem.order[0][1:]]).reshape((-1,) + (1,) * p.ndim)
     steps = slip / xp.asarray(problem.compliance.spacing).reshape((-1,) + (1,) * p.ndim)
-    far = (xp.abs(steps).max(axis=0) > 1.0) & (p > _LOADED * p.max())
+    far = (xp.abs(steps).max(axis=0) > 1.0) & (p > 1e-3 * p.max())  # less hardly presses
     if not bool(far.any()):
         return
     far, steps, gap = host(far), host(steps), host(problem.gap)
@@ -442,7 +439,7 @@ def _with_friction(problem: GridProblem, law: Friction, start: Any, tol: float, 
     except NotConverged:
         now = start
     try:
-        for _ in range(_LOOPS):
+        for _ in range(6):  # solves for Tresca's law that lead to Coulomb's
             given = Waves(problem, Tresca(law.bound(now[0][0])))
             now = _with_given_friction(given, now, 1e-6, report, "tresca")
         return newton(waves, now, tol=tol, max_iterations=_NEWTON, report=report)
@@ -458,7 +455,7 @@ def _with_given_friction(
     try:
         return newton(waves, start, tol=tol, max_iterations=_NEWTON, phase=phase, report=report)
     except NotConverged:
-        return proximal_point(waves, start, tol=tol, max_iterations=_SOFT, report=report)
+        return proximal_point(waves, start, tol=tol, max_iterations=30, report=report)
 
 
 def _check_drag(problem: GridProblem, law: Friction, start: Any) -> None:

@@ -439,7 +439,7 @@ def corrected_area(
     return counted - excess * float(np.sqrt(np.prod(spacing)))
 
 
-_KIND, _FORMAT = "GridResult", 1
+_FORMAT = 1
 _OF_CASE = ("gap", "friction", "motion", "force", "slip_from", "travel")
 _ELEMENTS = Kinds(
     *(skfem.ElementQuad1, skfem.ElementHex1, ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
@@ -460,7 +460,7 @@ def write(state: GridState, path: str | Path) -> Path:
     """Write a result; see `contact.GridResult.save`."""
     file, case = named_archive(path), state.case
     about = {
-        "kind": _KIND,
+        "kind": "GridResult",
         "format": _FORMAT,
         "compliance": _words(case.compliance),
         "law": case.law,
@@ -478,7 +478,7 @@ def read(path: str | Path, xp: Any) -> GridState:
     arrays, checksum = read_arrays(file)
     with reading(file):
         formats, beside = ((), "without") if checksum is None else ((_FORMAT,), "with")
-        about = head(arrays, _KIND, formats, beside, f"format {_FORMAT}, with one")
+        about = head(arrays, "GridResult", formats, beside, f"format {_FORMAT}, with one")
         return _state(arrays, about, xp)
 
 

@@ -13,8 +13,6 @@ from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.real_symbol import RealSymbol
 from skfem_adini.ground.arguments import array_of, numbers
 
-_RANGE = 1e100  # determinants of three components are products of three stiffnesses
-
 
 class HalfSpace(FilteredCompliance):
     r"""An elastic half space (2-D: half plane in plane strain) whose loads repeat periodically.
@@ -133,7 +131,8 @@ def _check_range(given: Any, E: float, spacing: Sequence[float], period: float) 
     with np.errstate(over="ignore", under="ignore"):
         k = np.array([1.0 / np.float64(period), 1.0 / min(spacing)])
         sizes = np.r_[k, np.float64(E) * k * np.prod(spacing)]
-    if not np.all((sizes > 1 / _RANGE) & (sizes < _RANGE)):
+    largest = 1e100  # determinants of three components multiply three stiffnesses
+    if not np.all((sizes > 1 / largest) & (sizes < largest)):
         raise InputError(
             f"E={given!r}: with points {min(spacing):.3g} apart on a period of {period:.3g} the "
             "stiffness of a point, or its cube, is beyond the range of numbers; choose other "

@@ -11,8 +11,6 @@ from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.transforms import filtered
 from skfem_adini.ground.arrays import namespace
 
-_FEWEST = 32  # cells of the coarsest grid
-
 
 @dataclass(frozen=True)
 class NormalFilter:
@@ -42,7 +40,7 @@ class NormalFilter:
         """The same body by every other point and without the waves that these do not resolve; None
         where they would be few, or cells odd in number.
         """
-        if min(self.cells) < 2 * _FEWEST or any(n % 2 for n in self.cells):
+        if min(self.cells) < 64 or any(n % 2 for n in self.cells):
             return None
         cells = tuple(n // 2 for n in self.cells)
         lateral = self.lateral

@@ -35,7 +35,6 @@ from skfem_adini.ground.arguments import numbers
 from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
-_AXES = "xyz"
 
 
 class PeriodicLayers(FilteredCompliance):
@@ -315,7 +314,7 @@ class PeriodicLayers(FilteredCompliance):
             nu=np.array([layer.nu for layer in self.layers])[of], **self._in_plane(),
         )  # fmt: skip
         for axis in map(int, np.flatnonzero(self.held)):
-            body.fix("top", _AXES[axis], float(self.motion[axis]))
+            body.fix("top", "xyz"[axis], float(self.motion[axis]))
         supported(body, self._sides)
         return body
 

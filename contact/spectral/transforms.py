@@ -10,8 +10,6 @@ import scipy
 from contact.arrays.ranges import cores
 from skfem_adini.ground.arrays import namespace
 
-_THREADED = 1 << 17
-
 
 def fft_of(xp: Any) -> Any:
     """Transforms by SciPy's names for arrays of this module."""
@@ -27,6 +25,6 @@ def filtered(symbol: Any, values: Any) -> Any:
     xp, axes = namespace(values), tuple(range(1, values.ndim))
     fft = fft_of(xp)
     # Threads of one transform; small ones are done before they start.
-    threads = {"workers": cores()} if xp is np and values.size >= _THREADED else {}
+    threads = {"workers": cores()} if xp is np and values.size >= 1 << 17 else {}
     products = symbol.times(fft.rfftn(values, axes=axes, **threads))
     return fft.irfftn(products, s=values.shape[1:], axes=axes, overwrite_x=True, **threads)

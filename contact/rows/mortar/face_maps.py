@@ -13,51 +13,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import roots_jacobi
 
 from contact.errors import InputError
-from contact.rows.mortar.facet_trace import NONE_OPPOSITE, SAME_WAY, InterfaceQuadrature
+from contact.rows.mortar.facet_trace import FACETS, InterfaceQuadrature, none_opposite
 from contact.rows.outline import Outline, reference_corners
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Newton steps of `FaceMaps.met`, and where they end.
-_STEPS, _SETTLED = 30, 1e-14
-# Rounding of places, relative to the facet, and of unit normals.
-AFFINE = 1e-11
-# Nodes of a facet of second order with 3 and with 4 corners.
-_SECOND = {3: 6, 4: 9}
-# Degrees added to those of the Gauss rules where normals vary, and where facets are not affine, so
-# that traces are no polynomials: uniform pressures are then exact to 1e-13 with corners off by a
-# quarter of a side.
-CURVED, BENT = 4, 8
-FACING = 0.25  # least cosine between a normal and the one opposite it
-BLOCK = 1_000_000  # pairs looked at together
-SLIVER = 1e-13  # part of the smaller facet below which a polygon is rounding
-# Part of the area of a facet that two polygons may have in common by rounding.
-OVERLAP = 1e-10
-# Fixed-point steps; each reduces the error by gap over radius of curvature, small near contact.
-STEPS, SETTLED = 40, 1e-14
-# Least cosine between an averaged normal and that of the plane; smaller ones are raised to it.
-STEEP = 0.1
 
-
-def _grid(order: int) -> Index:
-    """Nodes of a quadrilateral in steps of a side: corners, then second-order ones, in rings."""
-    k = order
+@cache
+def _grid(count: int) -> tuple[int, Index]:
+    """Order of a quadrilateral of 4, 9 or 16 nodes, and these in steps of a side: corners, then
+    second-order ones, in rings."""
+    k = round(count**0.5) - 1
     ring = [(0, 0), (k, 0), (k, k), (0, k)]
     if k == 2:
         ring += [(1, 0), (2, 1), (1, 2), (0, 1), (1, 1)]
     rest = [(i, j) for j in range(k + 1) for i in range(k + 1) if (i, j) not in ring]
-    return np.array(ring + rest)
-
-
-_GRIDS = {(order + 1) ** 2: (order, _grid(order)) for order in (1, 2, 3)}
+    return k, np.array(ring + rest)
 
 
 @dataclass(frozen=True)
@@ -101,19 +80,21 @@ class FaceMaps:
         slopes = corner[:, :, [1, -1]] - corner[:, :, :1]
         off = corner[:, :, :1] + slopes @ X - self.nodes
         size = np.linalg.norm(slopes, axis=0).max(axis=1)
-        noise = AFFINE * size + 16.0 * np.spacing(np.abs(self.nodes).max())
+        noise = FACETS.affine * size + 16.0 * np.spacing(np.abs(self.nodes).max())
         return bool(np.all(np.linalg.norm(off, axis=0).max(axis=1) <= noise))
 
     @property
     def flat(self) -> bool:
         """Whether averaged normals do not vary along a facet."""
-        return bool(np.abs(self.normals - self.normals[:, :, :1]).max() <= AFFINE)
+        return bool(np.abs(self.normals - self.normals[:, :, :1]).max() <= FACETS.affine)
 
     def added(self, other: FaceMaps, rest: tuple[FaceMaps, FaceMaps]) -> int:
         """Degrees by which the Gauss rules of an interface exceed those of its traces."""
         if not (rest[0].affine and rest[1].affine):
-            return BENT
-        return 0 if self is rest[0] and self.flat else CURVED
+            # Traces are no polynomials: with corners off by a quarter of a side, uniform pressures
+            # are then exact to 1e-13.
+            return 8
+        return 0 if self is rest[0] and self.flat else FACETS.curved
 
     @cached_property
     def middles(self) -> Array:
@@ -157,8 +138,8 @@ class FaceMaps:
         Newton's method; raises InputError where a distorted facet has no crossing with its line."""
         X = np.full((2, facet.size), 1.0 / 3.0 if self.corners == 3 else 0.5)
         size = np.ptp(self.nodes[:, facet, : self.corners], axis=2).max(axis=0)
-        least = _SETTLED + 4.0 * np.spacing(np.abs(x).max(initial=0.0)) / size.min(initial=np.inf)
-        for _ in range(_STEPS):
+        least = 1e-14 + 4.0 * np.spacing(np.abs(x).max(initial=0.0)) / size.min(initial=np.inf)
+        for _ in range(30):
             one, two = self.tangents(facet, X).transpose(1, 0, 2)
             off = x - self.at(facet, X)
             # Cramer's rule for off = one s + two t + direction r.
@@ -182,11 +163,11 @@ class FaceMaps:
         facet, other = _pairs(planes, second, 1.0)
         polygon, size = _common(planes, second, facet, other)
         area, middle = measured(polygon, size)
-        least = SLIVER * np.minimum(planes.area()[facet], _extent(second)[other] ** 2)
+        least = FACETS.sliver * np.minimum(planes.area()[facet], _extent(second)[other] ** 2)
         kept = area > least
         if not kept.any():
             same = _pairs(planes, second, -1.0)[0].size
-            raise InputError(SAME_WAY if same else NONE_OPPOSITE.format(""))
+            raise none_opposite(bool(same))
         on = np.flatnonzero(kept)
         gap = _gaps(planes, second, facet[on], other[on], middle[on].T)
         on = on[_within_reach(gap, self, second)]
@@ -210,7 +191,7 @@ def reference_nodes(outline: Outline) -> Array:
     """Nodes of the reference facet of an outline's mesh, shape (2, k): 3, 4, 6 or 9 of them."""
     count = outline.corners.shape[1]
     if type(outline.body.mesh).__name__ in ("MeshTet2", "MeshHex2"):
-        count = _SECOND[count]
+        count = {3: 6, 4: 9}[count]
     return _lagrange_nodes(count)
 
 
@@ -219,7 +200,7 @@ def moving_nodes(outline: Outline) -> Array:
     name, count = type(outline.body.element).__name__, outline.corners.shape[1]
     if name in ("ElementTetP1", "ElementHex1"):
         return reference_nodes(outline)
-    return _lagrange_nodes(_SECOND[count] if name in ("ElementTetP2", "ElementHex2") else 16)
+    return _lagrange_nodes({3: 6, 4: 9}[count] if name in ("ElementTetP2", "ElementHex2") else 16)
 
 
 def _lagrange_nodes(count: int) -> Array:
@@ -228,7 +209,7 @@ def _lagrange_nodes(count: int) -> Array:
         corner = reference_corners(3, 3)
         middle = 0.5 * (corner + np.roll(corner, -1, axis=1))
         return corner if count == 3 else np.hstack((corner, middle))
-    order, places = _GRIDS[count]
+    order, places = _grid(count)
     return np.asarray(places.T / order)
 
 
@@ -248,7 +229,7 @@ def shapes(X: Array, nodes: int) -> tuple[Array, Array]:
             ((4 * L - 1)[:, None] * D, 4 * (L[:, None] * D[k] + L[k][:, None] * D))
         )
         return values, slopes
-    order, grid = _GRIDS[nodes]
+    order, grid = _grid(nodes)
     (u, du), (v, dv) = (_line(s, order) for s in (x, y))
     i, j = grid.T
     return u[i] * v[j], np.stack((du[i] * v[j], u[i] * dv[j]), axis=1)
@@ -271,7 +252,7 @@ def _within_reach(gap: Array, first: FaceMaps, second: FaceMaps) -> NDArray[np.b
     reach = [float(np.linalg.norm(np.ptp(side.nodes, axis=(1, 2)))) for side in (first, second)]
     near = (gap <= max(reach)) & (gap >= -0.5 * min(reach))
     if not near.any():
-        raise InputError(NONE_OPPOSITE.format(f" within {max(reach):g}"))
+        raise none_opposite(within=f" within {max(reach):g}")
     return np.asarray(near)
 
 
@@ -281,7 +262,7 @@ def _gaps(planes: FacetPlanes, second: FaceMaps, facet: Index, other: Index, pla
     x, n = planes.maps.at(facet, X), planes.maps.direction(facet, X)
     off = second.nodes[:, other, : second.corners].mean(axis=2) - x
     outward = second.middles[:, other]
-    against = np.minimum(np.sum(outward * n, axis=0), -0.5 * FACING)
+    against = np.minimum(np.sum(outward * n, axis=0), -0.5 * FACETS.facing)
     return np.asarray(np.sum(off * outward, axis=0) / against)
 
 
@@ -295,11 +276,11 @@ def _pairs(planes: FacetPlanes, second: FaceMaps, facing: float) -> tuple[Index,
     ]
     found: list[Index] = []
     count, others = middles[0].shape[1], middles[1].shape[1]
-    step = max(1, BLOCK // others)
+    step = max(1, 1_000_000 // others)  # pairs looked at together
     for start in range(0, count, step):
         here = np.arange(start, min(count, start + step))
         n = first.middles[:, here]
-        towards = -facing * (n.T @ second.middles) > FACING
+        towards = -facing * (n.T @ second.middles) > FACETS.facing
         off = middles[1][:, None] - middles[0][:, here, None]
         lift = np.einsum("df,dfg->fg", n, off)
         aside = np.sqrt(np.maximum(np.sum(off * off, axis=0) - lift**2, 0.0))
@@ -364,13 +345,14 @@ def nearest_polygons(
     The nearer of two has the smaller `distance(k, place)` in the middle of their overlap.
     Returns the remaining pieces, their numbers of corners, and the polygon each comes from."""
     source = np.arange(size.size)
+    overlap = 1e-10  # part of a facet that two polygons may share by rounding
     while True:
         own = facet[source]
         covered = np.bincount(own, measured(polygon, size)[0], area.size)
-        a, b = _neighbours(own, covered > area * (1.0 + OVERLAP))
+        a, b = _neighbours(own, covered > area * (1.0 + overlap))
         both, corners = common(polygon[a], size[a], polygon[b], size[b])
         shared, middle = measured(both, corners)
-        real = (shared > OVERLAP * area[own[a]]) & (source[a] != source[b])
+        real = (shared > overlap * area[own[a]]) & (source[a] != source[b])
         a, b, middle = a[real], b[real], middle[real]
         far = np.where(distance(source[a], middle.T) > distance(source[b], middle.T), a, b)
         # Of each piece one nearer one is cut out at a time.
@@ -387,7 +369,7 @@ def nearest_polygons(
         width = max(part.shape[1] for part, _, _ in parts)
         polygon = np.concatenate([padded(part, width) for part, _, _ in parts])
         size, source = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-        kept = measured(polygon, size)[0] > OVERLAP * area[facet[source]]
+        kept = measured(polygon, size)[0] > overlap * area[facet[source]]
         polygon, size, source = polygon[kept], size[kept], source[kept]
 
 
@@ -525,7 +507,7 @@ class FacetPlanes:
 
     def spread(self) -> Array:
         """Largest tangent of the angles between averaged normals and that of the plane."""
-        up = np.maximum(np.einsum("df,dfk->fk", self.axes[:, 2], self.maps.normals), STEEP)
+        up = np.maximum(np.einsum("df,dfk->fk", self.axes[:, 2], self.maps.normals), FACETS.steep)
         return np.asarray((np.sqrt(np.maximum(1.0 - up**2, 0.0)) / up).max(axis=1))
 
     def place(self, facet: Index, X: Array) -> Array:
@@ -568,14 +550,15 @@ class FacetPlanes:
         origin, axes = self.origin[:, facet], self.axes[:, :, facet]
         off = np.einsum("dan,dn->an", axes, y - origin)
         size = np.sqrt(self.area()[facet])
-        least = SETTLED + 8.0 * np.spacing(np.abs(y).max(initial=0.0)) / size
+        least = 1e-14 + 8.0 * np.spacing(np.abs(y).max(initial=0.0)) / size
         p = off[:2]
-        for _ in range(STEPS):
+        # Each step reduces the error by gap over radius of curvature, small near contact.
+        for _ in range(40):
             X = self._within(self.inverse(facet, p))
             n = np.einsum("dan,dn->an", axes, self.maps.direction(facet, X))
             lift = np.einsum("dan,dn->an", axes, self.maps.at(facet, X) - origin)
             lift[:2] -= self.place(facet, X)
-            gap = (off[2] - lift[2]) / np.maximum(n[2], STEEP)
+            gap = (off[2] - lift[2]) / np.maximum(n[2], FACETS.steep)
             new = off[:2] - lift[:2] - gap * n[:2]
             change = np.abs(new - p).max(axis=0) / size
             p = new

@@ -22,21 +22,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from contact.errors import InputError
-from contact.rows.mortar.facet_trace import NONE_OPPOSITE, SAME_WAY, InterfaceQuadrature
+from contact.rows.mortar.facet_trace import FACETS, InterfaceQuadrature, none_opposite
 from contact.rows.outline import Outline
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Rounding of the distance of a middle from its chord, over the chord; of places, over coordinates.
-STRAIGHT, ROUNDING = 1e-12, 16 * np.finfo(float).eps
-# Length of a segment that is rounding, over that of the facet; rounding of places is added.
-SLIVER, NOISE = 1e-13, 8 * np.finfo(float).eps
-# Least cosine between a normal and the one opposite: lines meet facets at 15 degrees or more.
-FACING = 0.25
-# Degrees added to those of the Gauss rules where normals vary along facets.
-CURVED = 4
 NODES = np.array([[0.0, 0.5, 1.0]])  # of a facet: its ends and the middle between them
 
 
@@ -58,7 +49,7 @@ class FacetCurves:
         along = at_rest[:, :, -1] - at_rest[:, :, 0]
         sign = np.sign(along[1] * at_ends.sum(axis=2)[0] - along[0] * at_ends.sum(axis=2)[1])
         bulge = 4.0 * nodes[:, :, 1] - 2.0 * ends.sum(axis=2)
-        noise = STRAIGHT * _length(ends) + ROUNDING * np.abs(nodes).max()
+        noise = FACETS.straight * _length(ends) + 16 * np.finfo(float).eps * np.abs(nodes).max()
         flat = np.linalg.norm(bulge, axis=0) <= noise
         curves = cls(ends, np.where(flat, 0.0, bulge), sign, np.zeros_like(ends))
         facets = np.arange(sign.size)
@@ -72,12 +63,12 @@ class FacetCurves:
 
     def added(self, other: FacetCurves, rest: tuple[FacetCurves, FacetCurves]) -> int:
         """Degrees by which the Gauss rules of an interface exceed those of its traces."""
-        return CURVED if self.curved or other.curved else 0
+        return FACETS.curved if self.curved or other.curved else 0
 
     @property
     def curved(self) -> bool:
         """Whether normals vary along a facet."""
-        bent = np.abs(self.normals[..., 1] - self.normals[..., 0]).max() > STRAIGHT
+        bent = np.abs(self.normals[..., 1] - self.normals[..., 0]).max() > FACETS.straight
         return bool(bent or np.any(self.bulge))
 
     def at(self, facet: Index, s: Array) -> Array:
@@ -180,7 +171,7 @@ def interface_segments(first: FacetCurves, second: FacetCurves) -> Segments:
     pieces = pieces.chosen((gap <= large) & (gap >= -0.5 * small))
     if not pieces.facet.size:
         same = _in_line(first, second, -1.0).facet.size
-        raise InputError(SAME_WAY if same else NONE_OPPOSITE.format(f" within {large:g}"))
+        raise none_opposite(bool(same), f" within {large:g}")
     return pieces
 
 
@@ -190,13 +181,13 @@ def _in_line(first: FacetCurves, second: FacetCurves, facing: float) -> Segments
     facet, other = _near_the_lines(first, second)
     n = first.direction(facet, np.full(facet.size, 0.5))
     outward = second.outward(other, np.full(facet.size, 0.5))
-    towards = -facing * np.sum(n * outward, axis=0) > FACING * np.linalg.norm(n, axis=0)
+    towards = -facing * np.sum(n * outward, axis=0) > FACETS.facing * np.linalg.norm(n, axis=0)
     before, after = _sides(first, second, facet, other)
     off = before.all(axis=0) | after.all(axis=0) | (before & after).any(axis=0)
     facet, other = facet[towards & ~off], other[towards & ~off]
     start, end = np.sort(_met(first, second, facet, other), axis=0)
     size = first.length[facet]
-    noise = SLIVER + NOISE * np.abs(first.ends).max() / size
+    noise = FACETS.sliver + 8 * np.finfo(float).eps * np.abs(first.ends).max() / size
     start, end = (np.where(s < noise, 0.0, np.where(s > 1.0 - noise, 1.0, s)) for s in (start, end))
     pieces = Segments(facet, other, start, end).chosen(end - start > noise)
     return pieces.chosen(np.lexsort((pieces.start, pieces.facet)))
@@ -267,14 +258,14 @@ def _met(first: FacetCurves, second: FacetCurves, facet: Index, other: Index) ->
 def _nearest(first: FacetCurves, second: FacetCurves, pieces: Segments) -> Segments:
     """Where segments of a facet overlap, only those of the nearest mortar facets."""
     same = pieces.facet[1:] == pieces.facet[:-1]
-    over = same & (pieces.start[1:] < pieces.end[:-1] - SLIVER)
+    over = same & (pieces.start[1:] < pieces.end[:-1] - FACETS.sliver)
     crowded = np.isin(pieces.facet, pieces.facet[1:][over])
     if not crowded.any():
         return pieces
     several = pieces.chosen(crowded)
     facet = np.concatenate((several.facet, several.facet))
     ticks = np.unique(np.array([facet, np.concatenate((several.start, several.end))]), axis=1)
-    inner = (ticks[0, 1:] == ticks[0, :-1]) & (np.diff(ticks[1]) > SLIVER)
+    inner = (ticks[0, 1:] == ticks[0, :-1]) & (np.diff(ticks[1]) > FACETS.sliver)
     on, low, high = ticks[0, :-1][inner].astype(np.int64), ticks[1, :-1][inner], ticks[1, 1:][inner]
     # Every short interval with every segment of its facet; both are sorted by facets.
     begin, stop = (np.searchsorted(several.facet, on, side=side) for side in ("left", "right"))
@@ -315,10 +306,6 @@ def _cross(a: Array, b: Array) -> Array:
     return np.asarray(a[0] * b[1] - a[1] * b[0])
 
 
-# Newton steps before bisection alone decides, and all steps: 64 halvings reach the last digit.
-NEWTON, STEPS = 16, 80
-
-
 def bracketed_root(function: Callable[[Array], tuple[Array, Array]], count: int) -> Array:
     """Roots in [0, 1], (count,), of functions that change sign there, by safeguarded Newton steps.
     Brackets shrink to the last digit; signs made equal by rounding give the end with the root.
@@ -326,12 +313,12 @@ def bracketed_root(function: Callable[[Array], tuple[Array, Array]], count: int)
     low, high, s = np.zeros(count), np.ones(count), np.full(count, 0.5)
     at_low, at_high = function(low)[0], function(high)[0]
     found = np.zeros(count, dtype=bool)
-    for step in range(STEPS):
+    for step in range(80):  # the last 64 are halvings, which reach the last digit
         value, slope = function(s)
         below = value * np.sign(at_low) > 0
         low, high = np.where(below, s, low), np.where(below, high, s)
         newton = s - value / np.where(slope == 0, 1.0, slope)
-        inside = (newton >= low) & (newton <= high) & (slope != 0) & (step < NEWTON)
+        inside = (newton >= low) & (newton <= high) & (slope != 0) & (step < 16)
         new = np.where(inside, newton, 0.5 * (low + high))
         # What is found stays, so that a root does not depend on those computed together with it.
         new = np.where(found | (value == 0), s, new)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.errors import InputError
 from contact.facet_basis import places_on_facets
 from contact.rows.outline import Outline
 
@@ -15,15 +17,30 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Csr = sparse.csr_array
 
-# What a user reads where no facet faces another one.
-SAME_WAY = (
-    "others: the normals of the two boundaries point the same way; a contact boundary must face "
-    "the surface of the other body"
-)
-NONE_OPPOSITE = (
-    "others: no facet lies opposite the contact boundary, along its normals{}; check the places of "
-    "the bodies and the names of the boundaries"
-)
+
+class _Facets(NamedTuple):  # when facets of an interface face each other, bend, or are rounding
+    facing: float = 0.25  # least cosine between a normal and the one opposite it
+    sliver: float = 1e-13  # part of a facet below which a segment or a polygon is rounding
+    straight: float = 1e-12  # rounding of a facet in the plane, over its length, and of its normals
+    affine: float = 1e-11  # rounding of a facet in space, over its size, and of its normals
+    steep: float = 0.1  # least cosine between an averaged normal and that of the plane of a facet
+    curved: int = 4  # degrees added to the Gauss rules where normals vary along facets
+
+
+FACETS = _Facets()
+
+
+def none_opposite(same_way: bool = False, within: str = "") -> InputError:
+    """The error where no facet faces another one, or `same_way` if only from behind."""
+    if same_way:
+        return InputError(
+            "others: the normals of the two boundaries point the same way; a contact boundary must "
+            "face the surface of the other body"
+        )
+    return InputError(
+        f"others: no facet lies opposite the contact boundary, along its normals{within}; check "
+        "the places of the bodies and the names of the boundaries"
+    )
 
 
 @dataclass(frozen=True)

@@ -54,18 +54,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Clearance = float | ArrayLike | Callable[[Array], ArrayLike]
 
-FUNCTIONALS = ("dual", "standard", "hat")
-# Degree of the trace on a facet, as a polynomial of two variables; in the plane that of the values.
-_DEGREE = {
-    "ElementTetP1": 1,
-    "ElementTetP2": 2,
-    "ElementHex1": 2,
-    "ElementHex2": 4,
-    "ElementHexAdini": 4,
-}
-# Relative: entries of a row that are rounding, over the length of the dof; norm of a held row.
-ROUNDING, HELD = 1e-14, 1e-9
-
 
 @dataclass(frozen=True)
 class MortarRows:
@@ -141,8 +129,16 @@ class Interface:
         name = _checked_functional(first, facets, second, others, functional)
         sides = Outline(first, facets), Outline(second, others)
         forms = [facet_functional(body.element, None) for body in (first, second)]
+        # Degrees of traces on facets, as polynomials of two variables; in the plane of the values.
+        known = {
+            "ElementTetP1": 1,
+            "ElementTetP2": 2,
+            "ElementHex1": 2,
+            "ElementHex2": 4,
+            "ElementHexAdini": 4,
+        }
         degrees = [
-            _DEGREE.get(type(body.element).__name__, len(form.C) - 1)
+            known.get(type(body.element).__name__, len(form.C) - 1)
             for body, form in zip((first, second), forms, strict=True)
         ]
         basis = (
@@ -239,20 +235,21 @@ class Interface:
         bodies = self.first.body, self.second.body
         held = np.ones(P.shape[0], dtype=bool)
         for rows, body in zip(alone, bodies, strict=True):
-            held &= norms(rows @ body.constraint[0]) <= HELD * norms(rows)
+            held &= norms(rows @ body.constraint[0]) <= 1e-9 * norms(rows)  # rounding of held rows
         pick, leave = (sparse.diags_array(part.astype(float)) for part in (held, ~held))
         both = []
+        rounding = 1e-14  # of entries over the length of the dof
         for rows, body, trace, sign in zip(alone, bodies, traces, (1.0, -1.0), strict=True):
             result = Csr(pick @ rows + leave @ _along(P, sign * vectors, trace))
             # Rounding: functions that are biorthogonal to this one.
-            small = np.abs(result.data) < ROUNDING * body.lengths[0][result.indices]
+            small = np.abs(result.data) < rounding * body.lengths[0][result.indices]
             result.data[small] = 0.0
             result.eliminate_zeros()
             both.append(result)
         if bodies[0] is bodies[1]:
             # At the tip of a slit both lips have the same dofs: there the sum is zero.
             total = Csr(both[0] + both[1])
-            small = np.abs(total.data) < ROUNDING * bodies[0].lengths[0][total.indices]
+            small = np.abs(total.data) < rounding * bodies[0].lengths[0][total.indices]
             total.data[~small] = 0.0
             both[1] = Csr(both[1] - total)
         return both[0], both[1]
@@ -295,9 +292,10 @@ def _checked_functional(
 ) -> str:
     """The name of the functional; raises InputError for bad arguments of `mortar_rows`."""
     name = "dual" if functional is None else functional
-    if name not in FUNCTIONALS:
+    offered = ("dual", "standard", "hat")
+    if name not in offered:
         raise InputError(
-            f"functional={functional!r}: two bodies offer {sorted(FUNCTIONALS)}; leave it out "
+            f"functional={functional!r}: two bodies offer {sorted(offered)}; leave it out "
             "for the dual one"
         )
     if first.dim != second.dim:

@@ -62,11 +62,8 @@ from contact.rows.outline import Outline, hats
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Coefficients of a facet of the highest degree in the plane, three.
-SLOTS = 4
-# Relative to the largest weight; with a smaller one the pressure would have three digits or fewer.
-LEAST_WEIGHT = 1e-6
-_SINGULAR = 1e-4  # least ratio of singular values of scaled functions on a covered part
+SLOTS = 4  # coefficients of a facet of the highest degree in the plane, three
+LEAST_WEIGHT = 1e-6  # over the largest: with a smaller weight a pressure has three digits or fewer
 
 
 @dataclass(frozen=True)
@@ -368,7 +365,7 @@ def _face_dual(facet: Index, w: Array, N: Array, used: NDArray[np.bool_]) -> Arr
     rows[:, -slots:] = lacking
     Q, R = np.linalg.qr(rows)
     singular = np.linalg.svd(R, compute_uv=False)
-    good = singular[:, -1] > _SINGULAR * singular[:, 0]
+    good = singular[:, -1] > 1e-4 * singular[:, 0]  # scaled functions, on a covered part
     R[~good] = np.eye(slots)
     D = np.zeros((start.size, slots))
     np.add.at(D, row, w[order][:, None] * N[order])

@@ -43,12 +43,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Pair = tuple[Array, Array]
 
-# Derivative of a facet's end with respect to its ends and middle: row 0 at s = 0, row 1 at s = 1.
-_SLOPE = np.array([[-3.0, 4.0, -1.0], [1.0, -4.0, 3.0]])
-# Central differences of fourth order, exact for traces of third order.
-_STEPS, _WEIGHTS = (-0.5, -0.25, 0.25, 0.5), (1.0, -8.0, 8.0, -1.0)
-_TILT = 1e-5  # step of normals in central differences
-
 
 @dataclass(frozen=True)
 class SlidingDerivative:
@@ -126,8 +120,10 @@ def _in_plane(interface: Interface, found: MortarRows, u: Array, v: Array) -> _P
     q, (one, two), (X, Y) = found.quadrature, (interface.first, interface.second), interface.rest
     n, p = q.n, np.array([-q.n[1], q.n[0]])
     here, there = facet_trace(one, q.facet, q.X), facet_trace(two, q.other, q.Y)
+    # Central differences of fourth order, exact for traces of third order.
+    steps, weights = (-0.5, -0.25, 0.25, 0.5), (1.0, -8.0, 8.0, -1.0)
     ahead = sum(
-        (facet_trace(two, q.other, q.Y + h) * w for h, w in zip(_STEPS, _WEIGHTS, strict=True)),
+        (facet_trace(two, q.other, q.Y + h) * w for h, w in zip(steps, weights, strict=True)),
         start=0.0 * there,
     ) * (1.0 / 3.0)
     gap = np.sum((Y.at(q.other, q.Y) + values(there, v, 2)) * n, axis=0)
@@ -178,13 +174,15 @@ def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Cs
     trace = trace_of_nodes(outline)
     moved = values(trace, u, 2).reshape(2, count, 3)
     nodes, curves = facet_nodes(outline) + moved, FacetCurves.of(outline, moved)
+    # Derivatives at the ends s = 0 and 1, by the ends and the middle.
+    slopes = np.array([[-3.0, 4.0, -1.0], [1.0, -4.0, 3.0]])
     angles = []
     for end in (0, 1):
-        slope = np.einsum("dfk,k->df", nodes, _SLOPE[end])
+        slope = np.einsum("dfk,k->df", nodes, slopes[end])
         size = np.linalg.norm(slope, axis=0)
         n = curves.sign * np.array([slope[1], -slope[0]]) / size
         # The outward normal is the tangent turned by -90 degrees times the sign.
-        pick = sparse.kron(sparse.eye_array(count), _SLOPE[end][None], format="csr")
+        pick = sparse.kron(sparse.eye_array(count), slopes[end][None], format="csr")
         angles.append(directed(Csr(pick @ trace), -n * curves.sign / size))
     own = sparse.vstack(angles, format="csr")  # all starts, then all ends
     continued, (beyond, corner) = outline.continued, outline.beyond
@@ -226,10 +224,11 @@ def _spin(found: MortarRows, places: _Places) -> Csr:
     The frame is a function of the normal, differentiated by central differences."""
     n, (one, two) = found.rows.normals, found.rows.tangents.transpose(1, 0, 2)
     total = 0.0 * (found.P @ places.turn[0])
+    tilt = 1e-5  # of normals in central differences
     for t in (one, two):
-        ahead, behind = (tangent_frame(n + h * t)[:, 0] for h in (_TILT, -_TILT))
+        ahead, behind = (tangent_frame(n + h * t)[:, 0] for h in (tilt, -tilt))
         here = tangent_frame(n)[:, 1]
-        rate = np.sum(here * (ahead - behind), axis=0) / (2.0 * _TILT)
+        rate = np.sum(here * (ahead - behind), axis=0) / (2.0 * tilt)
         at, point = found.P.indices, np.repeat(np.arange(n.shape[1]), np.diff(found.P.indptr))
         for b in (0, 1):
             share = found.P.data * np.sum(t[:, point] * places.p[:, b, at], axis=0)
@@ -247,12 +246,6 @@ def _frames(found: MortarRows, p: Array) -> list[list[Csr]]:
     t = turned_tangents(rows.tangents[:, :, point], rows.normals[:, point], n)
     share = P.data * np.einsum("djn,dbn->jbn", t, p[:, :, at])
     return [[Csr((one, P.indices, P.indptr), shape=P.shape) for one in own] for own in share]
-
-
-# [i, j, k] e_k v_j is the component i of v x e.
-_CROSS = np.zeros((3, 3, 3))
-_CROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
-_CROSS[[1, 2, 0], [0, 1, 2], [2, 0, 1]] = -1.0
 
 
 def turning_normals(
@@ -286,6 +279,9 @@ def _at_corners(outline: Outline, maps: FaceMaps, trace: Csr) -> list[Csr]:
     count, corners, nodes = outline.facets.size, maps.corners, maps.nodes.shape[2]
     every = np.arange(count)
     own, change = np.empty((3, count, corners)), np.empty((3, 3, count, corners, nodes))
+    cross = np.zeros((3, 3, 3))  # [i, j, k] e_k v_j is the component i of v x e
+    cross[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
+    cross[[1, 2, 0], [0, 1, 2], [2, 0, 1]] = -1.0
     for k, at in enumerate(reference_corners(3, corners).T):
         place = np.repeat(at[:, None], count, axis=1)
         one, two = maps.tangents(every, place).transpose(1, 0, 2)
@@ -294,7 +290,7 @@ def _at_corners(outline: Outline, maps: FaceMaps, trace: Csr) -> list[Csr]:
         own[:, :, k] = c / size
         slope = shapes(place, nodes)[1]
         arm = np.einsum("nf,df->dfn", slope[:, 0], two) - np.einsum("nf,df->dfn", slope[:, 1], one)
-        of_c = np.einsum("ijk,kfn->ijfn", _CROSS, arm) / size[:, None]
+        of_c = np.einsum("ijk,kfn->ijfn", cross, arm) / size[:, None]
         along = np.einsum("jf,jifn->ifn", own[:, :, k], of_c)
         change[:, :, :, k] = of_c - own[:, :, k][:, None, :, None] * along[None]
     outward = np.sign(np.sum(own * maps.normals, axis=0))
