@@ -13,7 +13,7 @@ from skfem_adini.ground.errors import (  # noqa: F401
 )
 
 ContactError = AdiniError
-CHANGED = 0.25  # change of the gap along a motion, over the penetration, that is warned of
+CHANGED = 0.25  # change of the gap along a motion, over the penetration, worth a warning
 
 
 class ContactWarning(UserWarning):

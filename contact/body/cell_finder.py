@@ -12,9 +12,9 @@ from skfem import MappingAffine, Mesh, MeshHex2, MeshQuad2, MeshTet2, MeshTri2
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-INSIDE = 1e-8  # places so near to the reference cell, in its coordinates, count as inside
+INSIDE = 1e-8  # distance from the reference cell, in its coordinates, that counts as inside
 CURVED_MESHES = (MeshTri2, MeshQuad2, MeshTet2, MeshHex2)
-ROUNDINGS = 16  # distance of a point from its cell, in roundings of the largest coordinate
+ROUNDINGS = 16  # of the largest coordinate, by which a point may lie off its cell
 
 
 def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:

@@ -14,7 +14,7 @@ from contact.errors import Unbounded
 
 Array = NDArray[np.float64]
 
-RIGID = 1e-12  # motion at supports or at a boundary, over the largest, that is rounding
+RIGID = 1e-12  # rounding of motions at supports or at a boundary, over the largest
 
 
 def free_motions(body: Any) -> Array:

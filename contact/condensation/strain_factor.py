@@ -20,7 +20,7 @@ from contact.body.cell_strains import strain_rows
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-STRAIN_UNKNOWNS = 3000  # whose strains are factored at most: it takes some ten seconds
+STRAIN_UNKNOWNS = 3000  # up to so many strains are factored, which takes some ten seconds
 
 
 class StrainFactor:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Found = TypeVar("Found")
 _SPREAD = ("load", "u0", "u")  # vectors of the body; everything else is the same on all processes
-_FORMAT = 2
+_FORMAT = 2  # of history.json
 logger = logging.getLogger(__name__)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from skfem_adini.ground.arrays import namespace
 
 Array = Any
-UNMOVED = 1e-12  # prescribed slip over the largest displacement: what is less is rounding
+UNMOVED = 1e-12  # rounding of a prescribed slip, over the largest displacement
 
 
 @dataclass(frozen=True)

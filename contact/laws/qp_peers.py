@@ -53,14 +53,12 @@ def solve_with(
             return matrix
         return sparse.csc_matrix(matrix)
 
-    options: dict[str, Any] = {
-        "osqp": {"polishing": True, "max_iter": 20_000},
-        "proxqp": {"backend": "sparse"},
-    }.get(solver, {})
-    if solver == "osqp" and all(rows is None or rows.shape[0] == 0 for rows in (G, A, lb, ub)):
-        options["polishing"] = False  # it prints that there is nothing to polish
-    if solver == "proxqp" and not as_sparse:
-        options["backend"] = "dense"
+    options: dict[str, Any] = {}
+    if solver == "osqp":  # it prints where there is nothing to polish
+        polishing = any(rows is not None and rows.shape[0] > 0 for rows in (G, A, lb, ub))
+        options = {"polishing": polishing, "max_iter": 20_000}
+    if solver == "proxqp":
+        options = {"backend": "sparse" if as_sparse else "dense"}
     scale = float(abs(P).max()) or 1.0
     size = _largest(q) / scale or _largest(h, b, lb, ub) or 1.0
 

@@ -40,7 +40,7 @@ FrictionLike = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
 OverclosureLike = float | PressureOverclosure | Sequence[float | PressureOverclosure | None] | None
 Laws = tuple[Any, FrictionLike | None, str | None]
 logger = logging.getLogger(__name__)
-_SAME: Any = object()
+_SAME: Any = object()  # the obstacle of the problem, or of the step before
 
 
 @settled("make a new ContactProblem", "body", "boundary", "functional", "solver", "pairs")

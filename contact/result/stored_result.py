@@ -71,7 +71,7 @@ _ELEMENTS = Kinds(
     *(skfem.ElementTetP1, skfem.ElementTetP2, skfem.ElementHex1, skfem.ElementHex2),
 )
 _OF_STATE = {"u": "u", "mu": "mu", "t": "multiplier_t", "motion": "motion"}
-OWN = "rows/own"  # in a step of a history: it has rows of its own
+OWN = "rows/own"  # in the file of a step of a history that has rows of its own
 _UNIT = 1e-9  # rounding of unit vectors, and of rows that average a constant
 logger = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from contact.spectral.grid_compliance import GridCompliance
 from skfem_adini.ground.arrays import namespace
 
 Grid = Any  # an array of NumPy or CuPy
-_UNMOVED = 1e-14  # motion over the largest displacement: rounding
+_UNMOVED = 1e-14  # rounding of a motion, over the largest displacement
 
 
 @dataclass(frozen=True)

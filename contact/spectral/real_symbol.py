@@ -17,7 +17,7 @@ import numpy as np
 
 from skfem_adini.ground.arrays import namespace
 
-_TURNS = np.array([1, 1j, -1, -1j])
+_TURNS = np.array([1, 1j, -1, -1j])  # powers of the imaginary unit
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from contact.spectral.wave_cells import Column, functions
 from skfem_adini.ground.arrays import namespace
 
 Waves = Any  # array of NumPy or CuPy, shape (n, n, waves), of which the upper triangle counts
-_NUMBERS = 1 << 20  # in the largest matrices of a block of waves, by CuPy 64 times as many
+_NUMBERS = 1 << 20  # in the largest matrices of a block of waves; CuPy takes 64 times as many
 
 
 def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[Any, Any]:

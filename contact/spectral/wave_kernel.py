@@ -12,7 +12,7 @@ import numpy as np
 from contact.spectral.wave_cells import Column
 
 MOST = 6  # unknowns of a node: the matrices of more leave no room for a thread
-_THREADS = 64
+_THREADS = 64  # of a block
 
 SOURCE = r"""
 template <int n> struct Symmetric {  // the upper triangle, row by row
