@@ -15,7 +15,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from gpu.arrays.device_lu import device_lu
 from gpu.arrays.sparse_factor import structurally_regular
-from gpu.cuda.catalogue import MODULUS
+from gpu.cuda.catalogue import OPTIONS, SOURCES
 from gpu.errors import InputError
 from skfem_adini.ground.arguments import unmasked
 from skfem_adini.ground.arrays import cupy, namespace, to_host
@@ -158,7 +158,7 @@ def _magnitude(entries: Any, xp: Any) -> float:
 
 @functools.cache
 def _largest_kernel() -> Any:
-    return cupy().RawKernel(MODULUS, "modulus_largest", options=("--std=c++17",))
+    return cupy().RawKernel(SOURCES["modulus"], "modulus_largest", options=OPTIONS)
 
 
 def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:
