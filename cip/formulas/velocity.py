@@ -545,9 +545,7 @@ def _date(since: Any) -> np.datetime64:
     return found
 
 
-class _Limits(NamedTuple):
-    """Of jumps between the sides of a periodic direction, relative to the largest value."""
-
+class _Limits(NamedTuple):  # jumps between sides of a periodic direction, over the largest value
     rounding: float = 1e-6  # jumps below are rounding, of difference quotients too
     jump: float = 1e-3  # a field that jumps by more is not periodic
     kink: float = 1e-3  # the same of derivatives

@@ -37,7 +37,7 @@ class _Limits(NamedTuple):  # orders up to which all eigenvalues are computed, a
     dense: int = 256  # up to this order all eigenvalues are computed: none can be missed
     products: int = 128  # the same for operators: a product for each column of entries
     fallback: int = 4096  # the same if the iteration fails and the entries are stored
-    visible: float = 1e-3  # of the distance of the wanted from sigma: what a warning is worth
+    visible: float = 1e-3  # error over the largest |lambda - sigma| that a warning is worth
     pair: float = 1e-11  # |A x - lambda M x| over |A| + |lambda| |M|: 4e4 roundings
 
 
