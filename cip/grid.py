@@ -13,8 +13,6 @@ from cip.errors import InputError
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
-# Widths whose relative difference is below this count as equal: not above the error of the feet.
-_UNIFORM = 1e-10
 AXES = ("x", "y", "z")
 
 
@@ -161,10 +159,11 @@ class Grid:
         self.nodes = tuple(n + (not p) for n, p in zip(self.cells, self.periodic, strict=True))
         self.coordinates = tuple(line[:n] for line, n in zip(lines, self.nodes, strict=True))
         widths = [np.diff(line) for line in lines]
+        # Widths are equal up to the error of the feet.
         self.uniform = tuple(
             bool(
                 np.ptp(width)
-                <= _UNIFORM * width.mean() + 8.0 * np.finfo(float).eps * np.abs(line).max()
+                <= 1e-10 * width.mean() + 8.0 * np.finfo(float).eps * np.abs(line).max()
             )
             for width, line in zip(widths, lines, strict=True)
         )

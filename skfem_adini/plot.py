@@ -16,9 +16,6 @@ from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import finite_numbers
 from skfem_adini.ground.errors import optional
 
-_SURFACE_POINTS = 25  # points of a surface in each direction: a cubic looks smooth
-_LATTICE = 6  # points of a cell in each direction between which a field is drawn linearly
-_MOST_ROWS = 2000  # rows of a matrix drawn entry by entry: a picture has no more pixels
 _LABELS = {"u": "$u$", **{f"u_{k}": f"$u_{{{k}}}$" for k in ("x", "y", "z", "xy")}}
 
 
@@ -59,16 +56,15 @@ def plot_shape_function(element: Any, i: int, ax: Any = None) -> Any:
             f"element: expected an element of quadrilaterals with lbasis, got "
             f"{type(element).__name__}"
         )
-    ticks = np.linspace(0, 1, _SURFACE_POINTS)
+    count = 25  # points in each direction: a cubic looks smooth
+    ticks = np.linspace(0, 1, count)
     X, Y = np.meshgrid(ticks, ticks, indexing="ij")
     values = element.lbasis(np.array([X.ravel(), Y.ravel()]), i)[0].reshape(X.shape)
     ax = _axes(ax, subplot_kw={"projection": "3d"})
     if not hasattr(ax, "plot_surface"):
         raise InputError('ax: expected 3-D axes; make them with projection="3d"')
     ax.computed_zorder = False  # else the surface may hide the vertex
-    ax.plot_surface(
-        X, Y, values, cmap="viridis", rcount=_SURFACE_POINTS, ccount=_SURFACE_POINTS, lw=0
-    )
+    ax.plot_surface(X, Y, values, cmap="viridis", rcount=count, ccount=count, lw=0)
     x, y = element.doflocs[i]
     height = float(element.lbasis(np.array([[x], [y]]), i)[0][0])
     ax.plot([x], [y], [height], "o", color="#d1495b", zorder=10)
@@ -123,9 +119,9 @@ def plot_matrix(A: Any, basis: Any, ax: Any = None) -> Any:
     A = cast(Any, A)
     if A.shape != (basis.N, basis.N):
         raise InputError(f"A: expected shape ({basis.N}, {basis.N}), got {A.shape}")
-    if basis.N > _MOST_ROWS:
+    if basis.N > 2000:  # a picture has no more pixels
         raise InputError(
-            f"A: {basis.N} rows are too many to see; draw a coarser mesh with at most {_MOST_ROWS}"
+            f"A: {basis.N} rows are too many to see; draw a coarser mesh with at most 2000"
         )
     finite_numbers("A", A.data, A.data.shape)
     dense = A.toarray()[np.ix_(dofs.ravel(), dofs.ravel())]
@@ -288,7 +284,8 @@ def plot_cut_field(
     bases = list(domain.basis(element))
     x = finite_numbers("x", x, (bases[0].N,))
     ax = _axes(ax, figsize=(6, 5))
-    lattice = np.indices((_LATTICE, _LATTICE)).reshape(2, -1) / (_LATTICE - 1)
+    n = 6  # points of a cell in each direction, between which the field is drawn linearly
+    lattice = np.indices((n, n)).reshape(2, -1) / (n - 1)
     if domain.full.size:
         whole = {"quadrature": (lattice, np.ones(lattice.shape[1])), "elements": domain.full}
         bases[0] = CellBasis(domain.mesh, element, **whole)
@@ -301,11 +298,11 @@ def plot_cut_field(
         found.append((where, field))
     low, high = (pick([pick(field) for _, field in found]) for pick in (np.min, np.max))
     style = {"cmap": "viridis", "vmin": low, "vmax": high}
-    corner = (np.arange(_LATTICE - 1)[:, None] * _LATTICE + np.arange(_LATTICE - 1)).ravel()
-    halves = corner[:, None, None] + [[0, 1, _LATTICE], [1, _LATTICE, _LATTICE + 1]]
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    halves = corner[:, None, None] + [[0, 1, n], [1, n, n + 1]]
     for (where, field), basis in zip(found, bases, strict=True):
         if basis is bases[0] and domain.full.size:
-            first = np.arange(len(field))[:, None, None] * _LATTICE**2
+            first = np.arange(len(field))[:, None, None] * n**2
             triangles = (first + halves.reshape(-1, 3)).reshape(-1, 3)
             x_y = where.reshape(2, -1)
             drawn = ax.tripcolor(*x_y, triangles, field.ravel(), shading="gouraud", **style)

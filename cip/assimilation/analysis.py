@@ -13,8 +13,6 @@ from cip.output.state_dataset import state_dataset
 from cip.stages.state import State
 
 Array = NDArray[np.float64]
-# Standard deviations of chi-square above its mean at which prior and noise do not explain the data.
-_UNLIKELY = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +127,7 @@ class Analysis:
         where both are right (Talagrand); here it may exceed its mean by five standard
         deviations.
         """
-        return bool(2.0 * self.cost <= self.reports + _UNLIKELY * np.sqrt(2.0 * self.reports))
+        return bool(2.0 * self.cost <= self.reports + 5.0 * np.sqrt(2.0 * self.reports))
 
     @property
     def degrees_of_freedom(self) -> float:

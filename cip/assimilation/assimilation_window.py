@@ -25,8 +25,6 @@ from skfem_adini.ground.arguments import real_number
 from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
-# Reports this close to the start, as a fraction of dt, are of the start.
-_START = 1e-9
 
 
 @dataclass(frozen=True)
@@ -141,7 +139,7 @@ def _fitting(covariance: Any, solver: Solver, name: str) -> Covariance:
 
 def _intervals(times: Array, start: float, dt: float) -> tuple[bool, list[float]]:
     """Whether the first reports are of the start, and the ends of the intervals."""
-    first = bool(abs(times[0] - start) <= _START * dt)
+    first = bool(abs(times[0] - start) <= 1e-9 * dt)  # up to rounding
     ends = [float(t) for t in times[first:]]
     if times[0] < start and not first:
         raise InputError(

@@ -261,10 +261,6 @@ class _ModeRoot(LinearOperator):
         return np.asarray(self._in_modes(nodal * self._scale, True) * self._half).ravel()
 
 
-# Stands for the mean over a cell where the order of a derivative is expected.
-_MEAN = -1
-
-
 class SplineDerivatives:
     """The moments of a field from its nodal values, as `State.from_function` takes them of an
     array, by one spline matrix for each direction; and the transpose of that map.
@@ -274,8 +270,7 @@ class SplineDerivatives:
         wanted = moments(profile, grid.dim)
         self._orders = [
             tuple(
-                _MEAN if axis in moment.averaged else moment.orders[axis]
-                for axis in range(grid.dim)
+                -1 if axis in moment.averaged else moment.orders[axis] for axis in range(grid.dim)
             )
             for moment in wanted
         ]
@@ -306,7 +301,7 @@ def along(matrix: Array, values: Array, axis: int) -> Array:
 
 
 def _matrix(grid: Grid, axis: int, order: int) -> Array:
-    """Columns: a derivative at the nodes (or for `_MEAN` the means over the cells that begin there,
+    """Columns: a derivative at the nodes (for order -1 the means over the cells that begin there,
     0 where none begins) of the spline that is 1 at one node and 0 at the others.
     """
     from scipy.interpolate import make_interp_spline
@@ -319,7 +314,7 @@ def _matrix(grid: Grid, axis: int, order: int) -> Array:
     spline = make_interp_spline(
         grid.edges[axis], ones, k=degree, bc_type="periodic" if periodic else None
     )
-    if order != _MEAN:
+    if order >= 0:
         return np.asarray(spline(grid.coordinates[axis], nu=order))
     found = np.zeros((n, n))
     places, weights = np.polynomial.legendre.leggauss(4)  # exact to degree 7

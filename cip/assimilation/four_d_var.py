@@ -33,11 +33,11 @@ _log = logging.getLogger(__name__)
 
 class _Limits(NamedTuple):
     inner: float = 0.1  # accuracy of the quadratic problem, relative to that of the whole
-    decrease: float = 1e-4  # sufficient, of a step (Nocedal and Wright 2006, section 3.1)
+    decrease: float = 1e-4  # sufficient decrease of a step (Nocedal and Wright 2006, section 3.1)
     halvings: int = 30  # of a step, at most
     rounding: float = 1e-13  # relative: smaller changes of the cost are rounding
     dependent: float = 1e-13  # a vector that keeps less outside a span lies in it, up to rounding
-    each: int = 50  # up to this step the residual is looked at after each, then each tenth
+    each: int = 50  # steps after each of which the residual is looked at; later after each tenth
 
 
 LIMITS = _Limits()

@@ -20,13 +20,10 @@ from cip.stages.state import State
 from skfem_adini.ground.arguments import real_array, real_number
 
 Array = NDArray[np.float64]
-_GOALS = ("start", "parameters", "amplitudes")
 
 
-class _Limits(NamedTuple):
-    tie: float = (
-        1e-9  # relative: gains that differ by less are equal, up to rounding of the kernels
-    )
+class _Limits(NamedTuple):  # limits of the choice and of its relaxation
+    tie: float = 1e-9  # relative: gains that differ by less are equal, up to rounding of kernels
     gap: float = 1e-3  # relative, of the two bounds at which the relaxation ends
     steps: int = 200  # of the relaxation, at most
     bisections: int = 20  # of the interval in which the best length of a step lies
@@ -235,7 +232,7 @@ def _aims(window: AssimilationWindow, rows: Array, goal: str) -> tuple[Array, fl
     needs = {"parameters": "parameters=", "amplitudes": "model_error="}
     if goal in needs:
         raise InputError(f"goal: {goal!r} needs {needs[goal]}")
-    raise InputError(f"goal: expected one of {', '.join(_GOALS)}, got {goal!r}")
+    raise InputError(f"goal: expected one of start, parameters, amplitudes, got {goal!r}")
 
 
 def _greedy(

@@ -22,8 +22,6 @@ from cip.stages.state import State
 from skfem_adini.ground.arguments import masked_array, real_array, real_number
 
 Array = NDArray[np.float64]
-# Times of a run that differ by less than this fraction of its length are the same.
-_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +191,7 @@ class Sensors:
             raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
         known = run.times
         near = np.abs(known[:, None] - self.times).argmin(axis=0)
-        apart = np.abs(known[near] - self.times) > _SAME * max(np.ptp(known), abs(run.dt))
+        apart = np.abs(known[near] - self.times) > 1e-9 * max(np.ptp(known), abs(run.dt))
         if apart.any():
             raise InputError(
                 f"run: it has no snapshot at t = {self.times[apart][0]:.6g}; run the solver with "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,19 @@ from skfem_adini.ground.arguments import real_number
 
 Array = NDArray[np.float64]
 
-# Largest error of the feet, in cells, and relative error of their derivatives: below the rounding
-# that a float64 profile accumulates in some hundred steps, above that of the velocity.
-TOLERANCE = 1e-10
-# Most sub-steps of a step: if more are needed, the velocity is not smooth or dt far too long.
-MAX_SUBSTEPS = 8192
-# Largest displacement in cells: kernels count cells in 32-bit integers.
-MOST_CELLS = 2.0**30
-# A foot outside by at most this, in cells, counts as on the wall: ten times `TOLERANCE`.
-ON_WALL = 1e-9
+
+class _Feet(NamedTuple):  # limits of characteristics
+    # Largest error of the feet, in cells, and relative error of their derivatives: below the
+    # rounding of a float64 profile in some hundred steps, above that of the velocity.
+    tolerance: float = 1e-10
+    unsteady: float = 1e-8  # the same for unsteady velocities, whose feet each step computes
+    wall: float = 1e-9  # a foot outside by at most this, in cells, counts as on the wall
+    cells: float = 2.0**30  # largest displacement: kernels count cells in 32-bit integers
+    substeps: int = 8192  # of a step: with more the velocity is not smooth, or dt far too long
+    sample: int = 1024  # nodes on which the first number of sub-steps is found
+
+
+FEET = _Feet()
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ def integrate(
     points: Sequence[Array],
     t_end: float,
     dt: float,
-    tolerance: float = TOLERANCE,
+    tolerance: float = FEET.tolerance,
     substeps: int | None = None,
     known: Mapping[str, Any] | None = None,
 ) -> Feet:
@@ -87,7 +91,7 @@ def integrate(
         fine = run.follow(count)
         if run.difference(coarse, fine) <= 15.0 * tolerance:
             break
-        if 2 * count > MAX_SUBSTEPS:
+        if 2 * count > FEET.substeps:
             raise NotConverged(
                 f"characteristics: after {count} sub-steps over dt = {dt:.6g} from t = {t_end:.6g} "
                 f"the error estimate is {run.difference(coarse, fine) / 15.0:.1e} cells, above "
@@ -156,7 +160,7 @@ class _Run:
                     steepest = max(steepest, float(np.max(np.abs(rate))))
         if not np.isfinite(steepest):
             steepest = 0.0  # `follow` reports the node where the velocity is not finite
-        return int(np.clip(np.ceil(2.0 * steepest * self.dt), 1, MAX_SUBSTEPS // 4))
+        return int(np.clip(np.ceil(2.0 * steepest * self.dt), 1, FEET.substeps // 4))
 
     @np.errstate(all="ignore")  # `_check` names what is not finite
     def follow(self, count: int) -> _Result:
@@ -173,7 +177,7 @@ class _Run:
                 outside = self._outside(moved, base) > 0.0
                 if outside.any():
                     part, where = y[:, outside], [x[outside] for x in base]
-                    crossed = self._beyond_each(moved[:, outside], where) > ON_WALL
+                    crossed = self._beyond_each(moved[:, outside], where) > FEET.wall
                     age, at = self._to_the_wall(part, where, crossed, tau, step)
                     self._check(at, active[outside], tau + step)
                     found.append((active[outside], age, at, crossed))
@@ -236,7 +240,7 @@ class _Run:
     def _outside(self, y: Array, base: Sequence[Array]) -> Array:
         """How many cells each point lies beyond the nearest wall; not positive inside."""
         worst = self._beyond_each(y, base).max(axis=(0, 1))
-        return np.where(worst > ON_WALL, worst, np.minimum(worst, 0.0))
+        return np.where(worst > FEET.wall, worst, np.minimum(worst, 0.0))
 
     def _to_the_wall(
         self, y: Array, base: list[Array], crossed: NDArray[np.bool_], tau: float, step: float
@@ -309,12 +313,12 @@ class _Run:
                 "derivative of it overflows or is undefined there"
             )
         for row, axis in zip(y, self.system.moving, strict=False):
-            far = np.abs(row) > MOST_CELLS * self.grid.spacing[axis]
+            far = np.abs(row) > FEET.cells * self.grid.spacing[axis]
             if self.grid.periodic[axis] and far.any():
                 node = int(index[np.argmax(far)])
                 raise NotFinite(
                     f"velocity: the characteristic of {_place(self.grid, node)} goes more than "
-                    f"{MOST_CELLS:.0e} cells from t = {self.t_end:.6g} back to t = "
+                    f"{FEET.cells:.0e} cells from t = {self.t_end:.6g} back to t = "
                     f"{self.t_end - tau:.6g}, too far to tell places in a cell apart; take a "
                     "smaller dt"
                 )

@@ -108,8 +108,7 @@ class CpuEngine(Engine):
         kept: Any = None,
     ) -> int:
         """Run a stage's kernel that computes the feet too, and write them to `kept` if given. The
-        result is 0, `LEFT`, `COARSE` or both bits.
-        """
+        result holds the bits of `PATH`, left and coarse."""
         from cip.engines import cpu_loops
         from skfem_adini.ground.jit import loop_over
 

@@ -18,16 +18,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cip.engines.path_kernel import SPLINE_ROOM, box_of, path_source
+from cip.engines.path_kernel import PATH, box_of, path_source
 from cip.formulas.expression import RULES
 from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
 from cip.profiles.catalogue import Foot, Limits, Line, Update
 from cip.stages.stage import Stage
 from skfem_adini.ground.jit import Array, Index, Out, Real, generated, kernel, pointer, room
-
-# With fewer nodes per thread than this, starting the thread takes longer than it saves.
-_NODES_A_THREAD = 40_000
 
 address = pointer()
 
@@ -40,7 +37,7 @@ def at_addresses(line: Line) -> Line:
 
 
 # On the stack: numba would free an array after its last use, the taking of its address.
-foot_room = room(SPLINE_ROOM)
+foot_room = room(PATH.spline_room)
 
 # `loop_over` replaces these two by kernels.
 node: Any = None
@@ -118,7 +115,8 @@ def threads() -> int:
 
 def share(work: Callable[[int, int], Any], rows: int, size: int) -> None:
     """Call work(start, stop) on parts of the rows, one per thread; `size` counts the nodes."""
-    parts = min(threads(), rows, max(1, size // _NODES_A_THREAD))
+    # With fewer nodes a thread takes longer to start than it saves.
+    parts = min(threads(), rows, max(1, size // 40_000))
     if parts == 1:
         work(0, rows)
         return

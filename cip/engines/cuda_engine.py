@@ -10,7 +10,7 @@ import numpy as np
 
 from cip.engines.cuda_source import prelude, translate
 from cip.engines.engine import Engine, Setting
-from cip.engines.path_kernel import COARSE, FOOT_ROOM, LEFT, SPLINE_ROOM, box_of, path_source
+from cip.engines.path_kernel import PATH, box_of, path_source
 from cip.errors import InputError
 from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
@@ -20,19 +20,6 @@ from skfem_adini.ground.errors import optional
 
 # Options for NVRTC.
 OPTIONS = ("--std=c++14",)
-_HEAD = "#define DEVICE static __device__ __forceinline__\n"
-
-_LINE_PLACE = """
-    const index o = blockIdx.x * blockDim.x + threadIdx.x;
-    if (o >= size) return;
-    const index q = o % inner, row = o / inner, i = row % n, base = row / n * (n * inner) + q;
-"""
-_PLANE_PLACE = """
-    const index j = blockIdx.x * blockDim.x + threadIdx.x;
-    const index i = blockIdx.y * blockDim.y + threadIdx.y;
-    if (i >= nx || j >= ny) return;
-    const index o = i * ny + j;
-"""
 
 
 def device_source(
@@ -105,7 +92,7 @@ def feet_source(stage: Stage, real: str, index: str) -> str:
 def _path_call(stage: Stage, splines: bool) -> list[str]:
     """Code that computes the foot of node o in the array `room` and notes the code of `path`."""
     x, _ = point_of(stage.grid)
-    lines = [f"    real room[{SPLINE_ROOM if splines else FOOT_ROOM}];"]
+    lines = [f"    real room[{PATH.spline_room if splines else PATH.foot_room}];"]
     more = ", box" if splines else ""
     if stage.system.parameters:
         lines.append(f"    const real box[] = {{{', '.join(stage.system.parameters)}}};")
@@ -120,7 +107,8 @@ def kernel_text(
     real: str = "double",
 ) -> str:  # fmt: skip
     """The source of the kernel ``run``; `index` and `real` as for `prelude`."""
-    first = _HEAD + prelude(real, index, all(grid.uniform))
+    device = "#define DEVICE static __device__ __forceinline__\n"
+    first = device + prelude(real, index, all(grid.uniform))
     head = f'extern "C" __global__ void run({", ".join(arguments)}) {{'
     return "\n".join([first, *constants, code, head, *body, "}", ""])
 
@@ -176,7 +164,12 @@ def _modules(stage: Stage) -> list[Any]:
 def _plane(grid: Grid) -> tuple[list[str], str, str]:
     (nx, ny), (px, py) = grid.nodes, map(int, grid.periodic)
     constants = _constants(size=grid.size, nx_=nx, ny_=ny)
-    place = f"    const index size = size_, nx = nx_, ny = ny_;{_PLANE_PLACE}"
+    place = """    const index size = size_, nx = nx_, ny = ny_;
+    const index j = blockIdx.x * blockDim.x + threadIdx.x;
+    const index i = blockIdx.y * blockDim.y + threadIdx.y;
+    if (i >= nx || j >= ny) return;
+    const index o = i * ny + j;
+"""
     lines = f"    const Line x = {{h0, 0, ny, nx, {px}}}, y = {{h1, 0, 1, ny, {py}}};"
     return constants, place, lines
 
@@ -186,7 +179,11 @@ def _line(stage: Stage) -> tuple[list[str], str, str]:
     assert axis is not None
     inner = int(np.prod(grid.nodes[axis + 1 :]))
     constants = _constants(size=grid.size, inner_=inner, n_=grid.nodes[axis])
-    place = f"    const index size = size_, inner = inner_, n = n_;{_LINE_PLACE}"
+    place = """    const index size = size_, inner = inner_, n = n_;
+    const index o = blockIdx.x * blockDim.x + threadIdx.x;
+    if (o >= size) return;
+    const index q = o % inner, row = o / inner, i = row % n, base = row / n * (n * inner) + q;
+"""
     lines = f"    const Line x = {{h{axis}, base, inner, n, {int(grid.periodic[axis])}}};"
     return constants, place, lines
 
@@ -265,7 +262,7 @@ class CudaEngine(Engine):
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
     ) -> int:
-        """Run a stage's kernel that computes the feet too; 0, `LEFT`, `COARSE` or both bits."""
+        """Run a stage's kernel that computes the feet too; return the bits that `path` returned."""
         said = self._cupy.zeros(1, np.int32)
         real = self.dtype.type
         clock = [real(t_end), real(dt / count), self._whole(count), said]
@@ -275,7 +272,7 @@ class CudaEngine(Engine):
         if part in self._certain:
             return 0
         left, coarse = (int(byte != 0) for byte in said.get().view(np.uint8)[:2])
-        found = LEFT * left | COARSE * coarse
+        found = PATH.left * left | PATH.coarse * coarse
         if self.setting.steady and not found:
             # Every later step has the same feet, so the host need not wait for their codes.
             self._certain.add(part)
@@ -296,7 +293,7 @@ class CudaEngine(Engine):
             clock = [real(t_end), real(length / count), self._whole(count), said]
             kernel((-(-size // 128),), (128,), (feet, *self._lines, *clock, *values))
             left, coarse = (int(byte != 0) for byte in said.get().view(np.uint8)[:2])
-            return LEFT * left | COARSE * coarse
+            return PATH.left * left | PATH.coarse * coarse
 
         if not self._refine(stage, t, dt, attempt):
             return None

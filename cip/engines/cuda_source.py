@@ -16,19 +16,26 @@ from types import ModuleType
 # For each record the C types of its fields, both by name.
 Records = dict[str, dict[str, str]]
 
-_TYPES = {"Index": "index", "Real": "real", "Array": "const real* __restrict__"}
-_TYPES.update(Out="real* __restrict__", Widths="widths")
+_TYPES = {
+    "Index": "index", "Real": "real", "Array": "const real* __restrict__",
+    "Out": "real* __restrict__", "Widths": "widths",
+}  # fmt: skip
 _OPERATORS: dict[type, str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Lt: "<", ast.LtE: "<=",
     ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.And: "&&", ast.Or: "||",
 }  # fmt: skip
 
-_NAMES = {
-    "abs": "fabs", "min": "c_min", "max": "c_max", "arcsin": "asin", "arccos": "acos",
-    "arctan": "atan",
-}  # fmt: skip
 
-PRELUDE = """
+def prelude(real: str = "double", index: str = "int", uniform: bool = False) -> str:
+    """C types (`uniform`: all cells of a direction have one width) and functions that C lacks."""
+    types = f"typedef {real} real;\ntypedef {index} index;\n"
+    if uniform:
+        types += "typedef real widths;\n#define WIDTH(h, k) (h)\n"
+    else:
+        types += "typedef const real* __restrict__ widths;\n#define WIDTH(h, k) h[k]\n"
+    return (
+        types
+        + """
 #ifndef DEVICE
 #include <math.h>
 #define DEVICE static inline
@@ -39,14 +46,7 @@ DEVICE real c_min(real a, real b) { return b < a ? b : a; }
 DEVICE real c_max(real a, real b) { return b > a ? b : a; }
 DEVICE real sign(real a) { return (real)((a > 0) - (a < 0)); }
 """
-_UNEVEN = "typedef const real* __restrict__ widths;\n#define WIDTH(h, k) h[k]\n"
-_UNIFORM = "typedef real widths;\n#define WIDTH(h, k) (h)\n"
-
-
-def prelude(real: str = "double", index: str = "int", uniform: bool = False) -> str:
-    """C types (`uniform`: all cells of a direction have one width) and functions that C lacks."""
-    types = f"typedef {real} real;\ntypedef {index} index;\n"
-    return types + (_UNIFORM if uniform else _UNEVEN) + PRELUDE
+    )
 
 
 def translate(modules: Sequence[ModuleType | str], *entries: str) -> str:
@@ -274,4 +274,8 @@ class _Function:
         joined = ", ".join(self.expression(a) for a in args)
         if name == "floor":
             return f"(index)floor({joined})"
-        return f"{_NAMES.get(name, name)}({joined})"
+        names = {
+            "abs": "fabs", "min": "c_min", "max": "c_max", "arcsin": "asin", "arccos": "acos",
+            "arctan": "atan",
+        }  # fmt: skip
+        return f"{names.get(name, name)}({joined})"

@@ -5,24 +5,26 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cip.characteristics.feet import MAX_SUBSTEPS
-from cip.engines.path_kernel import COARSE, LEFT
+from cip.characteristics.feet import FEET
+from cip.engines.path_kernel import PATH
 from cip.formulas.formula import Formula
 from cip.grid import Grid
 from cip.profiles.catalogue import LIMITER_CODES
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
-# Steps after which unsteady velocities get a new number of sub-steps, as fewer may be enough.
-_RENEW = 16
-# Nodes from which on compiling the formula of a steady velocity (seconds) saves time.
-_COMPILE_FROM = 100_000
-# Cached sets of feet of a steady velocity: of the full step and of shorter ones before snapshots.
-_KEPT_FEET = 16
+
+class _Limits(NamedTuple):  # limits of what is computed, compiled and kept
+    renewal: int = 16  # steps after which unsteady velocities get a new number of sub-steps
+    compiled: int = 100_000  # nodes from which on compiling a steady velocity saves time
+    feet: int = 16  # kept sets of a steady velocity: of full steps and of shorter ones
+
+
+LIMITS = _Limits()
 
 
 class _Memory(threading.local):
@@ -95,9 +97,8 @@ class Engine:
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
     ) -> int:
-        """Run a stage's kernel that computes the feet too. The result is 0, `LEFT`, `COARSE` or
-        both bits: what `path` returned for any of the nodes.
-        """
+        """Run a stage's kernel that computes the feet too. The result holds the bits, left and
+        coarse of `PATH`, that `path` returned for any of the nodes."""
         raise NotImplementedError
 
     def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
@@ -151,7 +152,7 @@ class Engine:
         if found is None:
             found = self.place_feet(self._computed_feet(stage, t, dt))
             with self._lock:  # threads may share an engine
-                while len(self._feet) >= _KEPT_FEET:
+                while len(self._feet) >= LIMITS.feet:
                     self._feet.pop(next(iter(self._feet)))
                 self._feet[key] = found
         t_start, t_end = t + stage.begin * dt, t + stage.end * dt
@@ -159,7 +160,7 @@ class Engine:
 
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: for formulas by compiled code where that saves time, else by NumPy."""
-        large = self.grid.size > _COMPILE_FROM or not self.setting.steady
+        large = self.grid.size > LIMITS.compiled or not self.setting.steady
         if large and stage.formula and not self._memory.left:
             found = self._compiled_feet(stage, t, dt)
             if found is not None:
@@ -201,15 +202,15 @@ class Engine:
         return StageFeet(feet.reshape(-1), exits, t + stage.begin * dt, t_end, counts)
 
     def _refine(self, stage: Stage, t: float, dt: float, attempt: Callable[[int], int]) -> bool:
-        """Call attempt(count) with more and more sub-steps until no path returns `COARSE`. False if
+        """Call attempt(count) with more and more sub-steps until no path is too coarse. False if
         NumPy must take over, as paths begin on walls, or report where too many sub-steps are
         needed."""
         count = self._count(stage, t, dt)
-        while count <= MAX_SUBSTEPS:
+        while count <= FEET.substeps:
             found = attempt(count)
-            if not found & COARSE:
+            if not found & PATH.coarse:
                 self._counts[stage.part(dt)] = (self._counts[stage.part(dt)][0], count)
-                self._memory.left = bool(found & LEFT)
+                self._memory.left = bool(found & PATH.left)
                 return not self._memory.left
             count *= 2
         return False
@@ -242,14 +243,13 @@ class Engine:
         return not self.setting.stores_feet
 
     def _count(self, stage: Stage, t: float, dt: float) -> int:
-        """First number of sub-steps to try: that of the last step, which every `_RENEW` steps falls
-        to what a sample of the nodes needs, but at most by half.
-        """
+        """First number of sub-steps to try: that of the last step, which now and then falls to what
+        a sample of the nodes needs, but at most by half."""
         key = stage.part(dt)
         found = self._counts.get(key)
         if found is None:
             found = self._counts[key] = (t, stage.substeps(t, dt))
-        elif not self.setting.steady and abs(t - found[0]) > _RENEW * dt:
+        elif not self.setting.steady and abs(t - found[0]) > LIMITS.renewal * dt:
             # A velocity that was steep between the nodes of the sample does not become smooth at
             # once: take at least half of the last number, and an even one.
             found = self._counts[key] = (t, max(stage.substeps(t, dt), 2 * (found[1] // 4)))

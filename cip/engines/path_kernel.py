@@ -9,8 +9,9 @@ for the device.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from cip.characteristics.feet import MOST_CELLS, ON_WALL
+from cip.characteristics.feet import FEET
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.engines.snapshot_kernel import (
     Layout,
@@ -25,29 +26,31 @@ from cip.formulas.expression import COORDINATES, Expression, statements, variabl
 from cip.formulas.snapshots import Snapshots
 from cip.grid import Grid
 
-# Fractions of a sub-step at which the classical Runge-Kutta method evaluates the rates, and sixths
-# of it by which it weighs them.
-SHIFT, WEIGHT = (0.0, 0.5, 0.5, 1.0), (1.0, 2.0, 2.0, 1.0)
-# Codes that `path` returns: the path left the box; its sub-steps were too long. They are bits.
-LEFT, COARSE = 1, 2
-_NUMBERS = 5  # how many `box_of` gives for each direction
-# Numbers of a foot: bicubic updates and quintic sweeps in three dimensions need 12.
-FOOT_ROOM = 16
-# The same with values and weights of splines behind: quintic ones of three components with all
-# third derivatives need about this many.
-SPLINE_ROOM = 256
+
+class _Path(NamedTuple):  # the kernel of a path
+    # Fractions of a sub-step at which the classical Runge-Kutta method evaluates the rates, and
+    # sixths of it by which it weighs them.
+    shift: tuple[float, ...] = (0.0, 0.5, 0.5, 1.0)
+    weight: tuple[float, ...] = (1.0, 2.0, 2.0, 1.0)
+    left: int = 1  # bit of its result: the path left the box
+    coarse: int = 2  # bit of its result: the sub-steps were too long
+    foot_room: int = 16  # numbers of a foot: quintic sweeps in three dimensions need 12
+    spline_room: int = 256  # with values and weights of quintic splines and their derivatives
+
+
+PATH = _Path()
 
 
 def box_of(grid: Grid, system: System, limit: float, rounding: float) -> list[float]:
     """The limits that the kernel `path` checks, five numbers for each direction of motion: cells
-    per unit of length; lowest and highest coordinate (walls, or `MOST_CELLS` cells from the ends);
+    per unit of length; lowest and highest coordinate (walls, or `FEET.cells` cells from the ends);
     largest error of a displacement, absolute (`limit` is in cells) and relative (rounding)."""
     noise = 256.0 * rounding  # relative rounding error after some hundred sub-steps
     found = []
     for axis in system.moving:
         low, high = grid.bounds[axis]
         h = grid.spacing[axis]
-        margin = (MOST_CELLS if grid.periodic[axis] else ON_WALL) * h
+        margin = (FEET.cells if grid.periodic[axis] else FEET.wall) * h
         found += [1.0 / float(grid.widths[axis][0]), low - margin, high + margin]
         found += [limit * h + noise * max(abs(low), abs(high)), noise]
     return found
@@ -63,9 +66,9 @@ def path_source(
     """Python source of the kernels `rates`, `velocity` and `path`.
 
     ``path(feet, x1, x2, x3, t, step, count, box)`` writes the jets `wanted`, displacements in
-    cells, and returns 0; `LEFT` if it leaves the box or is not finite; `COARSE` if, for even
-    `count`, the defect of Simpson's rule, |y_{n+2} - y_n - (f_n + 4 f_{n+1} + f_{n+2}) h / 3| =
-    O(h^5), is too large. `box` (omitted if empty) holds `box_of` unless `constant`, then
+    cells, and returns 0; `PATH.left` if it leaves the box or is not finite; `PATH.coarse` if, for
+    even `count`, the defect of Simpson's rule, |y_{n+2} - y_n - (f_n + 4 f_{n+1} + f_{n+2}) h / 3|
+    = O(h^5), is too large. `box` (omitted if empty) holds `box_of` unless `constant`, then
     parameters, then the table of a `field` from snapshots.
     """
     numbers = [repr(x) if constant else f"box[{q}]" for q, x in enumerate(box)]
@@ -74,8 +77,8 @@ def path_source(
     splines = None
     if field is not None:
         start = first + len(system.parameters)
-        splines = Layout(field.degrees, len(field.coefficients), start, FOOT_ROOM)
-    sides = [numbers[start : start + _NUMBERS] for start in range(0, len(numbers), _NUMBERS)]
+        splines = Layout(field.degrees, len(field.coefficients), start, PATH.foot_room)
+    sides = [numbers[start : start + 5] for start in range(0, len(numbers), 5)]
     lines = [
         *_rate_functions(system, splines),
         "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, step: Real,"
@@ -89,7 +92,7 @@ def path_source(
         *(f"        {line}" for line in _leaves(system, sides)),
         *(f"    {line}" for line in _judgement(system, sides, splines)),
         *(f"    {line}" for line in _results(system, wanted, [side[0] for side in sides])),
-        f"    if found == {LEFT}:",
+        f"    if found == {PATH.left}:",
         "        feet[0] = 1e308 * 1e308",
         "    return found",
     ]
@@ -103,7 +106,7 @@ def _rate_functions(system: System, splines: Layout | None) -> list[str]:
     lines = []
     if splines is not None:
         lists = [derivatives_in(rates) for rates in (system.rates, first)]
-        if max(room_needed(splines, nodes) for nodes in lists) > SPLINE_ROOM - FOOT_ROOM:
+        if max(room_needed(splines, nodes) for nodes in lists) > PATH.spline_room - PATH.foot_room:
             raise NotSupported("profile: too many derivatives of snapshots; take degree=3")
         lines += [*weight_source(splines, *lists), ""]
     return [
@@ -166,11 +169,11 @@ def _later_stages(system: System, splines: Layout | None) -> list[str]:
 
 
 def _leaves(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
-    """Code that sets `LEFT` for a path beyond a wall or one that is not finite."""
+    """Code that sets `PATH.left` for a path beyond a wall or one that is not finite."""
     lines = []
     for q, (axis, (_, low, high, _, _)) in enumerate(zip(system.moving, sides, strict=True)):
         x = f"x{axis + 1} + y{q}"
-        lines += [f"if {x} < {low} or {x} > {high} or {x} != {x}:", f"    found = {LEFT}"]
+        lines += [f"if {x} < {low} or {x} > {high} or {x} != {x}:", f"    found = {PATH.left}"]
     return lines
 
 
@@ -183,7 +186,7 @@ def _judgement(system: System, sides: Sequence[Sequence[str]], splines: Layout |
         "if count % 2 == 0 and found == 0:",
         f"    {results} = velocity({', '.join(point)})",
         *(f"    {_defect(q, 'f')}" for q in range(len(sides))),
-        f"    found = {COARSE}",
+        f"    found = {PATH.coarse}",
         f"    if {' and '.join(exact)}:",
         "        found = 0",
     ]
@@ -221,7 +224,7 @@ def _room(splines: Layout | None) -> list[str]:
 
 def _stage(system: System, stage: int, splines: Layout | None) -> list[str]:
     letter, before = "abcd"[stage], "abcd"[stage - 1]
-    weight = SHIFT[stage]
+    weight = PATH.shift[stage]
     values = [
         f"y{q}" if stage == 0 else f"y{q} + {weight!r} * step * {before}{q}"
         for q in range(len(system.jets))

@@ -22,23 +22,6 @@ from cip.formulas.expression import (
     variable,
 )
 
-# Numbers of `Snapshots.table` for each axis: coefficients, halvings, period.
-_HEAD = 3
-SEARCH = "interval"
-_SEARCH = f"""
-def {SEARCH}(x: Real, box: Array, at: Index, count: Index, degree: Index, rounds: Index) -> Index:
-    low = degree
-    high = count
-    for q in range(rounds):
-        middle = (low + high) // 2
-        if high - low > 1:
-            if x < box[at + middle]:
-                high = middle
-            else:
-                low = middle
-    return low
-"""
-
 
 class Layout(NamedTuple):
     """Where the numbers of the splines are, and where their values go."""
@@ -79,11 +62,12 @@ def spline_source(layout: Layout, name: str, nodes: Sequence[Expression]) -> lis
     reals = ", ".join(f"{x}: Real" for x in COORDINATES)
     lines = [f"def {name}({reals}, box: Array, work: Out) -> None:"]
     axes = len(layout.degrees)
-    table = f"{layout.first + _HEAD * axes}"
+    # The table begins with three numbers of each axis: coefficients, halvings, period.
+    table = f"{layout.first + 3 * axes}"
     place = layout.room + len(nodes)
     starts = []
     for axis, (orders, k) in enumerate(_wanted(layout, nodes)):
-        head = layout.first + _HEAD * axis
+        head = layout.first + 3 * axis
         lines += [
             f"    z{axis} = {_axis_name(axis)}",
             f"    n{axis} = floor(box[{head}])",
@@ -91,7 +75,7 @@ def spline_source(layout: Layout, name: str, nodes: Sequence[Expression]) -> lis
             f"    if box[{head + 2}] > 0.0:",
             f"        turns{axis} = floor((z{axis} - box[knots{axis} + {k}]) / box[{head + 2}])",
             f"        z{axis} = z{axis} - box[{head + 2}] * turns{axis}",
-            f"    i{axis} = {SEARCH}(z{axis}, box, knots{axis}, n{axis}, {k}, "
+            f"    i{axis} = interval(z{axis}, box, knots{axis}, n{axis}, {k}, "
             f"floor(box[{head + 1}]))",
             f"    {_weights_name(k, orders)}(z{axis}, box, knots{axis} + i{axis}, work, {place})",
         ]
@@ -155,7 +139,19 @@ def weight_source(layout: Layout, *lists: Sequence[Expression]) -> list[str]:
     for nodes in lists:
         for orders, k in _wanted(layout, nodes):
             found[_weights_name(k, orders)] = (k, orders)
-    lines = _SEARCH.strip().splitlines()
+    lines = """
+def interval(x: Real, box: Array, at: Index, count: Index, degree: Index, rounds: Index) -> Index:
+    low = degree
+    high = count
+    for q in range(rounds):
+        middle = (low + high) // 2
+        if high - low > 1:
+            if x < box[at + middle]:
+                high = middle
+            else:
+                low = middle
+    return low
+""".strip().splitlines()
     for name, (k, orders) in sorted(found.items()):
         lines += [
             "",

@@ -105,7 +105,8 @@ class Expression:
     __hash__ = object.__hash__
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
-        name = _UFUNC_NAMES.get(ufunc.__name__, ufunc.__name__)
+        names = {"absolute": "abs", "fabs": "abs", "true_divide": "divide"}
+        name = names.get(ufunc.__name__, ufunc.__name__)
         if method != "__call__" or kwargs:
             return NotImplemented
         operands = [_lift(value) for value in inputs]
@@ -319,7 +320,6 @@ _BINARY: dict[str, Callable[[Expression, Expression], Expression]] = {
     "power": _power,
     "float_power": _power,
 }
-_UFUNC_NAMES = {"absolute": "abs", "fabs": "abs", "true_divide": "divide"}
 
 # The derivative f'(a) of each elementary function f.
 RULES: dict[str, Callable[[Expression], Expression]] = {

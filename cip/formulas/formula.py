@@ -28,11 +28,7 @@ Array = NDArray[np.float64]
 Orders = tuple[int, int, int, int]
 
 # Time at which callables are tested: 1 / sqrt(7), neither zero nor a period of usual functions.
-_CLOCK = 0.3779644730092272
-# Step of sixth-order central differences, in spacings h: truncation error below that of the
-# profiles, rounding error about 4 eps / h.
-_STEP = 0.25
-_STENCIL = ((1, 45.0 / 60.0), (2, -9.0 / 60.0), (3, 1.0 / 60.0))
+CLOCK = 0.3779644730092272
 
 
 class Formula:
@@ -121,7 +117,7 @@ class Formula:
     def check_pointwise(self, box: Box, name: str, time: bool, sparse: bool = False) -> None:
         """Raise `InputError` if the value at a point depends on the other points of the call."""
         for known in self.known.values():
-            samples = Samples(box, sparse, _CLOCK if time else None)
+            samples = Samples(box, sparse, CLOCK if time else None)
 
             def values(*point: Any, known: Callable[..., Any] = known) -> Any:
                 return known(*padded(point, self.dim, time))
@@ -182,7 +178,8 @@ class Formula:
             return self.known[orders]
         place = max(q for q in range(4) if orders[q])
         i, j, k, l = (order - (q == place) for q, order in enumerate(orders))
-        return _difference(self._opaque((i, j, k, l), steps), place, _STEP * steps[place])
+        # The truncation error is below that of the profiles, the rounding error about 4 eps / h.
+        return _difference(self._opaque((i, j, k, l), steps), place, 0.25 * steps[place])
 
 
 def padded(point: Sequence[Any], dim: int, time: bool) -> list[Any]:
@@ -199,7 +196,7 @@ def agree(
     """
     compute = numpy_function(formulas, COORDINATES)
     finite = False
-    for point in Samples(box, t=_CLOCK if time else None):
+    for point in Samples(box, t=CLOCK if time else None):
         with np.errstate(all="ignore"):
             expected = compute(*map(np.asarray, padded(point, len(box), time)))
             try:
@@ -224,7 +221,7 @@ def agree(
 def _difference(function: Callable[..., Any], place: int, step: float) -> Callable[..., Array]:
     def slope(*point: Any) -> Array:
         total: Any = 0.0
-        for k, weight in _STENCIL:
+        for k, weight in ((1, 45.0 / 60.0), (2, -9.0 / 60.0), (3, 1.0 / 60.0)):  # sixth order
             ahead, behind = list(point), list(point)
             ahead[place] = point[place] + k * step
             behind[place] = point[place] - k * step
@@ -297,16 +294,6 @@ def _label(name: str, known: dict[Orders, Callable[..., Any]]) -> str:
 
 Box = Sequence[tuple[float, float]]
 
-# Points of the first sample in each direction, by dimension. The second sample has a new point,
-# then every other point of the first in reverse order.
-_COUNTS = {1: (8,), 2: (4, 2), 3: (2, 2, 2)}
-# Multiples of these irrational numbers, modulo 1, are spread over (0, 1) without order: the golden
-# ratio and the two numbers of the analogous sequence in the plane.
-_RATIOS = (0.6180339887498949, 0.7548776662466927, 0.5698402909980532)
-# Relative difference allowed between two values at the same point, some thousand roundings:
-# vectorised loops and the scalar loops at the end of an array round differently.
-_ROUNDING = 1e-12
-
 
 class Samples:
     """Two sets of points of a box that have some points in common: flat arrays of the coordinates
@@ -315,7 +302,12 @@ class Samples:
 
     def __init__(self, box: Box, sparse: bool = False, t: float | None = None) -> None:
         lines, others, self._shared = [], [], []
-        for ratio, count, (low, high) in zip(_RATIOS, _COUNTS[len(box)], box, strict=False):
+        # Multiples of these irrational numbers, modulo 1, are spread over (0, 1) without order: the
+        # golden ratio and the two numbers of the analogous sequence in the plane. The second sample
+        # has a new point, then every other point of the first in reverse order.
+        ratios = (0.6180339887498949, 0.7548776662466927, 0.5698402909980532)
+        counts = ((8,), (4, 2), (2, 2, 2))[len(box) - 1]
+        for ratio, count, (low, high) in zip(ratios, counts, box, strict=False):
             parts = (0.31 + ratio * np.arange(count + 1)) % 1.0
             line = low + (high - low) * parts
             again = np.arange(count)[::-1][::2]
@@ -338,7 +330,8 @@ class Samples:
             for x, point, shape in zip((first, second), self, self._shapes, strict=True)
         )
         a, b = a[np.ix_(*self._shared)], b[(slice(1, None),) * b.ndim]
-        wrong = ~alike(a, b, _ROUNDING)
+        # Vectorised loops and the scalar loops at the end of an array round differently.
+        wrong = ~alike(a, b, 1e-12)
         if not wrong.any():
             return None
         place = tuple(int(q) for q in np.argwhere(wrong)[0])

@@ -20,16 +20,6 @@ from cip.formulas.expression import (
 )
 from cip.formulas.parameters import parameter
 
-_ALIASES = {"x": "x1", "y": "x2", "z": "x3"}
-_CONSTANTS = {"pi": math.pi, "e": math.e}
-_OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
-}
-
 
 def parse(text: str, name: str = "expression", parameters: Collection[str] = ()) -> Expression:
     """The formula that a text in x1, x2, x3 (or x, y, z), t and `parameters` stands for: Python's
@@ -71,9 +61,9 @@ def _parsed(tree: ast.expr, text: str, name: str, parameters: Collection[str]) -
             raise InputError(f"{name}: {tree.value} in {text!r} is no number")
         return constant(tree.value)
     if isinstance(tree, ast.Name):
-        if tree.id in _CONSTANTS:
-            return constant(_CONSTANTS[tree.id])
-        known = _ALIASES.get(tree.id, tree.id)
+        if tree.id in ("pi", "e"):
+            return constant(getattr(math, tree.id))
+        known = {"x": "x1", "y": "x2", "z": "x3"}.get(tree.id, tree.id)
         if known in COORDINATES:
             return variable(known)
         if tree.id in parameters:
@@ -83,10 +73,17 @@ def _parsed(tree: ast.expr, text: str, name: str, parameters: Collection[str]) -
             f"{name}: {tree.id!r} in {text!r} is none of {known_names}; other names need values in "
             "parameters={name: value}"
         )
-    if isinstance(tree, ast.BinOp) and type(tree.op) in _OPERATORS:
+    operators: dict[type, Callable[[Any, Any], Any]] = {
+        ast.Add: operator.add,
+        ast.Sub: operator.sub,
+        ast.Mult: operator.mul,
+        ast.Div: operator.truediv,
+        ast.Pow: operator.pow,
+    }
+    if isinstance(tree, ast.BinOp) and type(tree.op) in operators:
         left = _parsed(tree.left, text, name, parameters)
         right = _parsed(tree.right, text, name, parameters)
-        found: Expression = _OPERATORS[type(tree.op)](left, right)
+        found: Expression = operators[type(tree.op)](left, right)
         return found
     if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub | ast.UAdd):
         inner = _parsed(tree.operand, text, name, parameters)

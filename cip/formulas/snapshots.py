@@ -23,11 +23,6 @@ from cip.grid import Grid
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
-_DEGREES = (3, 5)
-# A step may end this fraction of the covered time outside: the rounding of sums of steps.
-_ROUNDING = 1e-12
-# Relative rounding of the ends of boxes and periods that are meant to agree.
-_SAME = 1e-9
 
 
 class Snapshots:
@@ -40,7 +35,7 @@ class Snapshots:
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected the Grid of the arrays, got {type(grid).__name__}")
-        if np.ndim(degree) or degree not in _DEGREES:
+        if np.ndim(degree) or degree not in (3, 5):
             raise InputError(f"degree: expected 3 or 5, got {degree!r}")
         if min(grid.cells) < degree + 1:
             raise InputError(
@@ -117,7 +112,7 @@ class Snapshots:
             )
         for axis, (mine, theirs) in enumerate(zip(self.grid.bounds, grid.bounds, strict=True)):
             letter, length = "xyz"[axis], mine[1] - mine[0]
-            slack = _SAME * length
+            slack = 1e-9 * length  # for the rounding of ends that are meant to agree
             if not self.grid.periodic[axis]:
                 if grid.periodic[axis]:
                     raise InputError(
@@ -130,7 +125,7 @@ class Snapshots:
                     )
             elif grid.periodic[axis]:
                 turns = (theirs[1] - theirs[0]) / length
-                if abs(turns - round(turns)) > _SAME * turns or round(turns) < 1:
+                if abs(turns - round(turns)) > 1e-9 * turns or round(turns) < 1:
                     raise InputError(
                         f"{name}: the period of the grid in {letter} is {turns:.6g} periods of the "
                         "snapshots; it must be a whole number of them"
@@ -139,7 +134,7 @@ class Snapshots:
     def check_times(self, start: float, end: float, name: str = "velocity") -> None:
         """Raise `InputError` if the snapshots do not cover the time from `start` to `end`."""
         first, last = float(self.times[0]), float(self.times[-1])
-        slack = _ROUNDING * max(last - first, abs(first), abs(last))
+        slack = 1e-12 * max(last - first, abs(first), abs(last))  # for rounded sums of steps
         if start < first - slack or end > last + slack:
             raise InputError(
                 f"t: the snapshots of the {name} cover {first:.6g} to {last:.6g}, not "

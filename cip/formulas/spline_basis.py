@@ -17,9 +17,6 @@ from cip.grid import Grid
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
-# Begins the names of sums and (with a number) of functions in formulas. Formulas of one shape share
-# graphs: `SplineFormula.functions` knows whose basis it is.
-_NAME = "splines_of_"
 
 
 class SplineBasis:
@@ -145,7 +142,9 @@ class SplineFormula(Formula):
         sign: float,
         parameters: Mapping[str, float],
     ) -> None:
-        self.label = f"{_NAME}{names[0]}_"
+        # Begins the names of sums and (with a number) of functions in formulas. Formulas of one
+        # shape share graphs: `functions` knows whose basis it is.
+        self.label = f"splines_of_{names[0]}_"
         total = linear(self.label, orders, [parameter(name) for name in names])
         super().__init__(constant(sign) * total, len(basis.counts), parameters=parameters)
         self.basis, self.names, self._shape = basis, tuple(names), (orders, sign)

@@ -7,16 +7,11 @@ from typing import Any
 import numpy as np
 
 from cip.errors import InputError
-from cip.formulas.formula import Formula, Orders
+from cip.formulas.formula import Formula
 from cip.formulas.spline_basis import SplineBasis, SplineFormula, check_pieces
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from skfem_adini.ground.arguments import real_array
-
-_DEGREES = (3, 5)
-_VALUE: Orders = (0, 0, 0, 0)
-# A stream function psi has the velocity (psi_y, -psi_x).
-_CURL: tuple[tuple[Orders, float], ...] = (((0, 1, 0, 0), 1.0), ((1, 0, 0, 0), -1.0))
 
 
 class SplineVelocity(Velocity):
@@ -72,7 +67,7 @@ class SplineVelocity(Velocity):
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
-        if isinstance(degree, bool) or degree not in _DEGREES:
+        if isinstance(degree, bool) or degree not in (3, 5):
             raise InputError(f"degree: expected 3 or 5, got {degree!r}")
         if stream and grid.dim != 2:
             raise InputError(f"stream: needs a grid of two dimensions, this has {grid.dim}")
@@ -88,7 +83,9 @@ class SplineVelocity(Velocity):
         fitted = [basis.fit(one, grid) for one in _start(start, grid, fields)]
         numbers = np.concatenate([one.ravel() for one in fitted])
         self._parameters = dict(zip(self.names, map(float, numbers), strict=True))
-        parts = _CURL if stream else ((_VALUE, 1.0),) * grid.dim
+        # A stream function psi has the velocity (psi_y, -psi_x).
+        curl = (((0, 1, 0, 0), 1.0), ((1, 0, 0, 0), -1.0))
+        parts = curl if stream else (((0, 0, 0, 0), 1.0),) * grid.dim
         self._formulas = tuple(
             SplineFormula(
                 basis,

@@ -13,14 +13,6 @@ import numpy as np
 from cip.errors import InputError
 from cip.formulas.expression import Expression, ordered
 
-_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "**": operator.pow,
-}
-
 
 class TracedFunction:
     """The formulas that a callable computes, as a callable of numbers, arrays or formulas.
@@ -37,6 +29,10 @@ class TracedFunction:
             raise TypeError(f"it was traced with {sorted(map(len, self._outputs))} arguments")
         known, formulas = dict(zip(fitting[0], point, strict=True)), self._outputs[fitting[0]]
         values: dict[Expression, Any] = {}
+        operators = {
+            "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
+            "**": operator.pow,
+        }  # fmt: skip
         for node in ordered(formulas):
             args = [values[argument] for argument in node.args]
             if node.op == "constant":
@@ -44,7 +40,7 @@ class TracedFunction:
             elif node.op == "variable":
                 values[node] = known[node.value]
             else:
-                values[node] = (_OPERATORS.get(node.op) or getattr(np, node.op))(*args)
+                values[node] = (operators.get(node.op) or getattr(np, node.op))(*args)
         found = tuple(values[formula] for formula in formulas)
         return found if len(found) > 1 else found[0]
 
@@ -70,9 +66,6 @@ def portable(
     return value
 
 
-_NAMES = ("t", "time")
-
-
 class WithTime:
     """A callable of (x1, .., t) that calls ``function(x1, .., name=t)``, without t if no name."""
 
@@ -91,7 +84,7 @@ def clock_of(function: Any) -> str | None:
         parameters = inspect.signature(function).parameters
     except (TypeError, ValueError):  # no callable, or one of C without a signature
         return None
-    for name in _NAMES:
+    for name in ("t", "time"):
         found = parameters.get(name)
         if found is not None and found.default is not inspect.Parameter.empty:
             return name
@@ -109,7 +102,7 @@ def with_time(function: Any) -> Any:
     if not callable(function) or clock_of(function) is not None:
         return timed(function)
     try:
-        known = set(inspect.signature(function).parameters) & set(_NAMES)
+        known = set(inspect.signature(function).parameters) & {"t", "time"}
     except (TypeError, ValueError):
         return function
     return function if known else WithTime(function, None)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cip.errors import InputError, PeriodicityWarning
 from cip.formulas.expression import COORDINATES, raised, traced
-from cip.formulas.formula import Box, Formula, Orders, agree, spline
+from cip.formulas.formula import CLOCK, Box, Formula, Orders, agree, spline
 from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.parsing import parse
 from cip.formulas.snapshots import SnapshotFormula, Snapshots
@@ -371,9 +371,6 @@ def traced_velocity(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
     return tuple(Formula(expression, dim) for expression in found)
 
 
-_ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
-
-
 def given_components(c: Any) -> list[Any]:
     """The components of a velocity given by numbers, arrays (copied), callables or several."""
     if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
@@ -432,10 +429,10 @@ def formulas_by_values(
         known: dict[Orders, Callable[..., Any]] = {}
         for k in range(dim):
             if jacobian is not None:
-                known[_ORDERS[k]] = entry(jacobian, q, k)
+                known[raised((0, 0, 0, 0), k)] = entry(jacobian, q, k)
             for l in range(k, dim):
                 if hessian is not None:
-                    known[raised(_ORDERS[k], l)] = entry(hessian, q, k, l)
+                    known[raised(raised((0, 0, 0, 0), k), l)] = entry(hessian, q, k, l)
         name, time = f"c{q + 1}", not steady
         formulas.append(Formula.by_values(part(q), dim, name, time, known, hint))
         formulas[-1].check_pointwise(grid.bounds, name, time)
@@ -515,22 +512,19 @@ def _reals(data: Any, name: str, *dims: str) -> Array:
     return real_array(f"winds: {name!r}", data[name].transpose(*dims).values).astype(float)
 
 
-_SECOND = np.timedelta64(1, "s")
-
-
 def seconds(times: Any, name: str, since: Any = None) -> Array:
     """Times as numbers: durations in seconds, dates in seconds since the date `since` (by default
     the first of them), numbers as given. Messages of `InputError` call them `name`.
     """
     if np.ma.is_masked(times):
         raise InputError(f"{name} holds masked times; leave them out")
-    found = np.asarray(times)
+    found, second = np.asarray(times), np.timedelta64(1, "s")
     if since is not None and found.dtype.kind != "M":
         raise InputError(f"since: {name} holds {found.dtype}, no dates; leave since out")
     if found.dtype.kind == "M":
-        found = (found - (found.flat[0] if since is None else _date(since))) / _SECOND
+        found = (found - (found.flat[0] if since is None else _date(since))) / second
     elif found.dtype.kind == "m":
-        found = found / _SECOND
+        found = found / second
     elif found.dtype.kind not in "fiu":
         raise InputError(
             f"{name} holds {found.dtype}, expected numbers, datetime64 or timedelta64; "
@@ -551,20 +545,16 @@ def _date(since: Any) -> np.datetime64:
     return found
 
 
-class _Limits(NamedTuple):
-    """Of jumps between the sides of a periodic direction, relative to the largest value."""
-
+class _Limits(NamedTuple):  # jumps between sides of a periodic direction, over the largest value
     rounding: float = 1e-6  # jumps below are rounding, of difference quotients too
     jump: float = 1e-3  # a field that jumps by more is not periodic
     kink: float = 1e-3  # the same of derivatives
     nodes: int = 256  # about so many points on a side, so that narrow streams are seen
     # Times: no zeros or periods of usual functions (roots of 1/7, 2 and 11).
-    clocks: tuple[float, ...] = (0.3779644730092272, 1.4142135623730951, 3.3166247903554)
+    clocks: tuple[float, ...] = (CLOCK, 1.4142135623730951, 3.3166247903554)
 
 
 LIMITS = _Limits()
-# Uneven places along a side.
-_PLACES = (np.sqrt(2.0) * np.arange(1, 8) + 0.17) % 1.0
 
 
 def check_periodic(velocity: Sequence[Formula], grid: Grid) -> None:
@@ -590,7 +580,8 @@ def _clocks(formula: Formula) -> Sequence[float]:
 def _compare(formula: Formula, name: str, grid: Grid, axis: int) -> None:
     """The values on both sides, and the derivatives across them."""
     low, high = grid.bounds[axis]
-    lines = [a + (b - a) * _PLACES for a, b in grid.bounds]
+    uneven = (np.sqrt(2.0) * np.arange(1, 8) + 0.17) % 1.0
+    lines = [a + (b - a) * uneven for a, b in grid.bounds]
     most = LIMITS.nodes if grid.dim == 2 else int(LIMITS.nodes**0.5)
     for q, x in enumerate(grid.coordinates):
         more = (low, high) if q == axis else x[:: -(-x.size // most)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 from cip.grid import AXES, Grid
 
 Array = NDArray[np.float64]
-# A part whose deviation from the data alone exceeds this fraction of the velocity is not seen.
-UNCERTAIN = 0.5
-# A part that changes the data this much less than the best-seen part is not determined either: the
-# inverse would amplify errors of the scheme, which no noise level tells.
-FAINT = 1e-3
-# Relative to the largest: smaller singular values and changes of the velocity are rounding.
-_ROUNDING = 1e-12
+
+
+class _Seen(NamedTuple):  # what counts as seen by the data
+    deviation: float = 0.5  # a part is not seen if it is more, over the size of the velocity
+    # A part that changes the data this much less than the best-seen one is not determined either:
+    # the inverse would amplify errors of the scheme, which no noise level tells.
+    faint: float = 1e-3
+    rounding: float = 1e-12  # relative: smaller singular values and changes of the velocity
+
+
+SEEN = _Seen()
 
 
 class IdentifiabilityWarning(UserWarning):
@@ -127,12 +131,12 @@ def identifiability(
     patterns = np.tensordot(Vt / moved, slopes, axes=1)
     amplitude = np.sqrt(np.sum(weight * patterns**2, axis=inner))
     # A direction that changes no velocity at the nodes stays a direction of scaled parameters.
-    amplitude[amplitude <= _ROUNDING] = 1.0
-    s[s <= _ROUNDING * s[0]] = 0.0
+    amplitude[amplitude <= SEEN.rounding] = 1.0
+    s[s <= SEEN.rounding * s[0]] = 0.0
     with np.errstate(divide="ignore"):
         deviations = np.where(s > 0.0, amplitude / (s * speed), np.inf)
     visible = s / amplitude
-    seen = (deviations <= UNCERTAIN) & (visible > FAINT * visible.max())
+    seen = (deviations <= SEEN.deviation) & (visible > SEEN.faint * visible.max())
     described = [_described(Vt[q], patterns[q], grid, names) for q in np.flatnonzero(~seen)[::-1]]
     vectors = Vt / moved / amplitude[:, None]
     patterns = patterns / amplitude.reshape(-1, *([1] * (patterns.ndim - 1)))

@@ -246,7 +246,8 @@ class IdentifiedVelocity:
             Another file, or a velocity with other parameters.
         """
         with reading(path, "an identified velocity"):
-            told = read_words(path, _FORMAT, (*_PLAIN[:-1], *_OTHERS))
+            others = "parameters", "edges", "periodic", "identifiability"
+            told = read_words(path, _FORMAT, (*_PLAIN[:-1], *others))
             told.setdefault("feet_on_edges", 0)  # older files do not have it
             names = list(told["parameters"])
             if not isinstance(velocity, Velocity) or list(velocity.parameters) != names:
@@ -268,7 +269,6 @@ def _occurs(directions: Array) -> NDArray[np.bool_]:
 
 
 _FORMAT = "identified velocity 1"
-_OTHERS = ("parameters", "edges", "periodic", "identifiability")
 _PLAIN = (
     "t", "covariance", "misfit", "reduced_chi_square", "explained", "weight", "regularization",
     "at_bounds", "degrees_of_freedom", "runs", "feet_on_edges",

@@ -32,7 +32,7 @@ class _Limits(NamedTuple):
     settled: float = 1.1  # factor: a weight that changes by less has settled, far below its error
     evaluations: int = 6  # of the optimiser between two choices of the weight
     choices: int = 40  # of the weight, at most
-    fall: float = 100.0  # most at once, as factor: the linear problem says little far from its end
+    fall: float = 100.0  # factor of a fall at once: the linear problem says little far away
     step: float = 1e-8  # the optimiser stops at smaller relative changes of the parameters,
     change: float = 1e-3  # or of chi-square (1 is one deviation)
     unlikely: float = 3.0  # deviations of chi-square that noise does not explain

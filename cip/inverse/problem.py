@@ -19,7 +19,7 @@ from cip.formulas.parameters import parameter
 from cip.formulas.spline_velocity import SplineVelocity
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
-from cip.inverse.identifiability import FAINT, UNCERTAIN
+from cip.inverse.identifiability import SEEN
 from cip.solver.solver import Solver
 from cip.stages.state import State
 from skfem_adini.ground.arguments import masked_array, real_array, real_number
@@ -79,7 +79,7 @@ def problem_of(
         )
     splines = isinstance(solver.velocity, SplineVelocity)
     kind = ("H2" if splines else None) if regularization == "auto" else regularization
-    if kind is not None and not (isinstance(kind, str) and kind in ORDERS):
+    if kind is not None and not (isinstance(kind, str) and kind in ("H1", "H2")):
         raise InputError(
             f"regularization: expected 'auto', 'H1', 'H2' or None, got {regularization!r}"
         )
@@ -241,9 +241,6 @@ class Prediction:
         return np.asarray(self.sensitivity(values) * self._data.weights[:, None])
 
 
-ORDERS = {"H1": 1, "H2": 2}
-
-
 class Roughness:
     r"""The rows whose sum of squares is the seminorm of `kind` ("H1", "H2", None: no rows) of the
     velocity at time `t`; their parameters are `names`. It is the sum over components of
@@ -253,7 +250,7 @@ class Roughness:
 
     def __init__(self, grid: Grid, kind: str | None, names: Sequence[str], t: float) -> None:
         self._grid, self._names, self._t = grid, names, t
-        self._order = ORDERS.get(kind or "", 0)
+        self._order = {"H1": 1, "H2": 2}.get(kind or "", 0)
         self._constant: Array | None = None
 
     def rows(self, velocity: Velocity) -> Array:
@@ -336,14 +333,6 @@ def field_slopes(velocity: Velocity, grid: Grid, t: float, names: Sequence[str])
 # The L-curve's corner is the point of largest curvature (Hansen, SIAM Review 34, 1992, 561-580).
 
 
-# Exponents of ten, around equal traces of both terms: below, the seminorm is lost in rounding;
-# above, only its null space is left.
-_RANGE = (-13.0, 9.0)
-_TRIED = 111  # five in a decade
-# Changes of the data below this, beside the data, are rounding.
-_ROUNDING = 1e-11
-
-
 @dataclass(frozen=True)
 class Linearised:
     """A linear problem with as many rows as parameters, and the misfit that none explains."""
@@ -374,10 +363,11 @@ class Linearised:
         and not negligible beside the best one. `scale` is the rms of the data in the units of r."""
         (one, right, rest), (two, rough, _) = _reduced(J, r), _reduced(L, rho)
         U, s, _ = np.linalg.svd(one * size)
-        seen = s > FAINT * s[0]
+        seen = s > SEEN.faint * s[0]
         if known:
-            seen &= s >= 1.0 / UNCERTAIN
-        depends = bool(s[0] > _ROUNDING * np.sqrt(len(r)) * scale)
+            seen &= s >= 1.0 / SEEN.deviation
+        # Smaller changes of the data, beside the data, are rounding.
+        depends = bool(s[0] > 1e-11 * np.sqrt(len(r)) * scale)
         return cls(one, two, U[:, seen], right, rough, rest, len(r), depends, known)
 
     @property
@@ -422,7 +412,8 @@ def _reduced(matrix: Array, right: Array) -> tuple[Array, Array, float]:
 
 def by_discrepancy(problem: Linearised) -> float:
     """The largest weight whose misfit the noise explains."""
-    weights = problem.scale * np.logspace(*_RANGE[::-1], _TRIED)
+    # Below, the seminorm is lost in rounding; above, only its null space is left.
+    weights = problem.scale * np.logspace(9.0, -13.0, 111)
     unknowns, variance = problem.Q.shape[1], problem.variance
 
     def excess(weight: float) -> float:
@@ -445,7 +436,7 @@ def by_discrepancy(problem: Linearised) -> float:
 
 def by_l_curve(problem: Linearised) -> float:
     """The weight at the corner of the curve of misfit and seminorm, both in logarithms."""
-    weights: Array = problem.scale * np.logspace(*_RANGE, _TRIED)
+    weights: Array = problem.scale * np.logspace(-13.0, 9.0, 111)
     found: Array = np.array([problem.at(float(weight))[:2] for weight in weights])
     found[:, 0] += problem.rest + float(
         problem.r @ problem.r - np.sum((problem.Q.T @ problem.r) ** 2)
@@ -459,9 +450,6 @@ def by_l_curve(problem: Linearised) -> float:
     moving = speed > 1e-3 * speed.max()
     curvature = np.where(moving, turn / np.where(moving, speed, 1.0) ** 3, -np.inf)
     return float(weights[np.argmax(curvature)])
-
-
-_ENTRIES = "data: entries of the operators"
 
 
 @runtime_checkable
@@ -568,8 +556,9 @@ def _observed(given: Observations, size: int) -> tuple[list[float], list[Array],
                 f"{one.shape} and {shape or type(operator).__name__}"
             )
         entries = getattr(operator, "data", None) if issparse(operator) else operator
-        if isinstance(entries, np.ndarray) and not np.isfinite(real_array(_ENTRIES, entries)).all():
-            raise InputError(f"{_ENTRIES}: NaN or infinity among them")
+        label = "data: entries of the operators"
+        if isinstance(entries, np.ndarray) and not np.isfinite(real_array(label, entries)).all():
+            raise InputError(f"{label}: NaN or infinity among them")
         if not np.isfinite(one).all():
             raise InputError("data: NaN or infinity among the values; leave missing ones out")
     return [float(t) for t in times], values, list(given.operators)

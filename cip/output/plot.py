@@ -14,9 +14,6 @@ from cip.grid import Grid
 from cip.output.sample import sample
 from cip.stages.state import State
 
-# Curves are drawn with so many points in each cell, since the profile is curved inside cells.
-_PER_CELL = 4
-
 
 def plot_states(
     states: Sequence[State], ax: Any = None, places: Sequence[int] | None = None
@@ -119,4 +116,4 @@ def _map(ax: Any, grid: Grid, values: NDArray[np.float64], label: str, **style: 
 
 
 def _fine(bounds: tuple[float, float], cells: int) -> NDArray[np.float64]:
-    return np.linspace(*bounds, _PER_CELL * cells + 1)
+    return np.linspace(*bounds, 4 * cells + 1)  # the profile is curved inside cells

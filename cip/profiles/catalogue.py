@@ -29,7 +29,6 @@ LIMITERS: dict[str, tuple[str, ...]] = {
     "bicubic": ("clamp", "eno"),
 }
 LIMITER_CODES = {None: 0, "clamp": 1, "eno": 2, "rational": 3, "bounds": 4}
-_LETTERS = "xyz"
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ def _derivative(*axes: int) -> Moment:
     orders = [0, 0, 0, 0]
     for axis in axes:
         orders[axis] += 1
-    name = "u" + ("_" + "".join(_LETTERS[axis] for axis in axes) if axes else "")
+    name = "u" + ("_" + "".join("xyz"[axis] for axis in axes) if axes else "")
     return Moment(name, (orders[0], orders[1], orders[2], 0))
 
 
@@ -72,7 +71,7 @@ def moments(profile: str, dim: int) -> tuple[Moment, ...]:
         found = []
         for bits in range(2**dim):
             axes = tuple(axis for axis in range(dim) if bits >> axis & 1)
-            name = "u" if not axes else "mean_" + "".join(_LETTERS[axis] for axis in axes)
+            name = "u" if not axes else "mean_" + "".join("xyz"[axis] for axis in axes)
             found.append(Moment("mean" if len(axes) == dim else name, u.orders, axes))
         return tuple(found)
     if profile in PLANE:

@@ -77,10 +77,6 @@ def blocks_of(stage: Stage, xp: Any = np) -> list[Block]:
     return [Block(stage, number, xp) for number in range(len(stage.blocks))]
 
 
-# Nodes of the quartic, and its moments: values at these nodes and means of the cells between.
-_NODES, _MOMENTS = 3, 5
-
-
 class NodeSlopes:
     """The slopes that csl4 takes from values and means along an axis, at all nodes, as a linear map
     with transpose. Its weights are those of `slope_of` in `cip.profiles.conservative_kernels`,
@@ -89,7 +85,7 @@ class NodeSlopes:
     def __init__(self, grid: Grid, axis: int, xp: Any = np) -> None:
         self._grid, self._axis, self._xp = grid, axis, xp
         place, weights = _weights(grid, axis)
-        forward = [_Rows(place[:_NODES], weights[:_NODES]), _Rows(place[:2], weights[_NODES:])]
+        forward = [_Rows(place[:3], weights[:3]), _Rows(place[:2], weights[3:])]
         self._forward = [rows.on(xp) for rows in forward]
         self._backward = [rows.transposed().on(xp) for rows in forward]
 
@@ -140,17 +136,18 @@ def _weights(grid: Grid, axis: int) -> tuple[Array, Array]:
     """For each node the three nodes of its quartic, shape (3, nodes), and the weights of its
     moments, shape (5, nodes). The cells of the quartic begin at the first two of the nodes.
     """
+    nodes, moments = 3, 5  # values at the nodes and means of the cells between
     n, widths = grid.nodes[axis], grid.widths[axis]
     node = np.arange(n)
-    first = node - 1 if grid.periodic[axis] else np.clip(node - 1, 0, n - _NODES)
-    place = (first + np.arange(_NODES)[:, None]) % n
-    slope_of, weights = plain_kernels()["slope_of"], np.empty((_MOMENTS, n))
-    for role in range(_NODES):
+    first = node - 1 if grid.periodic[axis] else np.clip(node - 1, 0, n - nodes)
+    place = (first + np.arange(nodes)[:, None]) % n
+    slope_of, weights = plain_kernels()["slope_of"], np.empty((moments, n))
+    for role in range(nodes):
         own = node - first == role
-        line = Line(widths[place[:2, own]], 0, 1, _NODES, 0)
-        for q in range(_MOMENTS):
-            unit = [float(p == q) for p in range(_MOMENTS)]
-            weights[q, own] = slope_of(unit, line, 0, _NODES, role)
+        line = Line(widths[place[:2, own]], 0, 1, nodes, 0)
+        for q in range(moments):
+            unit = [float(p == q) for p in range(moments)]
+            weights[q, own] = slope_of(unit, line, 0, nodes, role)
     return place, weights
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cip.engines.cuda_engine import compiled, kernel_text, launch, node_place, point_of, widths_of
 from cip.engines.cuda_source import translate
-from cip.engines.path_kernel import FOOT_ROOM
+from cip.engines.path_kernel import PATH
 from cip.formulas.snapshots import snapshots_of
 from cip.profiles import catalogue, line_profiles
 from cip.sensitivities.blocks import (
@@ -102,7 +102,7 @@ def tangent_all(stage: Stage, source: str, index: str) -> str:
     body = [
         "    const index o = blockIdx.x * blockDim.x + threadIdx.x;",
         f"    if (o >= (index){grid.size}) return;",
-        f"    real here[{FOOT_ROOM}];",
+        f"    real here[{PATH.foot_room}];",
         f"    tangent(here, {', '.join(x)}, t, step, count, values);",
         *(f"    out[(index){c} * {grid.size} + o] = here[{c}];" for c in range(len(stage.jets))),
     ]
@@ -152,10 +152,6 @@ class DevicePathTangent(PathTangent):
         kernel((-(-stage.grid.size // 256),), (256,), tuple(arguments))
 
 
-# Threads that differentiate characteristics, and most numbers of all their gradients together.
-_THREADS, _NUMBERS = 2**17, 2**28
-
-
 def pull_all(stage: Stage, index: str) -> str:
     """CUDA C of ``run(m, w, parts, g, feet, cells, widths...)``, which writes the contributions of
     all nodes, adds derivatives in the components of feet to `g`, and writes the lower corner of the
@@ -174,7 +170,7 @@ def pull_all(stage: Stage, index: str) -> str:
     body = [
         place, *widths, lines, *locate,
         f"    cells[o] = {'k0 * y.n + k1' if update.dim == 2 else 'base + k0 * inner'};",
-        f"    real here[{FOOT_ROOM}];",
+        f"    real here[{PATH.foot_room}];",
         f"    pull(m, w, parts, here, feet, size, o, {', '.join(axes)}, size, o, "
         f"{', '.join(nodes)});",
         *(f"    g[{c} * size + o] += here[{c}];" for c in range(count)),
@@ -409,7 +405,8 @@ class DeviceAdjoint:
         if most not in self._unwind:
             self._unwind[most] = compiled(unwind_all(stage, most, engine._index))
         values = xp.asarray(np.array(stage.parameters, dtype=float))
-        threads = max(1, min(self._size, _THREADS, _NUMBERS // len(values)))
+        # Threads that differentiate characteristics; all gradients have 2^28 numbers at most.
+        threads = max(1, min(self._size, 2**17, 2**28 // len(values)))
         gradients = xp.empty((len(values), threads))
         lines = [xp.asarray(line) for line in stage.lines(block.bits)]
         step = (feet.t_end - feet.t_start) / count

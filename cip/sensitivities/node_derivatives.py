@@ -21,18 +21,13 @@ from cip.sensitivities.blocks import Block, add_whole_cells, integral_weights, m
 from cip.sensitivities.profile_derivatives import Traced, traced
 from skfem_adini.ground.jit import Array, Index, Out, loop_over
 
-# Strips do not depend on the number of threads, so that neither does the rounding of sums.
-_STRIPS = 4
-_NODES_A_STRIP = 20_000
-_AXES = "xy"
-
 # `loop_over` replaces it by a kernel.
 node: Any = None
 
 
 def _signature(name: str, given: str, update: Traced) -> str:
     """The first line of the kernel of a node, which takes old moments and what is `given`."""
-    axes, places = _AXES[: update.dim], "ij"[: update.dim]
+    axes, places = "xy"[: update.dim], "ij"[: update.dim]
     lines = ", ".join(f"{axis}: Line" for axis in axes)
     indices = ", ".join(f"{place}: Index" for place in places)
     return (
@@ -58,7 +53,7 @@ def _beginning(update: Traced, used: set[str]) -> list[str]:
     widths of its cell are called h0 and h1.
     """
     code = []
-    for axis, line in enumerate(_AXES[: update.dim]):
+    for axis, line in enumerate("xy"[: update.dim]):
         displacement = f"feet[{axis} * stride + first]"
         code.append(
             f"    k{axis}, r{axis}, s{axis} = "
@@ -240,7 +235,8 @@ def _pulled(block: Block, z: Array, weight: Array, feet: Array, g: Array, whole:
     if stage.conservative:
         weight = np.concatenate([weight[:-1], integral_weights(grid, axis, means)[None]])
     run, lines, rows = _loop(block, "pull")
-    strips = max(1, min(_STRIPS, rows, size // _NODES_A_STRIP))
+    # The number of threads does not change the strips, nor the rounding of sums.
+    strips = max(1, min(4, rows, size // 20_000))
     cuts = [rows * strip // strips for strip in range(strips + 1)]
     sums = np.zeros((strips, *read.shape))
     m, w, X = _flat(read, weight, feet)

@@ -25,7 +25,7 @@ import numpy as np
 
 from cip.characteristics.flow_derivatives import Jet, System
 from cip.engines.cpu_loops import address, kernel_of, share
-from cip.engines.path_kernel import SHIFT, WEIGHT, kinds
+from cip.engines.path_kernel import PATH, kinds
 from cip.engines.snapshot_kernel import with_names
 from cip.formulas.expression import (
     COORDINATES,
@@ -43,12 +43,6 @@ from cip.sensitivities.blocks import blocks_of
 from cip.sensitivities.path_tangent import Sums, component
 from cip.stages.stage import Stage, StageFeet
 from skfem_adini.ground.jit import Array, Index, Out, Real, loop_over
-
-# Strips do not depend on the number of threads, so that neither does the rounding of sums.
-_STRIPS = 4
-_NODES_A_STRIP = 2_000
-# Nodes that NumPy takes at a time.
-_CHUNK = 4096
 
 # `loop_over` replaces it by a kernel.
 unwind: Any = None
@@ -126,8 +120,8 @@ def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: A
     seed = numpy_function(_seeds(system, tuple(stage.jets)), [*jets, *seeds])
     start = np.array([system.start(jet) for jet in system.jets])
     found = np.zeros(len(system.parameters))
-    for first in range(0, points[0].size, _CHUNK):
-        part = slice(first, first + _CHUNK)
+    for first in range(0, points[0].size, 4096):  # so many nodes at a time
+        part = slice(first, first + 4096)
         base = [x[part] for x in points]
         y = np.repeat(start[:, None], base[0].size, axis=1)
         run = _Chunk(system, sums, rates, pull, base, feet.t_end, length / count)
@@ -154,17 +148,17 @@ class _Chunk:
         """The unknowns after a sub-step, and the places of its stages."""
         k, total, stages = np.zeros_like(y), np.zeros_like(y), []
         for s in range(4):
-            stages.append(y + SHIFT[s] * self.step * k)
+            stages.append(y + PATH.shift[s] * self.step * k)
             k = _rows(self.rates(*self._point(stages[s], n, s), *stages[s]), y.shape)
-            total += WEIGHT[s] * k
+            total += PATH.weight[s] * k
         return y + self.step / 6.0 * total, stages
 
     def backward(self, slopes: Any, stages: list[Any], n: int) -> tuple[Any, Any]:
         """Derivatives with respect to the unknowns before a sub-step, and to the parameters."""
         found, total, v = np.zeros(len(self.system.parameters)), 0.0, np.zeros_like(slopes)
         for s in (3, 2, 1, 0):
-            later = SHIFT[s + 1] * self.step * v if s < 3 else 0.0
-            b = self.step / 6.0 * WEIGHT[s] * slopes + later
+            later = PATH.shift[s + 1] * self.step * v if s < 3 else 0.0
+            b = self.step / 6.0 * PATH.weight[s] * slopes + later
             point = self._point(stages[s], n, s)
             values = self.pull(*point, *stages[s], *b)
             v = _rows(values[: len(b)], slopes.shape)
@@ -176,7 +170,7 @@ class _Chunk:
         place = {axis: q for q, axis in enumerate(self.system.moving)}
         point = [x + y[place[axis]] if axis in place else x for axis, x in enumerate(self.base)]
         point += [np.zeros(())] * (3 - len(point))
-        return [*point, self.t_end - n * self.step - SHIFT[s] * self.step]
+        return [*point, self.t_end - n * self.step - PATH.shift[s] * self.step]
 
 
 def _rows(values: Any, shape: tuple[int, ...]) -> Any:
@@ -315,7 +309,8 @@ def _by_numba(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: A
     points += [np.zeros(size)] * (3 - stage.grid.dim)
     values, length = np.array(stage.parameters), feet.t_end - feet.t_start
     length_of_trail = trail_length(system, count)
-    strips = max(1, min(_STRIPS, size // _NODES_A_STRIP))
+    # The number of threads does not change the strips, nor the rounding of sums.
+    strips = max(1, min(4, size // 2_000))
     cuts = [size * strip // strips for strip in range(strips + 1)]
     found = np.zeros((strips, len(values)))
     flat = np.ascontiguousarray(g).reshape(-1)

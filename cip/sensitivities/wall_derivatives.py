@@ -17,7 +17,7 @@ import numpy as np
 
 from cip.characteristics.feet import Exits, time_scale
 from cip.characteristics.flow_derivatives import System
-from cip.engines.path_kernel import SHIFT, WEIGHT
+from cip.engines.path_kernel import PATH
 from cip.formulas.expression import COORDINATES, Expression, constant, numpy_function, variable
 from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.walls import MIDDLE, WallMoments
@@ -221,7 +221,7 @@ class _Steps:
         k, dk = np.zeros_like(y), np.zeros_like(slopes)
         total, d_total = np.zeros_like(y), np.zeros_like(slopes)
         units = _units(len(self.system.parameters), 1)
-        for shift, weight in zip(SHIFT, WEIGHT, strict=True):
+        for shift, weight in zip(PATH.shift, PATH.weight, strict=True):
             at = y + shift * own * k
             d_at = slopes + shift * (change * k[:, None] + own * dk)
             point, moves = self._point(base, at, d_at)

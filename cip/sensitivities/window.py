@@ -36,8 +36,6 @@ Array = Any  # arrays of NumPy or CuPy
 # Most bytes of a window's states by default: with checkpoints another run is needed, a quarter of a
 # gradient.
 KEPT = 2**30
-# A foot this near to an edge of a cell, in cells, is on it up to rounding.
-_EDGE = 2.0**-42
 
 
 @dataclass(frozen=True)
@@ -238,9 +236,10 @@ class Window:
             rows = [block.components.start + q for block in self._blocks_of(stage)]
             d = components[rows]
             whole = xp.rint(d)
-            on_edge = xp.abs(d - whole) <= _EDGE * (1.0 + xp.abs(d))
+            near = 2.0**-42 * (1.0 + xp.abs(d))  # in cells: feet are on an edge up to rounding
+            on_edge = xp.abs(d - whole) <= near
             if bool(on_edge.any()):
-                beside = xp.where(d >= whole, whole - 2.0 * _EDGE * (1.0 + xp.abs(d)), whole)
+                beside = xp.where(d >= whole, whole - 2.0 * near, whole)
                 other = components.copy()
                 other[rows] = xp.where(on_edge, beside, d)
                 found.append((rows, on_edge, other))

@@ -15,7 +15,7 @@ from cip.stages.stage import StageFeet
 from cip.stages.state import State, state_of
 
 # Bytes that feet of unsteady velocities may take beside the states.
-FEET = 2**28
+KEPT = 2**28
 
 
 def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> Window:
@@ -94,11 +94,11 @@ class Replay:
 
     def keep_feet(self, least: int) -> None:
         """Keep the feet of the last moves that were advanced, which cost as much as a run: as many
-        as take at most `FEET` bytes, and at least those of `least` moves.
+        as take at most `KEPT` bytes, and at least those of `least` moves.
         """
         components = max(len(stage.blocks) * len(stage.jets) for stage in self.solver._stages)
         size = components * self.solver.grid.size * 8
-        self._kept = max(least, FEET // size)
+        self._kept = max(least, KEPT // size)
 
     def advance(self, n: int, state: State, homogeneous: bool = False) -> State:
         """The state after move n; `homogeneous` as for the engine's `apply`."""

@@ -29,9 +29,6 @@ from cip.stages.state import State, _real, default_profile, state_of
 from cip.stages.walls import check_split, portable_boundary, walls
 from skfem_adini.ground.arguments import real_array, real_number
 
-# Times at which data on walls are compared with the bounds of the limiter in a run or a step.
-_INFLOW_TIMES = 65
-
 
 class Solver(Parametrised):
     r"""Multi-moment semi-Lagrangian scheme for u_t + c . grad u = 0 or p_t + div(c p) = 0.
@@ -407,7 +404,7 @@ class Solver(Parametrised):
         if self.limiter == "bounds" and np.isfinite(end):
             for name, formula in self._inflow.items():
                 if not formula.steady:
-                    self._check_inflow(name, formula, np.linspace(start, end, _INFLOW_TIMES))
+                    self._check_inflow(name, formula, np.linspace(start, end, 65))
 
     def _check_inflow(self, name: str, formula: Formula, times: NDArray[np.float64]) -> None:
         """Raise `InputError` for data on a wall outside the bounds of the limiter."""
@@ -508,12 +505,6 @@ def advanced(
 
 
 Form = Literal["transport", "advection"]
-_FORMS: dict[Any, Form] = {
-    "transport": "transport",
-    "advective": "transport",
-    "advection": "advection",
-    "conservative": "advection",
-}
 
 
 def check_choices(
@@ -552,9 +543,15 @@ def _is(value: Any, *names: str) -> bool:
 
 def form_of(form: Any) -> Form:
     """The equation that a name of it stands for."""
-    found = _FORMS.get(form) if isinstance(form, str) else None
+    forms: dict[Any, Form] = {
+        "transport": "transport",
+        "advective": "transport",
+        "advection": "advection",
+        "conservative": "advection",
+    }
+    found = forms.get(form) if isinstance(form, str) else None
     if found is None:
-        raise InputError(f"form: expected one of {', '.join(_FORMS)}, got {form!r}")
+        raise InputError(f"form: expected one of {', '.join(forms)}, got {form!r}")
     return found
 
 

@@ -19,11 +19,6 @@ from skfem_adini.ground.arguments import real_array, real_number
 Record = TypeVar("Record")
 
 _log = logging.getLogger(__name__)
-# Relative to dt: a shorter remainder before an output time joins the last step. The rounding of a
-# million steps is below it.
-_NO_STEP = 1e-9
-# Fraction of dt: if the rounding error of t reaches it, t is too large for steps of length dt.
-_LOST = 0.01
 
 
 def run(
@@ -41,9 +36,10 @@ def run(
     `place` copies the first state to its memory, ``record(snapshots, interrupted)`` makes the
     result, which a `CipError` of a step carries as ``trajectory``."""
     times = output_times(state.t, t_end, snapshots)
-    # Relative to dt, with the rounding of the times added: see `_NO_STEP`.
-    no_step = _NO_STEP + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / dt
-    if no_step > _LOST:
+    # Relative to dt: a shorter remainder before an output time joins the last step. The rounding of
+    # a million steps is below it; that of the times is added.
+    no_step = 1e-9 + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / dt
+    if no_step > 0.01:
         raise InputError(
             f"dt: {dt:.6g} is lost in the rounding of t = {times[-1]:.6g}; count t from the start"
         )

@@ -218,10 +218,6 @@ class Decay:
         return self._xp.exp(-exponent)
 
 
-# The abscissae of Gauss's rule of two points, as fractions of an interval: exact to degree 3.
-GAUSS_TIMES = (0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0)
-
-
 class NodalMoments:
     """Moments of expressions in the functions and numbers of a formula, integrated over a time.
     Formulas are computed in NumPy or CuPy (`xp`), callables and splines in NumPy. `steady`: t does
@@ -246,8 +242,10 @@ class NodalMoments:
         more = {"xp": self._xp, **({"points": 1} if midpoints else {})}
         if self.steady:
             return length * averaged(values, self._grid, moment, t, **more)
+        # Gauss's rule of two points: exact to degree 3.
         first, second = (
-            averaged(values, self._grid, moment, t + part * length, **more) for part in GAUSS_TIMES
+            averaged(values, self._grid, moment, t + part * length, **more)
+            for part in (0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0)
         )
         return 0.5 * length * (first + second)
 

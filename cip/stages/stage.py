@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.characteristics.feet import TOLERANCE, Exits, check_inside, integrate, time_scale
+from cip.characteristics.feet import FEET, Exits, check_inside, integrate, time_scale
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.formulas.expression import COORDINATES, ordered
 from cip.formulas.formula import Formula
@@ -26,14 +26,6 @@ from cip.profiles.catalogue import (
 from cip.stages.walls import Wall, WallMoments
 
 Array = NDArray[np.float64]
-
-# Error of the feet of unsteady velocities, in cells: a hundred times that of steady ones, as these
-# are computed in every step.
-PATH_TOLERANCE = 1e-8
-# The initial number of sub-steps is determined on about so many nodes; the kernels check all paths.
-_SAMPLE = 1024
-# Most operations in equations that are compiled: the time of compilation grows faster than this.
-_LONGEST = 600
 
 
 @dataclass(frozen=True)
@@ -239,18 +231,18 @@ class Stage:
 
     @cached_property
     def _sample(self) -> list[Array]:
-        every = max(1, int(np.ceil(self.grid.size / _SAMPLE)))
+        every = max(1, int(np.ceil(self.grid.size / FEET.sample)))
         return [x.ravel()[::every] for x in self.points(0)]
 
     @property
     def _tolerance(self) -> float:
-        return TOLERANCE if all(c.steady for c in self.velocity) else PATH_TOLERANCE
+        return FEET.tolerance if all(c.steady for c in self.velocity) else FEET.unsteady
 
     @property
     def limit(self) -> float:
         """Largest defect of a path that a kernel computes (`cip.engines.path_kernel`), in cells."""
         # For unsteady velocities the defect can be 15 times the error that `substeps` allows.
-        return self._tolerance * (1.0 if self._tolerance == TOLERANCE else 16.0)
+        return self._tolerance * (1.0 if self._tolerance == FEET.tolerance else 16.0)
 
     @cached_property
     def compresses(self) -> bool:
@@ -276,7 +268,8 @@ class Stage:
         uniform = all(self.grid.uniform[axis] for axis in self.moving)
         if not (uniform and all(c.exact for c in self.velocity)):
             return False
-        return len(ordered(self.system.rates)) <= _LONGEST
+        # The time of compilation grows faster than the number of operations.
+        return len(ordered(self.system.rates)) <= 600
 
     def wall_moments(self, t: float) -> WallMoments:
         """The formulas of new moments from data on walls; `t` is a time of the velocity."""

@@ -20,8 +20,6 @@ from skfem_adini.ground.arguments import real_number
 from skfem_adini.ground.arrays import host
 
 Array = NDArray[Any]
-# Gauss points per cell and direction for means: exact for polynomials of degree 7.
-_GAUSS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,11 +287,11 @@ def averaged(
     moment: Moment,
     t: float,
     xp: Any = np,
-    points: int = _GAUSS,
+    points: int = 4,
 ) -> Any:
     """A function of (x1, x2, x3, t) at the nodes, shape ``grid.nodes``, averaged over cells in the
-    directions ``moment.averaged`` by Gauss's rule with `points` (one: the midpoint); 0 where no
-    cell begins. `xp` is NumPy or CuPy."""
+    directions ``moment.averaged`` by Gauss's rule with `points` (one: the midpoint; four:
+    exact to degree 7); 0 where no cell begins. `xp` is NumPy or CuPy."""
     rules = []
     for axis in range(grid.dim):
         line = grid.coordinates[axis]

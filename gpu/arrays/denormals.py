@@ -6,10 +6,6 @@ from typing import Any
 
 import numpy as np
 
-LEAST_FILLED = 256  # below this order the slow arithmetic with denormal numbers does not matter
-# Relative to the norm: far above the denormal numbers, even squared, and far below all rounding.
-NOISE = 1e-40
-
 
 def filled(M: Any) -> Any:
     """M plus random noise of 1e-40 of its norm if M is large and on the host, else M itself.
@@ -18,13 +14,13 @@ def filled(M: Any) -> Any:
     which processors are slower by two orders of magnitude: doubling with 2048 states took five
     minutes instead of half a minute. The noise is symmetric, so symmetric matrices remain so.
     """
-    if not isinstance(M, np.ndarray) or len(M) < LEAST_FILLED:
+    if not isinstance(M, np.ndarray) or len(M) < 256:  # slow arithmetic does not matter there
         return M
     size = float(np.linalg.norm(M))
     if not np.isfinite(size):
         return M
     noise: Any = np.random.default_rng(0).standard_normal(M.shape)
     noise += noise.T
-    noise *= NOISE * size
+    noise *= 1e-40 * size  # far above denormal numbers, even squared, and far below all rounding
     noise += M
     return noise

@@ -15,13 +15,10 @@ from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotrs
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
-from gpu.cuda.catalogue import SYMMETRIC
+from gpu.cuda.catalogue import OPTIONS, SOURCES
 from skfem_adini.ground import arrays
 
 Array = Any  # numpy.ndarray or cupy.ndarray
-# On a device a triangular solve with 2 to FEW_COLUMNS columns goes by blocks of SOLVE_BLOCK rows.
-SOLVE_BLOCK, FEW_COLUMNS = 2048, 16
-TILE = 32  # of `SYMMETRIC`
 
 
 def symmetric_product(P: Array, x: Array) -> Array:
@@ -97,7 +94,7 @@ def _device_lower_solve(L: Array, r: Array, transposed: bool) -> Array:
     assert L.flags.f_contiguous
     # With few columns the solve is limited by memory bandwidth: products with the rows below a
     # diagonal block have fewer dependencies than the triangular solve of the library.
-    block = SOLVE_BLOCK if 1 < columns <= FEW_COLUMNS and not transposed else n
+    block = 2048 if 1 < columns <= 16 and not transposed else n
     with DeviceBlas() as (cublas, handle):
         operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
         for i in range(0, n, block):
@@ -139,9 +136,10 @@ def symmetric_and_finite(M: Array) -> bool:
 
     M = cupy.ascontiguousarray(M)
     wrong = cupy.zeros(1, dtype=cupy.int32)
-    blocks = -(-len(M) // TILE)
+    tile = 32  # as in the kernel
+    blocks = -(-len(M) // tile)
     check = _symmetric_check()
-    check((blocks, blocks), (TILE, 8), (M, np.int64(len(M)), wrong))
+    check((blocks, blocks), (tile, 8), (M, np.int64(len(M)), wrong))
     return not int(wrong[0])
 
 
@@ -149,7 +147,7 @@ def symmetric_and_finite(M: Array) -> bool:
 def _symmetric_check() -> Any:
     import cupy
 
-    return cupy.RawKernel(SYMMETRIC, "symmetric_check", options=("--std=c++17",))
+    return cupy.RawKernel(SOURCES["symmetric"], "symmetric_check", options=OPTIONS)
 
 
 def scaled_symmetric(M: Array, scale: Array) -> Array:

@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-_FACTORS = np.array([1.0, -1.0, 0.0])
-ONE, MINUS, ZERO = (_FACTORS.ctypes.data + 8 * i for i in range(3))
-
 
 class DeviceBlas:
     """The library and a handle that reads scalar factors from host memory, for a `with` block.
 
     `ONE`, `MINUS` and `ZERO` are the addresses of the factors 1, -1 and 0.
     """
+
+    factors = np.array([1.0, -1.0, 0.0])
 
     def __enter__(self) -> tuple[Any, int]:
         from cupy.cuda import device
@@ -27,3 +26,6 @@ class DeviceBlas:
 
     def __exit__(self, *_: object) -> None:
         self._library.setPointerMode(self._handle, self._mode)
+
+
+ONE, MINUS, ZERO = (DeviceBlas.factors.ctypes.data + 8 * i for i in range(3))

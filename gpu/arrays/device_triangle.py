@@ -28,12 +28,10 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
-from gpu.cuda.catalogue import TRIANGLE
+from gpu.cuda.catalogue import OPTIONS, SOURCES
 
 Array = Any  # cupy.ndarray
-# Most rows of an inverted diagonal block: larger ones cost more to invert than the products save.
-# Inversion begins with triangles of SIDE rows, one for each warp of `TRIANGLE`.
-LARGEST_BLOCK, SIDE = 1024, 32
+SIDE = 32  # rows of the triangles where inversion begins, one for each warp of the kernel
 
 
 class DeviceTriangle:
@@ -43,7 +41,8 @@ class DeviceTriangle:
         assert L.flags.f_contiguous
         self.L, self.n = L, len(L)
         self.size = SIDE
-        while self.size < min(self.n, LARGEST_BLOCK):
+        # Larger blocks cost more to invert than the products save.
+        while self.size < min(self.n, 1024):
             self.size *= 2
         self.inverses = _inverses(self._blocks())
 
@@ -164,4 +163,4 @@ def _inverses(blocks: Array) -> Array:
 def _inversion() -> Any:
     import cupy
 
-    return cupy.RawKernel(TRIANGLE, "triangle_invert", options=("--std=c++17",))
+    return cupy.RawKernel(SOURCES["triangle"], "triangle_invert", options=OPTIONS)

@@ -24,9 +24,6 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import splu
 
 Vector = np.ndarray
-# PARDISO perturbs pivots that are small relative to the norm of the matrix, so rows and columns are
-# scaled first. Each of so many rounds divides both by the square root of their largest entry.
-SCALINGS = 3
 
 
 def has_pardiso() -> bool:
@@ -162,7 +159,9 @@ class PardisoFactor:
         self._data[:] = self._entries
         self._data[self._place] = diagonal
         self._root = np.ones(self.size)
-        for _ in range(SCALINGS):
+        # PARDISO perturbs pivots that are small relative to the norm of the matrix. So three times
+        # rows and columns are divided by the square root of their largest entry.
+        for _ in range(3):
             size = np.maximum.reduceat(np.abs(self._data), self._place)
             np.maximum.at(size, self._column, np.abs(self._data))
             root = 1.0 / np.sqrt(size)

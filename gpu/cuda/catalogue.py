@@ -6,8 +6,12 @@ from __future__ import annotations
 
 from gpu.cuda import arnoldi
 
-# The largest modulus among real numbers.
-MODULUS = r"""
+OPTIONS = ("--std=c++17",)
+ARCHITECTURES = ("sm_75", "sm_80", "sm_86", "sm_89", "sm_90", "sm_100", "sm_120")
+SOURCES = {
+    "arnoldi": arnoldi.SOURCE,
+    # The largest modulus among real numbers.
+    "modulus": r"""
 // As whole numbers the moduli have the same order, and infinity and NaN come last. `largest` must
 // be zero before.
 extern "C" __global__ void modulus_largest(const double* __restrict__ a, long long size,
@@ -27,10 +31,9 @@ extern "C" __global__ void modulus_largest(const double* __restrict__ a, long lo
     if ((threadIdx.x & 31) == 0)
         atomicMax(largest, most);
 }
-"""
-
-# Ritz vectors: turning a basis in place, residuals of pairs with their vectors.
-RITZ = r"""
+""",
+    # Ritz vectors: turning a basis in place, residuals of pairs with their vectors.
+    "ritz": r"""
 typedef long long index;
 
 // The columns of Q for the first `count` rows of V, in place, then the `residual`-th: one column
@@ -107,12 +110,11 @@ ritz_residual(const double* left, const double* right, const double* X, const do
         squares[threadIdx.x * k + pair] = s;
     }
 }
-"""
-
-# Compares a matrix with its transpose, each entry read once.
-# A block compares a tile below the diagonal with its mirror image above, which is transposed in
-# shared memory, so that both are read along their rows.
-SYMMETRIC = r"""
+""",
+    # Compares a matrix with its transpose, each entry read once.
+    # A block compares a tile below the diagonal with its mirror image above, which is transposed in
+    # shared memory, so that both are read along their rows.
+    "symmetric": r"""
 #define TILE 32
 
 // wrong[0] = 1 where the n x n matrix M, row by row, is not its own transpose or not finite.
@@ -136,11 +138,10 @@ extern "C" __global__ void symmetric_check(const double* M, long long n, int* wr
     }
     if (!good) wrong[0] = 1;
 }
-"""
-
-# Inverts small triangles of one matrix, each by a warp: a thread takes a column of the inverse and
-# keeps it in registers; the triangle is in shared memory.
-TRIANGLE = r"""
+""",
+    # Inverts small triangles of one matrix, each by a warp: a thread takes a column of the inverse
+    # and keeps it in registers; the triangle is in shared memory.
+    "triangle": r"""
 #define SIDE 32
 
 // L and X: blocks of size x size, row by row; each SIDE x SIDE lower triangle on the diagonal of
@@ -166,14 +167,5 @@ extern "C" __global__ void triangle_invert(const double* L, double* X, int size)
         X[first + (long long)i * size + j] = x[i];
     }
 }
-"""
-
-OPTIONS = ("--std=c++17",)
-ARCHITECTURES = ("sm_75", "sm_80", "sm_86", "sm_89", "sm_90", "sm_100", "sm_120")
-SOURCES = {
-    "arnoldi": arnoldi.SOURCE,
-    "modulus": MODULUS,
-    "ritz": RITZ,
-    "symmetric": SYMMETRIC,
-    "triangle": TRIANGLE,
+""",
 }

@@ -37,7 +37,7 @@ class _Limits(NamedTuple):  # orders up to which all eigenvalues are computed, a
     dense: int = 256  # up to this order all eigenvalues are computed: none can be missed
     products: int = 128  # the same for operators: a product for each column of entries
     fallback: int = 4096  # the same if the iteration fails and the entries are stored
-    visible: float = 1e-3  # of the distance of the wanted from sigma: what a warning is worth
+    visible: float = 1e-3  # error over the largest |lambda - sigma| that a warning is worth
     pair: float = 1e-11  # |A x - lambda M x| over |A| + |lambda| |M|: 4e4 roundings
 
 
@@ -45,7 +45,6 @@ LIMITS = _Limits()
 
 
 logger = logging.getLogger(__name__)
-EPS = np.finfo(float).eps
 
 
 def eigs(
@@ -366,7 +365,8 @@ def _decomposed(task: _Task, judged: bool = False) -> Pairs:
         if judged:
             decompose: Any = linalg.eig
             values, left, vectors = decompose(full, left=True)
-            condition = 1.0 / np.maximum(np.abs(np.vecdot(left.T, vectors.T)), EPS**2)
+            cosines = np.abs(np.vecdot(left.T, vectors.T))
+            condition = 1.0 / np.maximum(cosines, np.finfo(float).eps ** 2)
         else:
             values, vectors = linalg.eig(full)
         finite = np.ones(values.size, dtype=bool)
@@ -398,7 +398,7 @@ def _decomposed(task: _Task, judged: bool = False) -> Pairs:
 def _warn_of(condition: np.ndarray, values: np.ndarray, sigma: Any, full: np.ndarray) -> None:
     """Warn if rounding of A may move the wanted eigenvalues visibly, relative to sigma."""
     size, reach = float(np.linalg.norm(full)), float(np.abs(values - sigma).max())
-    moved = min(float(condition.max()) * EPS, 1.0) * size
+    moved = min(float(condition.max()) * np.finfo(float).eps, 1.0) * size
     # Values that are sigma itself have no other digits.
     if moved > LIMITS.visible * reach > LIMITS.visible * 1e-10 * size:
         warn(

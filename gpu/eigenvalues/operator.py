@@ -15,7 +15,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from gpu.arrays.device_lu import device_lu
 from gpu.arrays.sparse_factor import structurally_regular
-from gpu.cuda.catalogue import MODULUS
+from gpu.cuda.catalogue import OPTIONS, SOURCES
 from gpu.errors import InputError
 from skfem_adini.ground.arguments import unmasked
 from skfem_adini.ground.arrays import cupy, namespace, to_host
@@ -23,12 +23,12 @@ from skfem_adini.ground.arrays import cupy, namespace, to_host
 
 class _Limits(NamedTuple):  # tolerances of operators and of shifts
     counted: int = 1 << 30  # most entries for one call: the library counts them in 32 bits
-    imaginary: float = 1e-10  # of the largest entry of a product: less is rounding
-    drowned: float = 1e-6  # rounding of the inverse over its least wanted value: order unreliable
-    apart: float = 1e3  # times: shift nearer to sigma than the wanted, or farther; see `told_apart`
-    uneven: float = 1e-6  # base 2 logarithm: moduli that count as different
+    imaginary: float = 1e-10  # of a product, relative to its largest entry: less is rounding
+    drowned: float = 1e-6  # rounding of the inverse over its least wanted value: order lost above
+    apart: float = 1e3  # factor: a shift is nearer to sigma than the wanted, or farther
+    uneven: float = 1e-6  # base 2 logarithm: moduli that differ by more are different
     unit: float = 400.0  # base 2 logarithm of the largest unit
-    parts: int = 100  # without connection, for which units are sought
+    parts: int = 100  # most unconnected parts of a matrix for which units are sought
 
 
 LIMITS = _Limits()
@@ -158,7 +158,7 @@ def _magnitude(entries: Any, xp: Any) -> float:
 
 @functools.cache
 def _largest_kernel() -> Any:
-    return cupy().RawKernel(MODULUS, "modulus_largest", options=("--std=c++17",))
+    return cupy().RawKernel(SOURCES["modulus"], "modulus_largest", options=OPTIONS)
 
 
 def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:

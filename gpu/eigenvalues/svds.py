@@ -13,10 +13,6 @@ from gpu.errors import InputError, NotConverged
 from skfem_adini.ground.arguments import choice, flag, unmasked, whole
 from skfem_adini.ground.arrays import cupy, namespace, to_host
 
-# Largest |A v - s u| and |A^* u - s v| over |A| of a certified triplet: more than rounding, because
-# the vectors come from the square of A and have lost some digits.
-CERTIFIED_TRIPLET = 1e-10
-
 
 def svds(
     A: Any,
@@ -227,7 +223,8 @@ def _certify(factors: _Factors, u: Any, s: Any, vh: Any) -> None:
         squares = abs(factors.explicit)
         squares = squares.multiply(squares) if hasattr(squares, "multiply") else squares**2
         size = max(size, float(np.sqrt(float(squares.sum(axis=0).max()))))
-    good = xp.isfinite(s) & (error <= CERTIFIED_TRIPLET * size)
+    # More than rounding: the vectors come from the square of A and have lost some digits.
+    good = xp.isfinite(s) & (error <= 1e-10 * size)
     if not bool(good.all()):
         raise NotConverged(
             f"{int((~good).sum())} of {len(s)} triplets fail their certificate: the residual "

@@ -27,12 +27,12 @@ from gpu.qp.interior_point.polish import PrimalDual, extended
 
 
 class _Limits(NamedTuple):  # limits of what is tried
-    rounding: float = float(np.finfo(float).eps) / 4  # average, relative, of a number
-    luck: float = 8.0  # by which residuals may be below the rounding expected, as errors cancel
-    least: int = 10_000  # unknowns and rows for least multipliers, which cost a solution
+    rounding: float = float(np.finfo(float).eps) / 4  # average relative rounding
+    luck: float = 8.0  # by which residuals may be below the expected rounding, as errors cancel
+    least: int = 10_000  # most unknowns and rows for least multipliers: they cost a solution
     trials: int = 60  # numbers that are tried to close the gap
-    passes: int = 3  # over them
-    parts: tuple[float, ...] = (1.0, 0.5)  # of the gap, for each
+    passes: int = 3  # over these numbers
+    parts: tuple[float, ...] = (1.0, 0.5)  # parts of the gap that each number is changed to close
     share: float = 0.9  # of the tolerance: limit of the other residuals while the gap is closed
     side: float = 1e-12  # of a row's terms: distance from its side at which it is active
 

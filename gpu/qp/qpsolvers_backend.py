@@ -8,8 +8,6 @@ from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.solve_qp import solve_qp
 from skfem_adini.ground.errors import optional
 
-OPTIONS = ("h_low", "host_below", "start", "tol")
-
 
 def pdas_solve_problem(
     problem: Any, initvals: Any = None, verbose: bool = False, **options: Any
@@ -19,10 +17,11 @@ def pdas_solve_problem(
     """
     import qpsolvers
 
-    unknown = options.keys() - OPTIONS
+    known = "h_low", "host_below", "start", "tol"
+    unknown = options.keys() - known
     if unknown:
         raise InputError(
-            f"{min(unknown)}: the solver 'pdas' knows {', '.join(OPTIONS)}; leave out the options "
+            f"{min(unknown)}: the solver 'pdas' knows {', '.join(known)}; leave out the options "
             "of other solvers"
         )
 

@@ -24,7 +24,8 @@ from gpu.riccati.problem.lqr_problem import (
 )
 from gpu.riccati.problem.state_matrix import EPS, stored
 from gpu.riccati.problem.units import in_moderate_units
-from gpu.riccati.proof.closed_loop import ALL_POLES, explain, named
+from gpu.riccati.proof.closed_loop import LIMITS as LOOP
+from gpu.riccati.proof.closed_loop import explain, named
 from skfem_adini.ground.arguments import choice, flag
 from skfem_adini.ground.arrays import namespace, to_host
 from skfem_adini.ground.errors import warn
@@ -367,10 +368,6 @@ METHODS: dict[str, Callable[..., Found]] = {
     "hamiltonian": hamiltonian.solve,
     "reduced": reduced.solve,
 }
-# These promise a solution of the equation; the others a gain.
-EXACT = {"doubling", "newton"}
-QUICK = 400  # up to this order a dense solver is quicker than Newton steps with shifted solves
-TOLD = 200  # up to this order the dense method names the mode that stands in the way
 
 
 def automatic(problem: LQRProblem, may_store: bool) -> tuple[LQRProblem, str]:
@@ -379,7 +376,8 @@ def automatic(problem: LQRProblem, may_store: bool) -> tuple[LQRProblem, str]:
     entries are few enough to be stored (`may_store`)."""
     if problem.dense:
         return problem, "doubling"
-    if may_store and problem.n <= QUICK and reduced.takes_newton(problem):
+    # For few states a dense solver is quicker than Newton steps with shifted solves.
+    if may_store and problem.n <= 400 and reduced.takes_newton(problem):
         return problem.entries(), "doubling"
     return problem, "reduced"
 
@@ -405,7 +403,7 @@ def _solved(
     problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, indefinite: bool
 ) -> LQRResult:
     # Whether the dense problem is at hand should the method of our choice fail.
-    chosen = method == "auto" and not problem.dense and problem.n <= ALL_POLES and not options
+    chosen = method == "auto" and not problem.dense and problem.n <= LOOP.dense and not options
     if method == "auto":
         problem, method = automatic(problem, chosen)
     solve = _solver(method, options)
@@ -422,7 +420,7 @@ def _solved(
             error = NotConverged(str(error))
         raise _explained(problem, error, indefinite) from None
     result = certified(problem, found, method)
-    if method in EXACT:
+    if method in ("doubling", "newton"):  # they find a solution of the equation, others a gain
         _check_solution(problem, found, result, indefinite)
         return result
     # As far as a double root on the axis is split by rounding.
@@ -430,7 +428,7 @@ def _solved(
         # No other method finds a better gain than one that leaves a pole no feedback moves.
         inherent = named(problem)
         if inherent is not None:
-            if chosen and problem.n <= TOLD:
+            if chosen and problem.n <= LOOP.named:
                 return _by_entries(problem, unstable, indefinite)
             raise inherent
     if not result.stable and chosen:
@@ -477,21 +475,21 @@ def _check_solution(problem: LQRProblem, found: Found, result: LQRResult, indefi
 
 
 def _remedy(problem: LQRProblem) -> str:
-    if problem.dense or problem.n <= ALL_POLES:
+    if problem.dense or problem.n <= LOOP.dense:
         return "use result.refined(), or method='newton'"
     return "give its mode an input and a weight, or use method='doubling' with all entries"
 
 
 def _by_entries(problem: LQRProblem, unstable: str, indefinite: bool) -> LQRResult:
     """The answer with all entries stored, where no projection finds it and memory allows."""
-    inherent = named(problem) if problem.n > TOLD else None
+    inherent = named(problem) if problem.n > LOOP.named else None
     if inherent is not None:
         raise inherent
     return solve_problem(problem.entries(), "doubling", unstable, {}, indefinite=indefinite)
 
 
 def _check_cost(problem: LQRProblem, S: Any) -> None:
-    if problem.n > ALL_POLES or not isinstance(S, problem.xp.ndarray):
+    if problem.n > LOOP.dense or not isinstance(S, problem.xp.ndarray):
         return
     values = np.linalg.eigvalsh(to_host(S))
     if values[0] < -1e-9 * np.abs(values).max():

@@ -13,12 +13,10 @@ from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found, LowRankValue
 from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.units import in_moderate_units, power_of_two
-from gpu.riccati.proof.closed_loop import ALL_POLES, dense_loop, nearest_poles, unstable_pole
+from gpu.riccati.proof.closed_loop import LIMITS as LOOP
+from gpu.riccati.proof.closed_loop import dense_loop, nearest_poles, unstable_pole
 from gpu.riccati.proof.refinement import judge
 from skfem_adini.ground.arrays import namespace
-
-LEAST = 2.0**-1000  # numbers below are about to lose digits
-PROVED = 600  # up to this order all poles are computed although stability is proved without
 
 
 @dataclass(frozen=True)
@@ -181,7 +179,7 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
         verdict = found.verdict or judge(problem, found.value)
         residual, error = verdict.residual, verdict.error
         loop = verdict.loop
-    elif problem.dense or problem.n <= (PROVED if found.proved else ALL_POLES):
+    elif problem.dense or problem.n <= (LOOP.proved if found.proved else LOOP.dense):
         loop = dense_loop(problem.entries(), found.gain)
     else:
         loop = None
@@ -230,11 +228,11 @@ def in_given_units(result: LQRResult, problem: LQRProblem) -> LQRResult:
     largest = [K, E, S.M if isinstance(S, LowRankValue) else S]
     fits = all(bool(namespace(M).isfinite(M).all()) for M in largest if M is not None)
     if fits and isinstance(S, moderate.xp.ndarray):
-        # Among the least numbers digits are lost.
+        # Among the least numbers, below 2^-1000, digits are lost.
         weighed = bool((problem.weight.apply(problem.xp.eye(problem.n)) != 0.0).any())
         moved = moderate.N is None and bool((moderate.B.T @ result.S != 0.0).any())
         for M, counts in ((result.S, weighed), (result.K, moved)):
-            fits = fits and not (counts and float(abs(M).max()) < LEAST)
+            fits = fits and not (counts and float(abs(M).max()) < 2.0**-1000)
     if fits and result.stable:
         rounded = power_of_two(K, -units.gain)
         same = bool((rounded == result.K).all())

@@ -32,7 +32,6 @@ from skfem_adini.ground.arguments import real_part
 from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]
-_ROUNDING = 1e-12  # relative to the largest entry: asymmetry of a tensor that is rounding
 
 
 @dataclass(frozen=True)
@@ -156,7 +155,8 @@ class AffineCells:
             )
         swapped = tensor.swapaxes(0, 2).swapaxes(1, 3)
         with np.errstate(invalid="ignore"):  # not equal where it is NaN or infinite
-            equal = np.abs(tensor - swapped) <= _ROUNDING * np.abs(tensor).max(initial=0.0)
+            largest = np.abs(tensor).max(initial=0.0)
+            equal = np.abs(tensor - swapped) <= 1e-12 * largest  # up to rounding
         if not (equal.all() and np.isfinite(tensor).all()):
             raise InputError("tensor: expected finite numbers with C_cadb = C_dbca")
         letters = "cadb" if tensor.ndim == 4 else "cadbt"

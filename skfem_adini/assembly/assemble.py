@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +40,13 @@ Integers = NDArray[np.integer]
 
 _log = logging.getLogger(__name__)
 
-_FEW_CELLS = 9  # an array over so few cells may also be a tensor of 3 x 3 numbers
-_SAMPLE = 512  # cells compared first: if no two are alike, the others are not compared
-_UNLIKE = "too few cells are alike"
-_TYPES = [np.dtype(kind) for kind in (np.float32, np.float64, np.complex64, np.complex128)]
+
+class _Cells(NamedTuple):  # numbers of cells
+    few: int = 9  # an array over so few cells may also be a tensor of 3 x 3 numbers
+    sample: int = 512  # compared first: if no two are alike, the others are not compared
+
+
+CELLS = _Cells()
 
 
 def assemble(
@@ -286,13 +289,14 @@ class _Problem:
         if self.some is not None:
             nodes, words = nodes[:, self.some], words[self.some]
         points, count = np.ascontiguousarray(mapping.mesh.doflocs), len(self.cells)
-        if spare and count > _SAMPLE:
+        unlike = "too few cells are alike"
+        if spare and count > CELLS.sample:
             some = _sample(count)
             if not any_alike(points, nodes[:, some], words[some]):
-                raise NotSupported(_UNLIKE)
+                raise NotSupported(unlike)
         found = congruence_classes(points, np.ascontiguousarray(nodes), np.ascontiguousarray(words))
-        if spare and count > _FEW_CELLS and len(found.representatives) >= 0.5 * count:
-            raise NotSupported(_UNLIKE)
+        if spare and count > CELLS.few and len(found.representatives) >= 0.5 * count:
+            raise NotSupported(unlike)
         return found
 
     def _coefficients(
@@ -312,7 +316,7 @@ class _Problem:
                 found.numbers[name] = (
                     locked(DiscreteField(value)) if isinstance(value, np.ndarray) else value
                 )
-            elif cells <= _FEW_CELLS:
+            elif cells <= CELLS.few:
                 raise NotSupported(
                     f"there are too few cells to tell the field {name} from a tensor"
                 )
@@ -342,7 +346,7 @@ def _check_form(form: Any, bases: int) -> None:
         raise NotSupported(f"the form is a {type(form).__name__}")
     if bases > (2 if type(form) is BilinearForm else 1):
         raise InputError(f"form: a {type(form).__name__} does not take {bases} elements or bases")
-    if np.dtype(form.dtype) not in _TYPES:
+    if np.dtype(form.dtype) not in (np.float32, np.float64, np.complex64, np.complex128):
         raise NotSupported(f"the form has numbers of the type {np.dtype(form.dtype)}")
 
 
@@ -375,7 +379,7 @@ def _check_mesh(mesh: Any, element: Any, test_element: Any, intorder: Any) -> No
 
 @lru_cache
 def _sample(count: int) -> Integers:
-    return np.unique(np.random.default_rng(0).integers(count, size=_SAMPLE))
+    return np.unique(np.random.default_rng(0).integers(count, size=CELLS.sample))
 
 
 def _check_invariance(element: Any, mapping: Any, mesh: Any) -> None:

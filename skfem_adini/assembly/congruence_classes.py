@@ -15,10 +15,15 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.integer]
 Words = NDArray[np.uint64]
 
-# Relative to the coordinates: those of equal cells differ by 2 eps, after refinement by more.
-_ROUNDING = 8 * np.finfo(float).eps
-_FARTHEST = 1024  # largest coordinate that counts, in heights of a cell: bounds a class's error
-_FEW = 32  # cells of which all pairs are compared at once; more are sorted
+
+class _Limits(NamedTuple):  # limits of the search for congruent cells
+    # Relative to the coordinates: those of equal cells differ by 2 eps, after refinement by more.
+    rounding: float = 8 * np.finfo(float).eps
+    farthest: int = 1024  # largest coordinate that counts, in heights of a cell: bounds the error
+    few: int = 32  # cells of which all pairs are compared at once; more are sorted
+
+
+LIMITS = _Limits()
 
 
 class Classes(NamedTuple):
@@ -60,8 +65,8 @@ def _merged(points: Array, nodes: Integers, words: Words) -> tuple[Integers, Int
     sides = points[:, nodes[1:]] - points[:, nodes[:1]]
     longest = np.maximum(np.abs(sides).max(axis=(0, 1)), np.finfo(float).tiny)
     height = _volumes(sides[:, :dim] / longest) * longest
-    tolerance = _ROUNDING * np.minimum(np.abs(points).max(), _FARTHEST * height)
-    if cells <= _FEW:
+    tolerance = LIMITS.rounding * np.minimum(np.abs(points).max(), LIMITS.farthest * height)
+    if cells <= LIMITS.few:
         apart = np.abs(sides[..., None] - sides[:, :, None]) > tolerance
         near = ~apart.any(axis=(0, 1)) & (words[:, None] == words).all(axis=2)
         first_of = near.argmax(axis=1)

@@ -141,9 +141,6 @@ class CongruentCells:
         return scatter_on(xp, local, self.labels, self._blocks, self._blocks)
 
 
-_ENTRIES = 2**24  # entries summed at a time: their places and columns take some 100 MB
-
-
 def scatter_on(
     xp: Any, local: NDArray[Any], labels: NDArray[Any], rows: DofBlocks, columns: DofBlocks
 ) -> Any:
@@ -162,7 +159,7 @@ def scatter_on(
         tiles = xp.asarray(_tiles(local, rows, columns, h, w))
         down, across = xp.arange(h), xp.arange(w)
         fits = xp.flatnonzero((tall[pairs.row] == h) & (wide[pairs.column] == w))
-        for i in range(0, fits.size, step := max(1, _ENTRIES // (h * w))):
+        for i in range(0, fits.size, step := max(1, 2**24 // (h * w))):  # 100 MB at a time
             some = fits[i : i + step]
             row, first = pairs.row[some], column_start[pairs.column[some]]
             place = (corner[some, None] + down * total[row, None])[:, :, None] + across

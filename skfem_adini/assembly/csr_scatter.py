@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,8 +93,12 @@ def row_kernel(name: str) -> Callable[..., Any]:
     return compiled(getattr(row_kernels, name), row_kernels.PARTS)
 
 
-_MOST_THREADS = 8  # more gain nothing: threads share the bandwidth of the memory
-_WORTH_A_THREAD = 50_000  # pairs of a row block and a column block of a cell: .4 to 2 ms
+class _Limits(NamedTuple):  # limits of the threads that add local matrices
+    threads: int = 8  # more gain nothing: threads share the bandwidth of the memory
+    pairs: int = 50_000  # of a row and a column block of a cell, for a thread: .4 to 2 ms
+
+
+LIMITS = _Limits()
 
 
 def shares_of(first: Integers, columns: int) -> list[tuple[int, int]]:
@@ -104,7 +108,7 @@ def shares_of(first: Integers, columns: int) -> list[tuple[int, int]]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     work = int(first[-1]) * columns
     # The kernels are limited by the memory: on two processors a second thread gained nothing.
-    threads = max(1, min((cores or 1) // 2, _MOST_THREADS, work // _WORTH_A_THREAD))
+    threads = max(1, min((cores or 1) // 2, LIMITS.threads, work // LIMITS.pairs))
     ends = np.searchsorted(first, first[-1] * np.arange(1, threads) / threads)
     ends = [0, *map(int, ends), len(first) - 1]
     return list(pairwise(ends))

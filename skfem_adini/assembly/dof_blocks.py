@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 Integers = NDArray[np.integer]
 
-LARGEST = 64  # dofs in a block at most: each has one bit of a 64-bit word
-
 
 @dataclass(frozen=True)
 class DofBlocks:
@@ -40,7 +38,8 @@ class DofBlocks:
         local, sizes = [0], [np.zeros(1, dtype=np.int64)]
         blocks = 0
         for numbers, count, dofs in tables:
-            pieces = [min(LARGEST, dofs - begin) for begin in range(0, dofs, LARGEST)]
+            # At most 64 dofs a block: each has one bit of a word.
+            pieces = [min(64, dofs - begin) for begin in range(0, dofs, 64)]
             for row in numbers:
                 for k, piece in enumerate(pieces):
                     rows.append(blocks + len(pieces) * row + k)

@@ -16,8 +16,6 @@ from skfem_adini.errors import InputError, NotSupported
 
 Array = NDArray[Any]
 
-_MOST_COMPONENTS = 36  # length of a constant tensor's axis (6 x 6 moduli); longer arrays are fields
-
 
 class FormParameters(FormExtraParams):
     """The parameters ``w`` of a form: constants can be read, all others raise `NotSupported`.
@@ -93,7 +91,8 @@ def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
         raise InputError(
             f"{name}: expected {cells} numbers, one for each cell, or {dofs} dofs, got {len(value)}"
         )
-    tensor = value.shape[-2] == 1 or max(value.shape) <= _MOST_COMPONENTS
+    # Axes of constant tensors have up to 36 entries (6 x 6 moduli); longer arrays are fields.
+    tensor = value.shape[-2] == 1 or max(value.shape) <= 36
     field = value.shape[-2] == cells and value.shape[-1] in (1, points)
     if not (field or (tensor and not isinstance(value, DiscreteField))):
         raise InputError(

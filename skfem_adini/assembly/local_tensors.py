@@ -32,10 +32,15 @@ from skfem_adini.errors import InputError, NotSupported
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-_POINTS_OF_CALL = 2**15  # quadrature points a call of the form: 256 kB arrays stay in L2
-_VALUES_PREPARED = 2**20  # functions x cells x points at a time: 8 MB a component
-_CELLS_OF_A_CALL = 256  # from so many cells each entry has its own call: nothing is gathered
-_CLASSES_OF_A_SHAPE = 4  # classes for each shape from which terms of a form are looked for
+
+class _Limits(NamedTuple):  # sizes of calls of a form
+    points: int = 2**15  # quadrature points of a call: arrays of 256 kB stay in the L2 cache
+    values: int = 2**20  # functions x cells x points prepared at a time: 8 MB a component
+    cells: int = 256  # from so many cells each entry has its own call: nothing is gathered
+    classes: int = 4  # for each shape, from which the form is separated into terms
+
+
+LIMITS = _Limits()
 
 
 # Value, gradient, ... of all functions, (..., functions * cells, points), for each component.
@@ -140,7 +145,7 @@ def local_tensors(
     def check() -> None:
         check_pointwise(rows, flat, sizes, rows.coefficients_of_classes(), len(cells))
 
-    if coefficients.fields and len(local) >= _CLASSES_OF_A_SHAPE * len(shapes.representatives):
+    if coefficients.fields and len(local) >= LIMITS.classes * len(shapes.representatives):
         try:
             rows.combine(flat)
             check()
@@ -199,7 +204,7 @@ class _Rows:
                 raise not_pointwise("its terms are not the same for all entries")
             for (_, table), (_, a) in zip(terms, found, strict=True):
                 table[some, entries] = np.sum(a, axis=1)
-        step = max(1, _POINTS_OF_CALL // self._entries)
+        step = max(1, LIMITS.points // self._entries)
         for begin in range(0, len(flat), step):
             part = slice(begin, begin + step)
             shape = self.shape_of[part]
@@ -211,17 +216,17 @@ class _Rows:
         """Yield classes, entries and their integrands, until all entries are done."""
         points = self._spaces[0].W.size
         order = np.argsort(self.shape_of, kind="stable")
-        step = max(1, _POINTS_OF_CALL // points)
-        if min(step, len(order)) >= _CELLS_OF_A_CALL:
+        step = max(1, LIMITS.points // points)
+        if min(step, len(order)) >= LIMITS.cells:
             for some in _pieces(order, step, len(self._cells)):
                 yield from self._entry_by_entry(some)
             return
-        step = max(1, _VALUES_PREPARED // (max(self._sizes) * points))
+        step = max(1, LIMITS.values // (max(self._sizes) * points))
         for begin in range(0, len(order), step):
             some = order[begin : begin + step]
             self.prepare(some)
             for rows in _batches(
-                len(some), self._entries, max(1, _POINTS_OF_CALL // points), len(self._cells)
+                len(some), self._entries, max(1, LIMITS.points // points), len(self._cells)
             ):
                 member, entries = np.divmod(rows, self._entries)
                 yield some[member], entries, self.densities(some[member], entries)
@@ -379,9 +384,6 @@ def locked(part: Array) -> Array:
     return part
 
 
-_OURS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
-
-
 def leaves(element: Any) -> list[Any]:
     """Return the elements that an element is composed of, itself if it is not composed."""
     if type(element) in (ElementVector, ElementDG):
@@ -395,9 +397,10 @@ def why_not_element(element: Any) -> str | None:
     """Say why an element's functions may depend on more than shape and orientation, else None.
     Elements of scikit-fem use only the mapping's derivative and ``orient``, but for global
     functionals; the ``gbasis`` of another package may use anything."""
+    ours = ElementQuadAdini, ElementHexAdini, ElementQuadBFS
     for leaf in leaves(element):
         author = type(leaf).gbasis.__module__
-        known = type(leaf) in _OURS or author.startswith("skfem.element.")
+        known = type(leaf) in ours or author.startswith("skfem.element.")
         if not known or isinstance(leaf, ElementGlobal) or "gbasis" in vars(leaf):
             return f"functions of {type(leaf).__name__} may depend on the place of a cell"
     return None
@@ -447,8 +450,6 @@ def orientations(elements: Iterable[Any], mapping: Any) -> NDArray[np.uint64]:
 
 Term = tuple[Any, Array]  # number of each cell, or 1.0; an array over (..., rows, points)
 
-_MOST_TERMS = 16  # more cost about as much as the integrand at the points of each cell
-
 
 def _refuse(*_: Any, **__: Any) -> NoReturn:
     raise NotSupported
@@ -495,7 +496,7 @@ class Separated(_Symbol):
     """A sum of products."""
 
     def __init__(self, terms: list[Term]) -> None:
-        if len(terms) > _MOST_TERMS:
+        if len(terms) > 16:  # they would cost about as much as the integrand at all points
             _refuse()
         self.terms = terms
 

@@ -13,10 +13,18 @@ from skfem_adini.errors import NotSupported
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-_CLASSES_TRIED = 8  # classes computed again: a form that mixes cells differs in nearly all
-_ENTRIES_TRIED = 4  # entries of each class computed again
-_ROWS_AROUND = 300  # rows of one class added to the others: enough to change any mean or quantile
-ROUNDING = 1e-11  # relative to the sum of moduli: vector instructions and BLAS reorder sums
+
+class _Tried(NamedTuple):  # what is computed again to see whether a form acts point by point
+    classes: int = 8  # of cells: a form that mixes cells differs in nearly all
+    entries: int = 4  # of each class
+    others: int = 300  # rows of one class among which they lie: enough to change any mean
+    cells: int = 4  # of a batch on a cut domain, with those of extreme coordinates and parameters
+    points: int = 4  # of each of them: a form that mixes points differs at nearly all
+    functions: int = 4  # of the element on these
+    rounding: float = 1e-11  # relative to the sum of moduli: vector instructions reorder sums
+
+
+TRIED = _Tried()
 
 
 def not_pointwise(why: str) -> NotSupported:
@@ -59,7 +67,7 @@ def check_pointwise(
             size = np.abs(density).sum(axis=1).max()
             there = found[batch.classes, batch.entries]
             if not np.allclose(
-                density.sum(axis=1), there, rtol=0, atol=ROUNDING * size, equal_nan=True
+                density.sum(axis=1), there, rtol=0, atol=TRIED.rounding * size, equal_nan=True
             ):
                 raise not_pointwise(
                     "it gives other numbers for a cell among other cells, as a reduction over the "
@@ -72,17 +80,17 @@ def _chosen(coefficients: Array, rng: np.random.Generator) -> tuple[Integers, In
     classes = coefficients.shape[1]
     varying = coefficients[np.ptp(coefficients, axis=1) > 0] if coefficients.size else coefficients
     extreme = np.array([varying.argmin(axis=1), varying.argmax(axis=1)]).T.ravel()
-    extreme = extreme[np.sort(np.unique(extreme, return_index=True)[1])][:_CLASSES_TRIED]
-    more = rng.permutation(classes)[: max(2, _CLASSES_TRIED - extreme.size)]
+    extreme = extreme[np.sort(np.unique(extreme, return_index=True)[1])][: TRIED.classes]
+    more = rng.permutation(classes)[: max(2, TRIED.classes - extreme.size)]
     return np.unique(np.append(extreme, more if varying.size else more[:2])), extreme
 
 
 def _entries(sizes: Sequence[int], rng: np.random.Generator) -> Integers:
     """Return entries on the diagonal of a local matrix, and others."""
     count = int(np.prod(sizes))
-    diagonal = rng.permutation(min(sizes))[: _ENTRIES_TRIED // 2] * (sizes[0] + 1)
+    diagonal = rng.permutation(min(sizes))[: TRIED.entries // 2] * (sizes[0] + 1)
     return np.append(
-        diagonal if len(sizes) == 2 else [], rng.permutation(count)[:_ENTRIES_TRIED]
+        diagonal if len(sizes) == 2 else [], rng.permutation(count)[: TRIED.entries]
     ).astype(int)
 
 
@@ -97,11 +105,11 @@ def _batches(
     everything = _Batch(np.repeat(chosen, entries.size), np.tile(entries, chosen.size))
     yield _Batch(everything.classes[::-1], everything.entries[::-1])
     for label in extreme:
-        others = np.full(_ROWS_AROUND, label)
-        order = rng.permutation(everything.classes.size + _ROWS_AROUND)
+        others = np.full(TRIED.others, label)
+        order = rng.permutation(everything.classes.size + TRIED.others)
         yield _Batch(
             np.append(everything.classes, others)[order],
-            np.append(everything.entries, entries[rng.integers(entries.size, size=_ROWS_AROUND)])[
+            np.append(everything.entries, entries[rng.integers(entries.size, size=TRIED.others)])[
                 order
             ],
         )

@@ -13,9 +13,6 @@ from typing import Any
 
 import numpy as np
 
-_WAYS = 64  # blocks of rows that a thread keeps for reuse
-_CACHED = 2**15  # entries of all of these: 400 kB at 12 bytes, about half of a core's L2 cache
-
 
 def cells_of_blocks(of_cells: Any, blocks: int) -> Any:
     """Return where each block's entries begin, the cells that hold it, and its places in them.
@@ -149,7 +146,8 @@ def fill_rows(
     sums = np.zeros(longest, dtype=data.dtype)
     numbers = np.empty(longest, dtype=indices.dtype)
     key = np.empty(most * (wide + 1), dtype=np.int64)
-    ways = max(1, min(_WAYS, _CACHED // (highest * longest)))
+    # Blocks of rows kept for reuse: of 2^15 entries, 400 kB at 12 bytes, half of an L2 cache.
+    ways = max(1, min(64, 2**15 // (highest * longest)))
     keys = np.empty((ways, key.size), dtype=np.int64)
     key_sizes = np.full(ways, -1, dtype=np.int64)
     kept_places = np.empty((ways, highest * longest), dtype=np.int32)

@@ -20,11 +20,9 @@ from skfem_adini.conditions.boundary_edges import (
     sample,
 )
 from skfem_adini.conditions.trace_directions import CORNER, NOISE, TraceDirections, vertex_normals
+from skfem_adini.elements.straight_cells import GEOMETRY
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
-
-_SAMPLES = 10  # exact for cubic data on a cubic curve: degree nine along it
-_SAME_VALUE = 1e-10  # relative to the largest value: data that differ by less at a vertex agree
 
 
 def essential_constraints(
@@ -157,7 +155,8 @@ def essential_constraints(
             edges = BoundaryEdges.of(basis.mesh, basis.mesh.facets[:, facets])
             ends = edges.along(normals)
             sampled.append((where, edges, c, ends, sample(g, edges.curve(s, ends), count)[c]))
-    tolerance = _SAME_VALUE * max((np.abs(data).max() for *_, data in sampled), default=0.0)
+    # Values at a vertex that differ by less, relative to the largest one, agree.
+    tolerance = 1e-10 * max((np.abs(data).max() for *_, data in sampled), default=0.0)
 
     dim = basis.mesh.dim()
     directions = TraceDirections(dofs, dim)
@@ -205,10 +204,10 @@ def _normals(mesh: Any, parts: list[tuple[Indices, float]]) -> Array:
 
 def _differentiation() -> tuple[Array, Array]:
     """Return Lobatto points on [0, 1] and the weights of the derivatives at 0 and at 1."""
-    s = (1 - np.cos(np.pi * np.arange(_SAMPLES) / (_SAMPLES - 1))) / 2
-    powers = np.arange(_SAMPLES)
+    powers = np.arange(10)  # exact for cubic data on a cubic curve: degree nine along it
+    s = (1 - np.cos(np.pi * powers / 9)) / 2
     vandermonde = (2 * s[:, None] - 1) ** powers
-    ends = 2 * powers * np.array([(-1.0) ** (powers + 1), np.ones(_SAMPLES)])
+    ends = 2 * powers * np.array([(-1.0) ** (powers + 1), np.ones(10)])
     return s, np.linalg.solve(vandermonde.T, ends.T).T
 
 
@@ -222,9 +221,6 @@ def _set_nodal(nodal: Array, node: Indices, data: Array, where: Any, tolerance: 
             f"{where!r}); the data must agree where boundaries meet"
         )
     nodal[node] = data
-
-
-_PARALLEL = 1e-10  # slant in lengths of an edge: above that of rounded coordinates
 
 
 def essential_dofs(
@@ -297,7 +293,7 @@ def essential_dofs(
 
     rounding = 4 * np.finfo(float).eps * np.abs(mesh.p).max()
     extent = np.ptp(facet_corners(mesh, numbers), axis=1)
-    normal_to = extent <= _PARALLEL * extent.max(axis=0) + rounding
+    normal_to = extent <= GEOMETRY.slant * extent.max(axis=0) + rounding
     if not normal_to.any(axis=0).all():
         raise InputError(
             f"facets: {np.sum(~normal_to.any(axis=0))} facets are parallel to no axis (in 3-D: to "

@@ -17,11 +17,6 @@ from skfem_adini.elements.vertex_dofs import full_name, scalar_element, vertex_d
 from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import finite_numbers
 
-_ON_EDGE = 1e-9  # in lengths of an edge: a vertex nearer to the edge, or to its end, lies on it
-_SQUARINGS = 60  # each doubles the number of levels of hanging edges that are resolved
-_CONVERGED = 1e-13  # change relative to the largest entry, some hundred roundings
-_NO_COMPONENT = 1e-12  # smaller components of a unit tangent are rounding and would mix the slopes
-
 
 def hanging_constraints(
     basis: Any, essential: tuple[Any, Array] | None = None
@@ -160,8 +155,8 @@ class _HangingVertices:
         s = (tangent * offset).sum(axis=0) / length
         height = np.abs(tangent[0] * offset[1] - tangent[1] * offset[0])
         rounding = 4 * np.finfo(float).eps * np.abs(mesh.p).max()
-        on_edge = height <= _ON_EDGE * length + rounding
-        inside = on_edge & (np.minimum(s, 1 - s) > _ON_EDGE)
+        close = 1e-9  # to an edge or its end, in lengths of it: a vertex nearer lies there
+        inside = (height <= close * length + rounding) & (np.minimum(s, 1 - s) > close)
         vertex, edge = vertex[inside], edge[inside]
         if len(np.unique(vertex)) < len(vertex):
             twice = np.flatnonzero(np.bincount(vertex) > 1)[0]
@@ -173,7 +168,7 @@ class _HangingVertices:
         """Unit tangents of the edges, shape (2, hanging).
         Rounding of coordinates must not mix the two slopes at a vertex on an axis-parallel edge."""
         tangent = self.edges.tangent
-        return np.where(np.abs(tangent) < _NO_COMPONENT, 0.0, tangent)
+        return np.where(np.abs(tangent) < 1e-12, 0.0, tangent)
 
 
 def _one_step(dofs: Indices, hanging: _HangingVertices) -> sp.csr_array:
@@ -214,9 +209,9 @@ def _one_step(dofs: Indices, hanging: _HangingVertices) -> sp.csr_array:
 
 def _resolved(step: sp.csr_array) -> sp.csr_array:
     """Repeat the step until the ends of the edges no longer hang."""
-    for _ in range(_SQUARINGS):
+    for _ in range(60):  # each doubles the number of levels of hanging edges that are resolved
         twice = step @ step
-        if abs(twice - step).max() <= _CONVERGED * abs(step).max():
+        if abs(twice - step).max() <= 1e-13 * abs(step).max():  # some hundred roundings
             return step
         step = twice
     raise InputError("mesh: the hanging vertices depend on each other; refine one of the sides")

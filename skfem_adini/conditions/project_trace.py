@@ -108,11 +108,6 @@ def project_trace(
     return x
 
 
-_GAUSS_POINTS = 8  # exact to degree 15: products of traces have degree 6, data may have more
-_EDGE: tuple[Function, ...] = (((HERMITE,),), ((SLOPE,),))
-_FACE = adini_functions(2)
-
-
 @dataclass(frozen=True)
 class BoundaryTrace:
     r"""Trace :math:`\sum_k u_k N_k+ \sum_{jk} (\partial_j F(k) \cdot \nabla u_k) H_{jk}` of facets.
@@ -126,14 +121,16 @@ class BoundaryTrace:
     @classmethod
     def of(cls, mesh: Any, vertices: Indices) -> BoundaryTrace:
         """Return the traces on facets with vertices (2 or 4, facets)."""
-        s, w = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
+        # Exact to degree 15: products of traces have degree 6, data may have more.
+        s, w = np.polynomial.legendre.leggauss(8)
         s, w = (s + 1) / 2, w / 2
         p = mesh.p[:, vertices]
         if len(vertices) == 2:
             edges = BoundaryEdges.of(mesh, vertices)
             side = (edges.last - edges.first)[:, :, None]
             corners = np.array([[0.0], [1.0]])
-            functions = _functions(_EDGE, corners, s[None], [[side], [side]])
+            cubics = (((HERMITE,),), ((SLOPE,),))
+            functions = _functions(cubics, corners, s[None], [[side], [side]])
             return cls(edges.points(s), edges.length[:, None] * w, functions)
         X = np.array(np.meshgrid(s, s)).reshape(2, -1)
         weights = np.outer(w, w).ravel()
@@ -143,7 +140,7 @@ class BoundaryTrace:
         tangents = [[a + c * y, b + c * x] for x, y in corners]
         area = np.linalg.norm(np.cross(a + c * X[1], b + c * X[0], axis=0), axis=0)
         points = p[:, 0, :, None] + a * X[0] + b * X[1] + c * (X[0] * X[1])
-        return cls(points, area * weights, _functions(_FACE, corners, X, tangents))
+        return cls(points, area * weights, _functions(adini_functions(2), corners, X, tangents))
 
 
 def _functions(

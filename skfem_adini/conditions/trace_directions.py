@@ -13,8 +13,6 @@ from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
 
 Mask = NDArray[np.bool_]
 
-_STRAIGHT_SQUARED_SINE = 1e-12  # edges that turn by less than 1e-6 are in line
-
 
 class TraceDirections:
     r"""Orthonormal directions of vertex dofs (names, components, vertices), seen by edges or not.
@@ -43,7 +41,7 @@ class TraceDirections:
         axes = axes.transpose(0, 2, 1)
         largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=2)[..., None], axis=2)
         axes = axes * np.sign(largest)
-        hidden = eigenvalues <= _STRAIGHT_SQUARED_SINE * eigenvalues[:, -1:]
+        hidden = eigenvalues <= 1e-12 * eigenvalues[:, -1:]  # squared sine of the turn
 
         untouched = np.ones(self.dofs.size, dtype=bool)
         untouched[u] = untouched[gradient] = False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -22,12 +22,15 @@ from skfem_adini.solvers.factorize import Solver, SuperLUFactor, factorize
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-_NEAREST_CELLS = 12  # nearest cells that are tried for each vertex outside
-_FARTHEST = 2.0  # cells of extrapolation at most: a cubic grows with the third power
-_LEAST_SHARE = 0.05  # of a cell inside the domain: a smaller one does not determine its polynomial
-_SQUARINGS = 60  # each doubles the length of the chains of dependent vertices that are resolved
-_ROUNDED_ONE = 1e-12  # shares and weights nearer to one, or to a threshold, equal it
-_NO_PIVOT = 1e-10  # of a matrix with unit diagonal: smaller pivots are rounding, of either sign
+
+class _Limits(NamedTuple):  # limits of the extension
+    farthest: float = 2.0  # cells of extrapolation: a cubic grows with the third power
+    share: float = 0.05  # of a cell inside: a smaller one does not determine its polynomial
+    rounding: float = 1e-12  # shares and weights nearer to one, or to a threshold, equal it
+    pivot: float = 1e-10  # of a matrix of unit diagonal: smaller ones are rounding of either sign
+
+
+LIMITS = _Limits()
 
 
 class AdiniExtension:
@@ -257,16 +260,16 @@ class AdiniExtension:
 def _cause(A: sp.csr_array, error: InputError) -> InputError:
     """Return the error of a matrix that was not factored, with the cause if its pivots tell."""
     diagonal = A.diagonal()
-    if abs(A - A.T).max() > _NO_PIVOT * abs(A).max() or not (diagonal > 0).all():
+    if abs(A - A.T).max() > LIMITS.pivot * abs(A).max() or not (diagonal > 0).all():
         return error
     scale = sp.diags_array(1 / np.sqrt(diagonal))
     # A little off singular, so that all pivots exist.
-    shifted = scale @ A @ scale + _NO_PIVOT / 10 * sp.eye_array(len(diagonal))
+    shifted = scale @ A @ scale + LIMITS.pivot / 10 * sp.eye_array(len(diagonal))
     try:
         pivots = SuperLUFactor(shifted, "MMD_AT_PLUS_A", 0.0).factors.U.diagonal()
     except RuntimeError:
         return error
-    negative = np.count_nonzero(pivots < -_NO_PIVOT)
+    negative = np.count_nonzero(pivots < -LIMITS.pivot)
     if negative:
         return InputError(
             f"A: the matrix is indefinite, {negative} of its {len(diagonal)} eigenvalues are "
@@ -322,7 +325,7 @@ def _roots_of_component(
     size = np.ptp(corners, axis=1)
     vertices = np.unique(mesh.t[:, active])
     while True:
-        good = active[domain.fractions[active] >= threshold * (1 - _ROUNDED_ONE)]
+        good = active[domain.fractions[active] >= threshold * (1 - LIMITS.rounding)]
         outside = np.setdiff1d(vertices, mesh.t[:, good])
         roots, reach = np.zeros(0, dtype=np.int64), np.full(min(1, outside.size), np.inf)
         # A cell whose hanging vertex depends on one outside would be extrapolated from itself.
@@ -330,7 +333,7 @@ def _roots_of_component(
         follows[outside] = 1
         sound = good[((ends @ follows) == 0)[mesh.t[:, good]].all(axis=0)]
         if sound.size and outside.size:
-            count = min(_NEAREST_CELLS, sound.size)
+            count = min(12, sound.size)  # nearest cells that are tried for each vertex
             _, near = scipy.spatial.KDTree(centre[:, sound].T).query(mesh.p[:, outside].T, k=count)
             cells = sound[np.asarray(near).reshape(len(outside), count)]
             steps = np.abs(mesh.p[:, outside, None] - centre[:, cells]) / size[:, cells]
@@ -338,16 +341,16 @@ def _roots_of_component(
             rank = steps.max(axis=0) + 1e-3 * np.hypot(*steps)
             best = np.arange(len(outside)), rank.argmin(axis=1)
             roots, reach = cells[best], steps.max(axis=0)[best] - 0.5
-        if (reach <= _FARTHEST).all():
+        if (reach <= LIMITS.farthest).all():
             return threshold, good, outside, roots
-        if threshold <= _LEAST_SHARE:
+        if threshold <= LIMITS.share:
             x, y = mesh.p[:, outside[reach.argmax()]]
             raise InputError(
                 f"domain: no cell lies inside by a share of {threshold:.2g} within "
-                f"{_FARTHEST:.0f} cells of ({x:.6g}, {y:.6g}); the domain is too thin for this "
-                "mesh, refine it there"
+                f"{LIMITS.farthest:.0f} cells of ({x:.6g}, {y:.6g}); the domain is too thin for "
+                "this mesh, refine it there"
             )
-        threshold = max(threshold / 2, _LEAST_SHARE)
+        threshold = max(threshold / 2, LIMITS.share)
 
 
 def _following(
@@ -386,7 +389,7 @@ def _resolved(
     its row of `follow` replaces the parameter, until only free parameters are left."""
     count = T.shape[1]
     single = np.flatnonzero(np.diff(T.indptr) == 1)
-    unit = single[np.abs(T.data[T.indptr[single]] - 1) < _ROUNDED_ONE]
+    unit = single[np.abs(T.data[T.indptr[single]] - 1) < LIMITS.rounding]
     owner = np.full(count, -1)
     owner[T.indices[T.indptr[unit]][::-1]] = unit[::-1]
     if (owner < 0).any():
@@ -405,7 +408,7 @@ def _resolved(
     )
     shift = np.where(is_outside, follow[owner] @ x0, 0.0)
     step = sp.csr_array(step)
-    for _ in range(_SQUARINGS):
+    for _ in range(60):  # each doubles the length of the chains that are resolved
         if not step[:, np.flatnonzero(is_outside)].count_nonzero():
             break
         step, shift = sp.csr_array(step @ step), step @ shift + shift

@@ -20,13 +20,11 @@ from skfem_adini.curved.cut_form_check import CutSample
 from skfem_adini.curved.quadrature.cut_quadrature import CutQuadrature, cut_quadrature
 from skfem_adini.curved.quadrature.level_set import LevelSet
 from skfem_adini.curved.quadrature.polygon import Polygon
-from skfem_adini.elements.straight_cells import reference_points, straight_corners
+from skfem_adini.elements.straight_cells import GEOMETRY, reference_points, straight_corners
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
-
-_PARALLEL = 1e-10  # slant in sides of a cell: above that of rounded coordinates
 
 
 class CutDomain:
@@ -417,7 +415,7 @@ def axis_parallel_cells(mesh: Any) -> tuple[Array, Array]:
     size = upper - lower
     off = np.minimum(corners - lower[:, None], upper[:, None] - corners) / size[:, None]
     sides = np.abs(np.roll(corners, -1, axis=1) - corners) / size[:, None]
-    if not (off.max() <= _PARALLEL and np.minimum(sides[0], sides[1]).max() <= _PARALLEL):
+    if not np.maximum(off.max(), np.minimum(sides[0], sides[1]).max()) <= GEOMETRY.slant:
         raise InputError(
             "mesh: expected axis-parallel rectangles, as MeshQuad.init_tensor gives; rotate the "
             "level set instead of the mesh"

@@ -12,17 +12,13 @@ from skfem.assembly.form.form import Form, FormExtraParams
 from skfem.element import DiscreteField
 
 from skfem_adini.assembly.local_tensors import rows_of
-from skfem_adini.assembly.pointwise_check import ROUNDING, check_pointwise, not_pointwise
+from skfem_adini.assembly.pointwise_check import TRIED, check_pointwise, not_pointwise
 from skfem_adini.elements.field_on_demand import existing_parts
 from skfem_adini.errors import InputError, NotSupported
 
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 Parts = list[Array | None]  # value, gradient, ... over (..., cells, points)
-
-_CELLS_TRIED = 4  # cells of a batch, beside those with extreme coordinates and parameters
-_POINTS_TRIED = 4  # points of each cell: a form that mixes cells or points differs at nearly all
-_FUNCTIONS_TRIED = 4  # functions of the element
 
 
 class CutSample:
@@ -40,7 +36,7 @@ class CutSample:
         """Add cells of a batch: those with extreme coordinates or parameters, and random others.
         Derivatives that the form did not use are not computed."""
         if not self._which:
-            self._which = sorted(self._rng.permutation(basis.Nbfun)[:_FUNCTIONS_TRIED])
+            self._which = sorted(self._rng.permutation(basis.Nbfun)[: TRIED.functions])
         cells, points = shape = basis.dx.shape
         fields = {**basis.default_parameters(), **parameters}
         for name, value in list(fields.items()):
@@ -48,8 +44,8 @@ class CutSample:
                 self._others[name] = fields.pop(name)
         numbers = _first_points([[np.asarray(field)] for field in fields.values()])
         chosen = np.unique([*numbers.argmin(axis=1), *numbers.argmax(axis=1),
-                            *self._rng.permutation(cells)[:_CELLS_TRIED]])  # fmt: skip
-        some = np.linspace(0, points - 1, _POINTS_TRIED).astype(int)
+                            *self._rng.permutation(cells)[:TRIED.cells]])  # fmt: skip
+        some = np.linspace(0, points - 1, TRIED.points).astype(int)
 
         def sampled(field: DiscreteField) -> Parts:
             return [
@@ -70,13 +66,13 @@ class CutSample:
             with np.errstate(all="ignore"):  # statistics of equal numbers divide by zero
                 there = rows.densities(classes, entries)
                 padded = rows.densities(
-                    classes, entries, np.append(np.arange(_POINTS_TRIED), [0, 0, 0])
+                    classes, entries, np.append(np.arange(TRIED.points), [0, 0, 0])
                 )
             found = there.sum(axis=1).reshape(rows.shape)
             check_pointwise(rows, found, rows.sizes, rows.coefficients, len(classes))
-            limit = ROUNDING * np.abs(there).max()
+            limit = TRIED.rounding * np.abs(there).max()
             if not np.allclose(
-                padded[:, :_POINTS_TRIED], there, rtol=0, atol=limit, equal_nan=True
+                padded[:, : TRIED.points], there, rtol=0, atol=limit, equal_nan=True
             ):
                 raise not_pointwise("it gives other numbers where a point comes several times")
         except NotSupported as error:
@@ -123,7 +119,7 @@ class _Rows:
         if points is not None:
             arguments, fields = ([_at(f, points) for f in some] for some in (arguments, fields))
         parameters = {**self._others, **dict(zip(self._fields, fields, strict=True))}
-        width = _POINTS_TRIED if points is None else len(points)
+        width = TRIED.points if points is None else len(points)
         try:
             density = self._form.form(*arguments, FormExtraParams(parameters))
             return np.asarray(density * np.ones((len(classes), width)))

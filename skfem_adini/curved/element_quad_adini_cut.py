@@ -22,13 +22,6 @@ Indices = NDArray[np.integer]
 # Exponents of the monomials: quadratic, then cubic ones, then Adini's x^3 y and x y^3.
 _POWERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]
 _POWERS += [(3, 1), (1, 3)]
-# Monomials, by the number of vertices inside: three conditions each, one for a point or end.
-_TERMS = {1: 6, 2: 10, 3: 12, 4: 12}
-_ARC_POINTS = {1: 1, 2: 2, 3: 1, 4: 0}  # points on the arc between the ends of the cut
-# Largest 1 / sigma_min of a cell's matrix, with entries of order 1: four digits are left.
-_SINGULAR = 1e12
-_NEARLY_SINGULAR = 1e8  # the same with eight digits left: a warning is issued
-_FACETS = ((0, 1), (1, 2), (2, 3), (0, 3))
 
 
 class UnisolvenceWarning(UserWarning):
@@ -149,7 +142,7 @@ class ElementQuadAdiniCut(ElementH1):
         for cell in np.flatnonzero(self.inside[mesh.t].any(axis=0)).tolist():
             self._solve(cell, level_set)
         worst = np.nanmax(self.unisolvence, initial=0.0)
-        if worst > _NEARLY_SINGULAR:
+        if worst > 1e8:  # with entries of order 1: eight digits are left
             warn(
                 f"the matrix of a cut cell is nearly singular (1 / sigma_min = {worst:.1e}): the "
                 "boundary is almost straight between two vertices, or almost meets one; "
@@ -205,7 +198,8 @@ class ElementQuadAdiniCut(ElementH1):
         size, lower = self.size[:, cell], self.lower[:, cell]
         if count == 2 and inside[0] == inside[2]:
             raise self._refusal(cell, "two opposite vertices are inside; refine the mesh there")
-        powers = _POWERS[: _TERMS[count]]
+        # Three conditions for each vertex inside, one for a point of the arc or an end of it.
+        powers = _POWERS[: {1: 6, 2: 10, 3: 12, 4: 12}[count]]
         rows, places, scales = [], [], []
         for k in np.flatnonzero(inside).tolist():
             p = (self.mesh.p[:, vertices[k]] - lower) / size
@@ -215,9 +209,10 @@ class ElementQuadAdiniCut(ElementH1):
                 scales.append(1.0 if d == 0 else size[d - 1])
         if count < 4:
             facets = self.mesh.t2f[:, cell]
-            cut = [k for k, (a, b) in enumerate(_FACETS) if inside[a] != inside[b]]
+            sides = ((0, 1), (1, 2), (2, 3), (0, 3))
+            cut = [k for k, (a, b) in enumerate(sides) if inside[a] != inside[b]]
             ends = [self.crossings[:, facets[k]] for k in cut]
-            arc = _points_between(ends[0], ends[1], _ARC_POINTS[count], level_set)
+            arc = _points_between(ends[0], ends[1], {1: 1, 2: 2, 3: 1}[count], level_set)
             if arc is None:
                 raise self._refusal(cell, "the curve strays from its chord; refine the mesh there")
             for point, place in zip([*ends, *arc], [*(12 + k for k in cut), 16, 17], strict=False):
@@ -226,7 +221,7 @@ class ElementQuadAdiniCut(ElementH1):
                 scales.append(1.0)
         V = np.array(rows)
         self.unisolvence[cell] = 1 / max(np.linalg.svd(V, compute_uv=False)[-1], 1e-300)
-        if not self.unisolvence[cell] <= _SINGULAR:
+        if not self.unisolvence[cell] <= 1e12:  # with entries of order 1: four digits are left
             raise self._refusal(
                 cell,
                 f"its matrix is singular (1 / sigma_min = {self.unisolvence[cell]:.1e}), as always "

@@ -18,10 +18,6 @@ from skfem_adini.elements.vertex_dofs import full_name
 from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import positive_number
 
-_MASS_SHARE = 1e-3  # weight gamma of a mass matrix over that of a stiffness matrix
-# Highest derivative whose jump is penalised: functions are cubics across an edge.
-_NORMAL_DEGREE = 3
-
 
 def ghost_penalty(
     domain: CutDomain,
@@ -103,17 +99,16 @@ def ghost_penalty(
     if facets.size == 0:
         raise InputError("domain: no facet lies between two active cells one of which is cut")
     mesh = domain.mesh
-    third = ElementQuadAdini(derivatives=_NORMAL_DEGREE)
+    third = ElementQuadAdini(derivatives=3)  # the functions are cubics across an edge
     sides = [
-        InteriorFacetBasis(mesh, third, facets=facets, side=side, intorder=2 * _NORMAL_DEGREE)
-        for side in (0, 1)
+        InteriorFacetBasis(mesh, third, facets=facets, side=side, intorder=6) for side in (0, 1)
     ]
     ends = mesh.p[:, mesh.facets[:, facets]]
     across = np.argmin(np.abs(ends[:, 1] - ends[:, 0]), axis=0)
     sizes = [np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1) for cells in mesh.f2t[:, facets]]
     extent = sum(size[across, np.arange(len(facets))] for size in sizes) / 2
     power = 2 if matrix == "mass" else 0
-    weight = gamma * (_MASS_SHARE if matrix == "mass" else 1.0)
+    weight = gamma * (1e-3 if matrix == "mass" else 1.0)
 
     def jumps(u: Any, v: Any, w: Any) -> Any:
         n = w.n

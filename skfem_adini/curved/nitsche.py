@@ -27,8 +27,6 @@ from skfem_adini.ground.arguments import pointwise, positive_number
 Array = NDArray[np.float64]
 Coefficient = float | Callable[[Array], Any]
 
-_MARGIN = 2.0  # penalty over the trace constant, definite above 1: .29 of energy and penalty remain
-
 
 def nitsche(
     boundary: Any,
@@ -175,7 +173,8 @@ def nitsche(
     fields = {"g": DiscreteField(data if vector else data[0]), **material(boundary)}
     parts = (_traction_parts, _strain_parts) if vector else (_flux_parts, _gradient_parts)
     h = np.asarray(boundary.default_parameters()["h"])
-    penalty = np.maximum(beta / h, _MARGIN * _constants(boundary, extension, material, *parts))
+    # Definite above the trace constant; above twice that .29 of energy and penalty remain.
+    penalty = np.maximum(beta / h, 2.0 * _constants(boundary, extension, material, *parts))
     fields["penalty"] = DiscreteField(penalty * np.ones(x.shape[1:]))
     pair = _elastic() if vector else _scalar()
     matrix, load = (form.assemble(boundary, **fields) for form in pair)
@@ -335,10 +334,6 @@ Indices = NDArray[np.integer]
 # Components of a density at the points of a basis, (cells, points) each: it is the sum of squares.
 Parts = Callable[[Any, Any], list[Array]]
 
-_SHIFT = 1e-12  # on the unit diagonal of the energies: above rounding, below their least eigenvalue
-_MOST_LAYERS = 4  # layers of good cells added to a patch whose good cells are not connected
-_PROBLEMS_AT_A_TIME = 1000  # eigenproblems solved together: about 20 kB each
-
 
 def trace_constants(
     boundary: Any,
@@ -416,7 +411,7 @@ def _patches(
     members = corners @ holders + _ones(places, owners, (owners.size, cells))
     rows = np.tile(np.arange(cells), len(dofs))
     depends = sp.csr_array(_ones(rows, dofs.ravel(), (cells, P.shape[0])) @ abs(P))
-    for _ in range(_MOST_LAYERS):
+    for _ in range(4):  # layers of good cells join patches whose good cells are not connected
         apart = _apart(members, depends, good)
         if not apart.size:
             break
@@ -482,8 +477,8 @@ def _largest_eigenvalues(A: sp.coo_array, B: sp.coo_array, first: Indices) -> Ar
     sizes = np.diff(first)
     for size in np.unique(sizes[sizes > 0]).tolist():
         same = np.flatnonzero(sizes == size)
-        for start in range(0, same.size, _PROBLEMS_AT_A_TIME):
-            chosen = same[start : start + _PROBLEMS_AT_A_TIME]
+        for start in range(0, same.size, 1000):  # eigenproblems at a time, about 20 kB each
+            chosen = same[start : start + 1000]
             slot = np.full(found.size, -1)
             slot[chosen] = np.arange(chosen.size)
             a, b = np.zeros((chosen.size, size, size)), np.zeros((chosen.size, height, size))
@@ -498,7 +493,7 @@ def _largest_eigenvalues(A: sp.coo_array, B: sp.coo_array, first: Indices) -> Ar
                 else:
                     local = row[kept] % rows
                 dense[at[kept], local, column[kept] - begin] = values
-            a[:, range(size), range(size)] += _SHIFT
+            a[:, range(size), range(size)] += 1e-12  # above rounding, below the least eigenvalue
             gram = b @ np.linalg.solve(a, b.swapaxes(1, 2))
             found[chosen] = np.linalg.eigvalsh((gram + gram.swapaxes(1, 2)) / 2)[:, -1]
     return found

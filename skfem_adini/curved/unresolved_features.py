@@ -14,12 +14,6 @@ from skfem_adini.ground.errors import warn
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-_POINTS_OF_A_CELL = 12  # boundary points compared in each cell, of possibly hundreds
-_MOST_COSINE_OF_NORMALS = -0.9  # points face each other if their normals are opposite to 26 degrees
-_LEAST_COSINE_AHEAD = 0.7  # and if the line between them is within 45 degrees of both normals
-_THIN_CELLS = 1.0  # in cell sizes: in a thinner domain one polynomial represents both sides
-_VERTICES_AT_A_TIME = 500  # bounds the memory of all pairs of points, (4 x 12)^2 a vertex
-
 
 def components(domain: CutDomain) -> Indices:
     """Return the component number of every vertex; active cells with a common vertex are joined."""
@@ -38,7 +32,7 @@ def warn_of_unresolved_features(domain: CutDomain) -> None:
     cells, first, count = np.unique(rule.boundary_cells, return_index=True, return_counts=True)
     if cells.size == 0:
         return
-    most = int(min(count.max(), _POINTS_OF_A_CELL))
+    most = int(min(count.max(), 12))  # boundary points compared in a cell, of possibly hundreds
     # Points spread evenly over those of the cell, repeated if there are fewer than `most`.
     chosen = first[:, None] + (np.linspace(0, 1, most) * (count - 1)[:, None]).round().astype(int)
     size = np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1)
@@ -52,12 +46,13 @@ def warn_of_unresolved_features(domain: CutDomain) -> None:
     slots = np.minimum(np.arange(most), np.diff(around.indptr)[vertices, None] - 1)
     patches = around.indices[around.indptr[vertices, None] + slots]
     said = False
-    for start in range(0, len(patches), _VERTICES_AT_A_TIME):
-        members = patches[start : start + _VERTICES_AT_A_TIME]
+    for start in range(0, len(patches), 500):  # of all pairs of points, (4 x 12)^2 a vertex
+        members = patches[start : start + 500]
         shape = 2, len(members), -1
         places = points[:, members].reshape(shape), normals[:, members].reshape(shape)
         distance = _facing(*places, inside=True)
-        thin = np.flatnonzero(distance < _THIN_CELLS * size[:, members].min(axis=(0, 2)))
+        # In a domain thinner than a cell one polynomial represents both sides.
+        thin = np.flatnonzero(distance < size[:, members].min(axis=(0, 2)))
         if thin.size and not said:
             said, here = True, thin[0]
             x, y = mesh.p[:, vertices[start + here]]
@@ -82,8 +77,9 @@ def _facing(points: Array, normals: Array, inside: bool) -> Array:
     sign = -1.0 if inside else 1.0
     between = points[:, :, None, :] - points[:, :, :, None]
     length = np.hypot(*between)
-    opposite = np.einsum("dgi,dgj->gij", normals, normals) < _MOST_COSINE_OF_NORMALS
-    ahead = sign * np.einsum("dgij,dgi->gij", between, normals) > _LEAST_COSINE_AHEAD * length
+    # Normals opposite to 26 degrees, and the line between the points within 45 of both.
+    opposite = np.einsum("dgi,dgj->gij", normals, normals) < -0.9
+    ahead = sign * np.einsum("dgij,dgi->gij", between, normals) > 0.7 * length
     found = opposite & ahead & ahead.swapaxes(1, 2)
     return np.asarray(np.where(found, length, np.inf).min(axis=(1, 2)))
 

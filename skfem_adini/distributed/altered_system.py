@@ -17,9 +17,6 @@ from skfem_adini.errors import NotConverged
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_RESTARTS = 4  # Krylov runs, each from the true residual
-_GAIN = 0.5  # a run that leaves a larger share of the residual has reached its rounding
-
 
 @dataclass(frozen=True)
 class Alteration:
@@ -186,13 +183,13 @@ class AlteredSystem:
         ksp: Any = None
         pieces: list[Any] = []
         before = np.inf
-        for _ in range(_RESTARTS + 1):
+        for _ in range(5):  # four runs of the Krylov method, each from the true residual
             rows, product = self.altered(alteration, x)
             left = right - rows
             size = self._norm(left)
             self.reference = max(self.reference, size)
-            if size <= tol * self.reference or size > _GAIN * before:
-                break
+            if size <= tol * self.reference or size > 0.5 * before:
+                break  # in the second case the last run has reached its rounding
             if ksp is None:
                 ksp, pieces = self._prepared(alteration)
             x, before = x + self._iterated(ksp, left, tol), size

@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 
 from skfem_adini.errors import AdiniError, MissingDependency
 
-# Variables in which launchers give the number of processes.
-_LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE")
-
 INSTALLING = (
     "install PETSc by one of: apt install python3-petsc4py-real python3-slepc4py-real; conda "
     "install -c conda-forge petsc4py slepc4py; or, with PETSC_DIR and SLEPC_DIR set to an "
@@ -106,7 +103,9 @@ def world() -> Any:
     >>> world().size
     1
     """
-    launched = max((int(os.environ.get(name, "1")) for name in _LAUNCHED), default=1)
+    # Variables in which launchers give the number of processes.
+    names = "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE"
+    launched = max(int(os.environ.get(name, "1")) for name in names)
     try:
         from mpi4py import MPI
     except ImportError:

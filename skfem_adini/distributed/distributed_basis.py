@@ -23,8 +23,6 @@ from skfem_adini.kept_functions import without_functions
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_AT_ONCE = 100_000  # cells assembled at once: a brick of degree three takes 300 kB
-
 
 class DistributedBasis:
     """A finite element space on the processes of a run.
@@ -209,11 +207,12 @@ class DistributedBasis:
         """
         whole: Any = None
         cells = self.basis.nelems
-        for start in range(0, cells, _AT_ONCE):
-            if cells <= _AT_ONCE:
+        step = 100_000  # cells assembled at once: a brick of degree three takes 300 kB
+        for start in range(0, cells, step):
+            if cells <= step:
                 part = assemble(form, self.basis, **parameters)
             else:
-                some = np.arange(start, min(start + _AT_ONCE, cells))
+                some = np.arange(start, min(start + step, cells))
                 part = assemble(form, self.basis.with_elements(some), **parameters)
             whole = part if whole is None else whole + part
         if isinstance(whole, np.ndarray):

@@ -20,9 +20,6 @@ Array = NDArray[np.float64]
 Method = Literal["auto", "mumps", "gamg", "hypre"]
 _log = logging.getLogger(__name__)
 
-_LARGE_IN_SPACE = 50_000  # unknowns from which multigrid beats MUMPS (benchmarks/distributed.py)
-_RESTARTS = 3  # runs of conjugate gradients, each from the true residual
-
 
 class DistributedSolver:
     """A symmetric positive definite system, factored or preconditioned once for many loads.
@@ -106,7 +103,8 @@ class DistributedSolver:
         size, dim = self.space.N, self.space.mesh.dim()
         if self.space.comm.size == 1 and not has_petsc():
             return "factorize"
-        method = "gamg" if dim == 3 and size > _LARGE_IN_SPACE else "mumps"
+        # In space multigrid beats MUMPS beyond 50,000 unknowns (benchmarks/distributed.py).
+        method = "gamg" if dim == 3 and size > 50_000 else "mumps"
         _log.info("%s for %d unknowns in %d-D", method, size, dim)
         return method
 
@@ -197,7 +195,7 @@ class DistributedSolver:
         z = np.zeros(space.basis.N)
         left, size = load, largest(space.comm, float(np.abs(load).max(initial=0.0)))
         self.iterations = 0
-        for _ in range(_RESTARTS):
+        for _ in range(3):  # runs of conjugate gradients, each from the true residual
             z += space.extended(self._apply(left))
             left = load - self._scaled @ z
             error = self._norm(left) / (self._norm(load) or 1.0)

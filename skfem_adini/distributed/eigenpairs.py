@@ -16,8 +16,6 @@ from skfem_adini.solvers.lowest_eigenpairs import warn_of_negative
 
 Array = NDArray[np.float64]
 
-_RESIDUAL = 1e-9  # relative residual of each pair, in the scaled unknowns
-
 
 def lowest_eigenpairs(
     K: DistributedMatrix,
@@ -121,7 +119,7 @@ def lowest_eigenpairs(
     for k in range(count):
         values[k] = solver.getEigenpair(k, x).real
         residual = solver.computeError(k, SLEPc.EPS.ErrorType.RELATIVE)
-        if not residual <= _RESIDUAL:
+        if not residual <= 1e-9:
             raise NotConverged(f"eigenpairs: pair {k} has the relative residual {residual:.1e}")
         vectors[space.owned[own], k] = x.getArray()
     order = np.argsort(values, kind="stable")

@@ -16,8 +16,6 @@ from skfem_adini.errors import AdiniError, InputError
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_PROBE_ERROR = 1e-6  # relative error of the complement's product with a random vector
-
 
 class MumpsSchur:
     """One parallel factorisation; the Schur complement is computed with it.
@@ -108,7 +106,7 @@ class MumpsSchur:
             lower = np.tril(block)
             upper = np.triu(block)
             for part in (lower + np.tril(block, -1).T, upper + np.triu(block, 1).T):
-                if np.abs(part @ z - exact).max() <= _PROBE_ERROR * np.abs(exact).max():
+                if np.abs(part @ z - exact).max() <= 1e-6 * np.abs(exact).max():
                     found = np.ascontiguousarray(part)
                     break
         found = self._comm.bcast(found)

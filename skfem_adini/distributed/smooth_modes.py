@@ -14,7 +14,6 @@ from skfem_adini.distributed.distributed_basis import DistributedBasis
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
-_VALUE = re.compile(r"u(_[xyz]+)?(?:\^(\d))?$")
 
 
 def smooth_modes(space: DistributedBasis) -> Array:
@@ -74,7 +73,7 @@ def _kinds(space: DistributedBasis) -> tuple[NDArray[np.int64], NDArray[np.int64
     for part in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
         rows += list(np.atleast_2d(part)) if np.size(part) else []
     for name, numbers in zip(names, rows, strict=False):
-        kind = _VALUE.match(name)
+        kind = re.match(r"u(_[xyz]+)?(?:\^(\d))?$", name)
         if kind is None:
             raise InputError(
                 f"space: dofs called {name!r} of {type(space.basis.elem).__name__} are neither "

@@ -15,13 +15,11 @@ from skfem.element import DiscreteField, ElementH1
 
 from skfem_adini.elements.field_on_demand import DERIVATIVE_NAMES, FieldOnDemand
 from skfem_adini.elements.hermite_factors import Function, derivatives, exponents
-from skfem_adini.elements.straight_cells import HexCells, QuadCells
+from skfem_adini.elements.straight_cells import GEOMETRY, HexCells, QuadCells
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 Cells = QuadCells | HexCells
-
-_MOST_DERIVATIVES = 6  # the highest order that scikit-fem's DiscreteField has
 
 
 class ClosedFormElement(ElementH1):
@@ -34,8 +32,8 @@ class ClosedFormElement(ElementH1):
 
     def __init__(self, derivatives: int = 2) -> None:
         whole = np.ndim(derivatives) == 0 and not isinstance(derivatives, bool | np.bool_)
-        if not whole or derivatives not in range(_MOST_DERIVATIVES + 1):
-            raise InputError(f"derivatives: expected 0 to {_MOST_DERIVATIVES}, got {derivatives!r}")
+        if not whole or derivatives not in range(most := len(DERIVATIVE_NAMES)):
+            raise InputError(f"derivatives: expected 0 to {most - 1}, got {derivatives!r}")
         self.derivatives = int(derivatives)
 
     def _parameters(self) -> dict[str, Any]:
@@ -201,8 +199,6 @@ def _twist_hessian(
     return total
 
 
-NEGLIGIBLE_TWIST = 1e-3  # relative to the longest side: noise of coordinates in files is far below
-
 _logger = logging.getLogger(__name__)
 # The meshes that were spoken of, by their addresses.
 _spoken_of: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
@@ -212,7 +208,7 @@ def log_twist(twist: float, cells: Any, mapping: Any, X: NDArray[np.float64]) ->
     """Log, once for a mesh, that the largest twist of its cells over their sides is not negligible.
     Points X with an axis of cells belong to facets or probes, for which nothing is logged."""
     mesh = getattr(mapping.mesh, "part_of", mapping.mesh)
-    if twist <= NEGLIGIBLE_TWIST or X.ndim > 2 or _spoken_of.get(id(mesh)) is mesh:
+    if twist <= GEOMETRY.twist or X.ndim > 2 or _spoken_of.get(id(mesh)) is mesh:
         return
     _spoken_of[id(mesh)] = mesh
     _logger.warning(

@@ -10,10 +10,8 @@ from skfem.refdom import RefQuad
 
 from skfem_adini.elements.closed_form_element import Array, ClosedFormElement
 from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, Function
-from skfem_adini.elements.straight_cells import QuadCells
+from skfem_adini.elements.straight_cells import GEOMETRY, QuadCells
 from skfem_adini.errors import InputError
-
-_PARALLEL = 1e-10  # slant in lengths of a side: above that of rounded coordinates
 
 
 class ElementQuadBFS(ClosedFormElement):
@@ -99,7 +97,7 @@ class ElementQuadBFS(ClosedFormElement):
 
     def _check(self, cells: QuadCells, mapping: Any, X: Array) -> None:
         sizes = np.abs([cells.a, cells.b])
-        slanted = sizes.min(axis=1) > _PARALLEL * sizes.max(axis=1)
+        slanted = sizes.min(axis=1) > GEOMETRY.slant * sizes.max(axis=1)
         bad = slanted.any(axis=0) | cells.c.any(axis=0)
         if bad.any():
             raise InputError(

@@ -11,9 +11,8 @@ from skfem.element import DiscreteField
 
 Array = NDArray[np.float64]
 
-# Places of the derivatives of each order in a DiscreteField's tuple.
-_PLACES = {1: 1, 2: 4, 3: 5, 4: 6, 5: 7, 6: 8}
-_ORDERS = {place: order for order, place in _PLACES.items()}
+# Orders of the derivatives by their places in a DiscreteField's tuple.
+_ORDERS = {1: 1, 4: 2, 5: 3, 6: 4, 7: 5, 8: 6}
 DERIVATIVE_NAMES = ("value", "grad", "hess", "grad3", "grad4", "grad5", "grad6")
 
 
@@ -59,13 +58,13 @@ class FieldOnDemand(DiscreteField):
 
     def get(self, n: int) -> Any:
         """Return entry n of the tuple, None for derivatives beyond `most`."""
-        if _ORDERS.get(n, 0) > self.__dict__.get("most", max(_PLACES)):
+        if _ORDERS.get(n, 0) > self.__dict__.get("most", max(_ORDERS.values())):
             return None
         return super().get(n)
 
     def zeros(self) -> FieldOnDemand:
         """Return the same field with all entries zero."""
-        most = self.__dict__.get("most", max(_PLACES))
+        most = self.__dict__.get("most", max(_ORDERS.values()))
         gradient = None if self.get(1) is None else np.zeros_like(self.get(1))
         read = self._zero
         return FieldOnDemand(np.zeros_like(np.asarray(self)), gradient, most, read)

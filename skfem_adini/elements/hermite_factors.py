@@ -16,8 +16,6 @@ Factor = tuple[tuple[float, ...], tuple[float, ...]]
 # A sum of products, one factor for each coordinate.
 Function = tuple[tuple[Factor, ...], ...]
 
-LINEAR: Factor = ((1.0, -1.0), (0.0, 1.0))
-BUBBLE: Factor = ((0.0, 1.0, -3.0, 2.0), (0.0, -1.0, 3.0, -2.0))
 HERMITE: Factor = ((1.0, 0.0, -3.0, 2.0), (0.0, 0.0, 3.0, -2.0))
 SLOPE: Factor = ((0.0, 1.0, -2.0, 1.0), (0.0, 0.0, -1.0, 1.0))
 
@@ -26,9 +24,11 @@ def adini_functions(dim: int) -> tuple[Function, ...]:
     r"""Return Adini's functions of one vertex: that of u, then those of the derivatives.
     :math:`N = \prod_i L(X_i) + \sum_i B(X_i) \prod_{j \ne i} L(X_j)`, :math:`H_i = S(X_i)
     \prod_{j \ne i} L(X_j)`."""
-    plain = (LINEAR,) * dim
+    linear: Factor = ((1.0, -1.0), (0.0, 1.0))
+    bubble: Factor = ((0.0, 1.0, -3.0, 2.0), (0.0, -1.0, 3.0, -2.0))
+    plain = (linear,) * dim
     bubbles, slopes = (
-        [(*plain[:i], factor, *plain[i + 1 :]) for i in range(dim)] for factor in (BUBBLE, SLOPE)
+        [(*plain[:i], factor, *plain[i + 1 :]) for i in range(dim)] for factor in (bubble, SLOPE)
     )
     return ((plain, *bubbles), *((slope,) for slope in slopes))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,15 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-_STRAIGHT = 1e-10  # distance of a node from the middle, in sizes of a cell: above rounding in files
+
+class _Geometry(NamedTuple):  # what counts as straight, parallel or degenerate
+    node: float = 1e-10  # its distance from the middle, in sizes of a cell: above rounding in files
+    slant: float = 1e-10  # in lengths of a side: above that of rounded coordinates
+    twist: float = 1e-3  # in longest sides: noise of coordinates in files is far below
+    sine: float = 1e-12  # of the angle of two sides: a smaller one leaves less than four digits
+
+
+GEOMETRY = _Geometry()
 
 
 def straight_corners(mesh: Any, tind: NDArray[np.integer] | None) -> Array:
@@ -28,7 +36,7 @@ def straight_corners(mesh: Any, tind: NDArray[np.integer] | None) -> Array:
     corners = p[:count]
     if len(nodes) > count:
         size = np.ptp(corners, axis=0).max(axis=0)
-        allowed = _STRAIGHT * size + 16 * np.finfo(float).eps * np.abs(mesh.doflocs).max()
+        allowed = GEOMETRY.node * size + 16 * np.finfo(float).eps * np.abs(mesh.doflocs).max()
         places = np.asarray(mesh.elem().doflocs)
         middle = np.einsum("nk,kdc->ndc", _corner_weights(places[count:], places[:count]), corners)
         off = np.abs(p[count:] - middle).max(axis=(0, 1))
@@ -48,9 +56,6 @@ def _corner_weights(places: Array, corners: Array) -> Array:
     """Return the (multi)linear functions of the corners at reference points, (points, corners)."""
     near = 1 - np.abs(places[:, None] - corners[None])
     return np.asarray(near.prod(axis=2))
-
-
-SMALLEST_SINE = 1e-12  # of the angle of two sides: below it the Jacobian has less than four digits
 
 
 @dataclass(frozen=True)
@@ -121,7 +126,7 @@ class QuadCells:
         lengths = np.array([[np.hypot(*u), np.hypot(*v)] for u, v in corners])
         areas = np.array([u[0] * v[1] - v[0] * u[1] for u, v in corners])
         orientation = np.sign(areas.sum(axis=0))
-        convex = (areas * orientation > SMALLEST_SINE * lengths.prod(axis=1)).all(axis=0)
+        convex = (areas * orientation > GEOMETRY.sine * lengths.prod(axis=1)).all(axis=0)
         if not convex.all():
             bad = np.flatnonzero(~convex)
             raise InputError(
@@ -133,7 +138,6 @@ class QuadCells:
 
 
 _OTHER_AXES = ((1, 2), (2, 0), (0, 1))
-_FINE_STEPS = 8  # parts of a cell in each direction for a second bound of its Jacobian
 
 
 @dataclass(frozen=True)
@@ -206,10 +210,10 @@ class HexCells:
         lengths = np.array([[np.sqrt(_dot(t, t)) for t in corner] for corner in corners])
         volumes = np.array([_dot(t[0], _cross(t[1], t[2])) for t in corners])
         sign = np.sign(volumes.sum(axis=0))
-        valid = (volumes * sign > SMALLEST_SINE * lengths.prod(axis=1)).all(axis=0)
+        valid = (volumes * sign > GEOMETRY.sine * lengths.prod(axis=1)).all(axis=0)
         if not self.affine:
             doubtful = np.flatnonzero(valid)
-            for steps in (1, _FINE_STEPS):
+            for steps in (1, 8):
                 least = self._least_volume(doubtful, sign[doubtful], steps)
                 valid[doubtful] = least > 0
                 doubtful = doubtful[least <= 0]

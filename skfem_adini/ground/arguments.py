@@ -15,8 +15,6 @@ from skfem_adini.ground.errors import InputError
 Array = NDArray[Any]
 Numbers = NDArray[np.float64]
 Hidden = NDArray[np.bool_] | None
-_MORE_PLACES = 6  # points tried beside the outermost ones
-_ROUNDING = 1e-11  # relative to the largest value: vector instructions round differently
 
 
 def shown(value: Any) -> str:
@@ -313,7 +311,7 @@ def _check(name: str, function: Callable[[Array], Any], x: Array, value: Any) ->
         return
     vectors = 1 if len(shape) == 1 else 0  # at a list of places one row is one vector for all
     field = found.ndim >= len(shape) + vectors and found.shape[-len(shape) :] == shape
-    limit = _ROUNDING * np.abs(found).max(initial=0.0)
+    limit = 1e-11 * np.abs(found).max(initial=0.0)  # vector instructions round differently
     for place in _places(x.reshape(len(x), -1)):
         at: Any = tuple(slice(i, i + 1) for i in np.unravel_index(place, shape))
         try:
@@ -328,7 +326,7 @@ def _check(name: str, function: Callable[[Array], Any], x: Array, value: Any) ->
 
 
 def _places(x: Array) -> NDArray[np.integer]:
-    others = np.random.default_rng(0).permutation(x.shape[1])[:_MORE_PLACES]
+    others = np.random.default_rng(0).permutation(x.shape[1])[:6]
     return np.unique(np.concatenate((x.argmin(axis=1), x.argmax(axis=1), others)))
 
 

@@ -8,11 +8,6 @@ import warnings
 from importlib import import_module
 from typing import Any
 
-# How NumPy shows its numbers, alone or in a tuple; what is said is the number.
-_NUMPY_SCALAR = re.compile(
-    r"\bnp\.(?:(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)|(True|False)_)"
-)
-
 
 class AdiniError(Exception):
     """Base class of every error raised on purpose; copies and pickles keep all of it.
@@ -31,7 +26,10 @@ class AdiniError(Exception):
     """
 
     def __str__(self) -> str:
-        return _NUMPY_SCALAR.sub(r"\1\2", str(self.args[0]) if self.args else "")
+        # Numbers alone, without NumPy's names of their types.
+        scalar = r"(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)"
+        shown = str(self.args[0]) if self.args else ""
+        return re.sub(rf"\bnp\.(?:{scalar}|(True|False)_)", r"\1\2", shown)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (type(self), self.args, self.__dict__)
@@ -214,12 +212,10 @@ def optional(name: str, message: str) -> Any:
         raise MissingDependency(message) from error
 
 
-_PASSED = {"skfem_adini", "contact", "cip", "gpu", "contextlib", "functools"}
-
-
 def warn(message: str, category: type[Warning]) -> None:
     """Issue a warning that points at the line which called one of our packages."""
+    passed = {"skfem_adini", "contact", "cip", "gpu", "contextlib", "functools"}
     depth, frame = 2, sys._getframe(1)
-    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _PASSED:
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in passed:
         depth, frame = depth + 1, frame.f_back
     warnings.warn(message, category, stacklevel=depth)

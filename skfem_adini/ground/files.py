@@ -17,9 +17,6 @@ try:
 except ImportError:  # not a POSIX system
     _fcntl = None
 
-_UNFINISHED = re.compile("tmp[0-9a-f]{32}")
-_NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EPERM, errno.EBADF)
-
 
 @contextmanager
 def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]:
@@ -55,7 +52,7 @@ def remove_unfinished(folder: Path) -> None:
     """Remove temporary files of a `complete_file` that killed processes left in a folder.
     Files that are still being written are locked, and stay; without file locks all stay."""
     for path in folder.iterdir():
-        if not _UNFINISHED.fullmatch(path.name):
+        if not re.fullmatch("tmp[0-9a-f]{32}", path.name):
             continue
         flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         try:
@@ -110,7 +107,8 @@ def _sync_folder(folder: Path) -> None:
         finally:
             os.close(descriptor)
     except OSError as error:
-        if error.errno not in _NO_FOLDER_SYNC:
+        unable = errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EPERM, errno.EBADF
+        if error.errno not in unable:
             raise
 
 

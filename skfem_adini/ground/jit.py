@@ -20,7 +20,7 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from types import FunctionType
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -35,10 +35,14 @@ Widths = Any
 
 # Of kernels: allow fused multiply-add, as on the device, and no other change of operations.
 _ARITHMETIC = {"error_model": "numpy", "fastmath": {"contract"}}
-# A part of the name of every kernel from generated source, and how many of their cache files are
-# left on disk: those of about a hundred formulas.
-_GENERATED = "_generated_"
-_KEPT = 600
+
+
+class _Generated(NamedTuple):  # kernels from generated source in the cache on disk
+    mark: str = "_generated_"  # part of their names
+    kept: int = 600  # newest files that stay: those of about a hundred formulas
+
+
+GENERATED = _Generated()
 
 
 def compiled(
@@ -90,9 +94,6 @@ def loop_over(function: Callable[..., Any], **kernels: Any) -> Any:
     return loop(copy)
 
 
-_BEYOND = 10_000
-
-
 def generated(source: str, names: Sequence[str], namespace: dict[str, Any], home: str) -> Any:
     """Compile kernels from generated source and cache them on disk under the hash of the source.
 
@@ -102,10 +103,10 @@ def generated(source: str, names: Sequence[str], namespace: dict[str, Any], home
     label = sha256(source.encode()).hexdigest()[:20]
     # Numbers of lines that `home` does not have: numba would take its lines for the source, and
     # Python 3.12 refuses to read lines that begin in the middle of a string.
-    exec(compile("\n" * _BEYOND + source, str(sys.modules[home].__file__), "exec"), namespace)
+    exec(compile("\n" * 10_000 + source, str(sys.modules[home].__file__), "exec"), namespace)
     for name in names:
         function = namespace[name]
-        function.__name__ = function.__qualname__ = f"{name}{_GENERATED}{label}"
+        function.__name__ = function.__qualname__ = f"{name}{GENERATED.mark}{label}"
         function.__module__ = home
         namespace[name] = kernel(function)
     return namespace[names[-1]]
@@ -121,7 +122,7 @@ def _kept(function: Callable[..., Any], **options: Any) -> Any:
     with suppress(RuntimeError, AttributeError):
         result.enable_caching()
         _forgive(result._cache)
-        if _GENERATED in function.__name__:
+        if GENERATED.mark in function.__name__:
             _forget_old(Path(result._cache.cache_path))
     return result
 
@@ -161,8 +162,8 @@ def _forgive(kept: Any) -> None:
 def _forget_old(folder: Path) -> None:
     """Delete all cache files of generated kernels except the newest, as formulas may be many."""
     with suppress(OSError):
-        files = sorted(folder.glob(f"*{_GENERATED}*.nb?"), key=lambda file: file.stat().st_mtime)
-        for file in files[:-_KEPT]:
+        files = sorted(folder.glob(f"*{GENERATED.mark}*.nb?"), key=lambda f: f.stat().st_mtime)
+        for file in files[: -GENERATED.kept]:
             file.unlink(missing_ok=True)
 
 

@@ -45,8 +45,6 @@ Indices = NDArray[np.integer]
 Fields = Array | Mapping[str, Array]
 Step = tuple[float, Fields] | tuple[float, Fields, Mapping[str, Any]]
 
-_DEFAULT_SUBDIVISION = 4  # linear parts of a side: 1/16 of the error of one chord
-
 
 def to_pyvista(
     basis: Any,
@@ -260,7 +258,7 @@ def _pattern(basis: Any, subdivide: int | None) -> tuple[CellPattern, bool]:
         exact = lagrange_pattern(mesh.refdom, max(degree, geometry))
         if exact is not None:
             return exact, True
-    steps = _DEFAULT_SUBDIVISION if subdivide is None else subdivide
+    steps = 4 if subdivide is None else subdivide  # 1/16 of the error of one chord
     return linear_pattern(mesh.refdom, steps), continuous
 
 
@@ -274,7 +272,9 @@ def _oriented(basis: Any, pattern: CellPattern, tind: Indices) -> Array:
 
 def _vertex_weights(basis: Any, X: Array) -> Array:
     """Return the (multi)linear vertex functions at X, (vertices of a cell, cells, points)."""
-    linear = LINEAR_ELEMENT[basis.mesh.refdom]()
+    linear = {
+        RefTri: ElementTriP1, RefQuad: ElementQuad1, RefTet: ElementTetP1, RefHex: ElementHex1
+    }[basis.mesh.refdom]()  # fmt: skip
     return np.array([linear.lbasis(X, k)[0] for k in range(basis.mesh.refdom.nnodes)])
 
 
@@ -355,30 +355,6 @@ def _components(values: Array) -> Array:
     return values.T
 
 
-# Degree of the Lagrange cell that contains the functions of an element.
-_DEGREE: dict[type[Element], int] = {
-    ElementTriP1: 1,
-    ElementTriP2: 2,
-    ElementQuad1: 1,
-    ElementQuad2: 2,
-    ElementQuadS2: 2,
-    ElementTetP1: 1,
-    ElementTetP2: 2,
-    ElementHex1: 1,
-    ElementHex2: 2,
-    ElementHexAdini: 3,
-    ElementQuadAdini: 3,
-    ElementQuadBFS: 3,
-    ScikitFemBFS: 3,
-}
-
-LINEAR_ELEMENT: dict[Any, type[Element]] = {
-    RefTri: ElementTriP1,
-    RefQuad: ElementQuad1,
-    RefTet: ElementTetP1,
-    RefHex: ElementHex1,
-}
-
 # Numbers of the VTK cell types by reference cell and degree (vtkCellType.h).
 _VTK_TYPE: dict[Any, int] = {
     (RefTri, 1): 5,
@@ -406,7 +382,12 @@ class CellPattern:
 
 def exact_degree(elem: Element) -> int | None:
     """Return the degree of the Lagrange cell that contains a continuous element, else None."""
-    return _DEGREE.get(type(elem))
+    families = (  # of degree 1, 2 and 3
+        (ElementTriP1, ElementQuad1, ElementTetP1, ElementHex1),
+        (ElementTriP2, ElementQuad2, ElementQuadS2, ElementTetP2, ElementHex2),
+        (ElementHexAdini, ElementQuadAdini, ElementQuadBFS, ScikitFemBFS),
+    )
+    return next((k for k, family in enumerate(families, 1) if type(elem) in family), None)
 
 
 def lagrange_pattern(refdom: Any, degree: int) -> CellPattern | None:

@@ -22,6 +22,7 @@ from skfem_adini.errors import AdiniError, InputError
 from skfem_adini.ground.arrays import host
 from skfem_adini.solvers.cudss_handles import CudssHandles, on_device, permutation
 from skfem_adini.solvers.cudss_library import (
+    CODES,
     chosen_devices,
     device_arrays,
     failed,
@@ -33,11 +34,7 @@ Array = NDArray[np.float64]
 Blocks = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]  # of a `DissectionTree`
 Order = ArrayLike | Blocks | Callable[[], Blocks | None] | None
 
-# cuDSS's numbers (cudss_data_types.h of version 1.0; those of 0.x differ).
-_REFINEMENTS, _HYBRID_MEMORY, _MEMORY_LIMIT, _LEVELS, _DETERMINISTIC = 5, 11, 12, 17, 24
-_INFO, _FILL, _ORDER, _TREE = 0, 1, 9, 21
-ANALYSIS, FACTORISATION, REFACTORISATION, SOLUTION = 0b11, 0b100, 0b1000, 0b11_1111_0000
-_CORRECTIONS = 2  # by the residual, as many as PARDISO makes; deterministic cuDSS makes none
+
 _TOGETHER = 32  # loads that are on the device at a time
 
 
@@ -70,7 +67,7 @@ class CudssMatrix:
                 on_host_alone(A), definite, deterministic, order, hybrid_memory, devices
             )  # fmt: skip
             self._prepare(order)
-            self._factor(ANALYSIS, FACTORISATION)
+            self._factor(CODES.analysis, CODES.factorisation)
             self._used = tuple(b - a for b, a in zip(before, self._free(xp), strict=True))
             weakref.finalize(self, self._cudss.release, opened.pop_all())
 
@@ -82,12 +79,12 @@ class CudssMatrix:
         with self._lock, self._home():
             self._cudss.set_values(self._triangle.values(A))
             self._given = A, *self._given[1:]
-            self._factor(REFACTORISATION)
+            self._factor(CODES.refactorisation)
 
     def statistics(self) -> dict[str, Any]:
         """Entries of the factors, and cuDSS's estimates of the most bytes on device and host.
         "used" is what the matrix and its factors took of the memory of each device."""
-        entries = self._cudss.get(_FILL, ctypes.c_int64()).value
+        entries = self._cudss.get(CODES.fill, ctypes.c_int64()).value
         return {"entries": entries, **memory(self._cudss), "used": self._used}
 
     def _free(self, xp: Any) -> list[int]:
@@ -101,29 +98,29 @@ class CudssMatrix:
     def _settings(self) -> dict[int, Any]:
         """Return the settings of cuDSS by their numbers."""
         settings: dict[int, Any] = {
-            _REFINEMENTS: ctypes.c_int(0),
-            _DETERMINISTIC: ctypes.c_int(self._deterministic),
+            CODES.refinements: ctypes.c_int(0),
+            CODES.deterministic: ctypes.c_int(self._deterministic),
         }
         if self._hybrid:
-            settings[_HYBRID_MEMORY] = ctypes.c_int(1)
+            settings[CODES.hybrid_memory] = ctypes.c_int(1)
             # cuDSS takes the whole device for free unless it is told a limit.
             free = free_memory(device_arrays())
             limit = self._hybrid if self._hybrid is not True else free and free - self._more_bytes()
             if limit is not None:
-                settings[_MEMORY_LIMIT] = ctypes.c_int64(max(limit, 1))
+                settings[CODES.memory_limit] = ctypes.c_int64(max(limit, 1))
         return settings
 
     def _prepare(self, order: Any) -> None:
         """Hand over what else the analysis needs, an order above all."""
         if not isinstance(order, tuple):
             if order is not None:
-                self._cudss.put(_ORDER, order)
+                self._cudss.put(CODES.order, order)
             return
         tree = DissectionTree(*order)
         if tree.separates(self._cudss.xp, *self._cudss.triangle[:2]):
-            self._cudss.put(_ORDER, permutation(tree.order, self._n))
-            self._cudss.put(_TREE, tree.sizes.astype(np.int32))
-            self._cudss.configure(_LEVELS, ctypes.c_int(tree.levels))
+            self._cudss.put(CODES.order, permutation(tree.order, self._n))
+            self._cudss.put(CODES.tree, tree.sizes.astype(np.int32))
+            self._cudss.configure(CODES.levels, ctypes.c_int(tree.levels))
 
     def _factor(self, *phases: int) -> None:
         self._factored = False
@@ -131,9 +128,9 @@ class CudssMatrix:
             b, x = self._cudss.columns(columns, 1)[1::2]
             for phase in phases:
                 self._cudss.execute(phase, x, b, long=True)
-                if phase == ANALYSIS:
+                if phase == CODES.analysis:
                     check_memory(self._cudss, bool(self._hybrid), self._more_bytes(), self._devices)
-        if pivot := self._cudss.get(_INFO, ctypes.c_int(0)).value:
+        if pivot := self._cudss.get(CODES.info, ctypes.c_int(0)).value:
             raise failed("cudssExecute", pivot, pivot=True)
         self._factored = True
 
@@ -191,7 +188,8 @@ class Cudss(CudssMatrix):
 
     def solve(self, b: Array) -> Array:
         """Return the solution for one load (n,) or several (n, loads)."""
-        return self._solutions(b, _CORRECTIONS)
+        # As many corrections as PARDISO makes; deterministic cuDSS makes none of its own.
+        return self._solutions(b, 2)
 
     def once(self, b: Array) -> Array:
         """Return what the factors alone make of loads (n,) or (n, loads), without corrections."""
@@ -208,7 +206,7 @@ class Cudss(CudssMatrix):
                 part = xp.asarray(np.ascontiguousarray(some[:, i : i + _TOGETHER].T))
                 whole = xp.zeros((len(part), self._n))
                 whole[:, chosen] = part
-                x = self._corrected(whole, _CORRECTIONS if corrected else 0)
+                x = self._corrected(whole, 2 if corrected else 0)
                 found[:, i : i + _TOGETHER] = host(x[:, chosen]).T
         return found.reshape(loads.shape)
 
@@ -225,13 +223,13 @@ class Cudss(CudssMatrix):
     def _corrected(self, loads: Any, corrections: int) -> Any:
         """Return solutions for loads (count, n), corrected while their residuals fall."""
         xp, together = self._cudss.xp, 1 if self._deterministic else len(loads)
-        x = self._executed(SOLUTION, loads, together)
+        x = self._executed(CODES.solution, loads, together)
         if not corrections:
             return x
         A = self._product = self._product or DeviceProduct(xp, *self._cudss.triangle)
         residual = loads - A @ x
         for _ in range(corrections):
-            corrected = x + self._executed(SOLUTION, residual, together)
+            corrected = x + self._executed(CODES.solution, residual, together)
             left = loads - A @ corrected
             falls = abs(left).max(axis=1) < abs(residual).max(axis=1)
             if not bool(falls.any()):
@@ -254,7 +252,7 @@ class Cudss(CudssMatrix):
                 part = slice(*rows.indptr[[i, min(i + together, k)]].tolist())
                 load.fill(0.0)
                 load[xp.asarray(row[part] - i), places[part]] = values[part]
-                self._cudss.execute(SOLUTION, x, b)
+                self._cudss.execute(CODES.solution, x, b)
                 moved[i : i + together] = left[: k - i, kept]
             R[xp.asarray(row), xp.asarray(at)] = values
             product = moved @ R.T
@@ -287,15 +285,6 @@ class DissectionTree(NamedTuple):
         row, column = of[xp.searchsorted(starts[1:], entries, side="right")], of[columns]
         upper, lower = xp.minimum(row, column), xp.maximum(row, column)
         return bool((lower >> (depth[lower] - depth[upper]) == upper).all())
-
-
-# Of one row, in the order of its entries: equal calls give equal bits.
-_ROW = """
-double sum = 0.0;
-for (int k = first; k < last; ++k) sum += upper[k] * x[columns[k]];
-for (int k = begin; k < end; ++k) sum += lower[k] * x[rows[k]];
-y = sum;
-"""
 
 
 class DeviceProduct:
@@ -338,15 +327,13 @@ def _kernel() -> Any:
         "int32 first, int32 last, int32 begin, int32 end, raw int32 columns, raw float64 upper, "
         "raw int32 rows, raw float64 lower, raw float64 x",
         "float64 y",
-        _ROW,
+        # In the order of the entries, so that equal calls give equal bits.
+        "double sum = 0.0;"
+        "for (int k = first; k < last; ++k) sum += upper[k] * x[columns[k]];"
+        "for (int k = begin; k < end; ++k) sum += lower[k] * x[rows[k]];"
+        "y = sum;",
         "skfem_adini_symmetric_row",
     )
-
-
-# cuDSS's number of the estimates, how many they are, and which of them are the largest use of the
-# device, that of the host, and the least use of the device in hybrid mode.
-_ESTIMATES, _COUNT = 13, 16
-_PEAK, _HOST, _HYBRID = 1, 3, 4
 
 
 def check_memory(
@@ -355,8 +342,8 @@ def check_memory(
     """After the analysis: raise `SolverError` if the factors and `more` bytes do not fit.
     With several devices the free memory of all of them counts."""
     estimates = _estimates(cudss)
-    least = int(estimates[_HYBRID]) + more
-    needed = least if hybrid else int(estimates[_PEAK]) + more
+    least = int(estimates[CODES.hybrid_least]) + more
+    needed = least if hybrid else int(estimates[CODES.peak]) + more
     if devices is None and needed <= _unused(cudss.xp):
         return
     each = free_memories(cudss.xp, devices)
@@ -370,11 +357,11 @@ def check_memory(
 def memory(cudss: Any) -> dict[str, int]:
     """The most bytes of the device and of the host, after the analysis."""
     estimates = _estimates(cudss)
-    return {"device": int(estimates[_PEAK]), "host": int(estimates[_HOST])}
+    return {"device": int(estimates[CODES.peak]), "host": int(estimates[CODES.host_peak])}
 
 
 def _estimates(cudss: Any) -> Any:
-    return cudss.get(_ESTIMATES, (ctypes.c_int64 * _COUNT)())
+    return cudss.get(CODES.estimates, (ctypes.c_int64 * 16)())
 
 
 def _unused(xp: Any) -> int:
@@ -403,12 +390,6 @@ def free_memory(xp: Any) -> int | None:
     return int(xp.cuda.runtime.memGetInfo()[0])
 
 
-# cuDSS's numbers (cudss_data_types.h of version 1.0).
-_SCHUR_MODE = 23
-_MARKS, _SHAPE, _COMPLEMENT = 18, 19, 20
-FORWARD, BACKWARD = 0b11_0000, 0b1_1000_0000
-
-
 class CudssSchur(CudssMatrix):
     """Factors of the unknowns that are not chosen, and the dense Schur complement of the chosen.
     Not deterministic: in that mode cuDSS 1.0 leaves out terms of the complement without an
@@ -435,11 +416,11 @@ class CudssSchur(CudssMatrix):
     def forward(self, load: Any) -> Any:
         """Eliminate a load (n,) on host or device: its last k entries are the chosen unknowns'.
         The result, like that of `backward`, lies on the device, in an order of cuDSS."""
-        return self._one(FORWARD, load)
+        return self._one(CODES.forward, load)
 
     def backward(self, halfway: Any) -> Any:
         """Solve for all unknowns (n,) after `forward`, values of the chosen ones in the last k."""
-        return self._one(BACKWARD, halfway)
+        return self._one(CODES.backward, halfway)
 
     def _one(self, phase: int, load: Any) -> Any:
         """Return what a phase makes of one load (n,)."""
@@ -447,22 +428,22 @@ class CudssSchur(CudssMatrix):
             return self._executed(phase, self._cudss.xp.asarray(load)[None], 1)[0]
 
     def _settings(self) -> dict[int, Any]:
-        return {**super()._settings(), _SCHUR_MODE: ctypes.c_int(1)}
+        return {**super()._settings(), CODES.schur_mode: ctypes.c_int(1)}
 
     def _prepare(self, order: Any) -> None:
-        self._cudss.put(_MARKS, self._marks)
+        self._cudss.put(CODES.chosen, self._marks)
         super()._prepare(order)
 
     def _more_bytes(self) -> int:
         return 8 * self._count**2
 
     def _complement(self) -> Any:
-        shape = self._cudss.get(_SHAPE, (ctypes.c_int64 * 3)())
+        shape = self._cudss.get(CODES.schur_shape, (ctypes.c_int64 * 3)())
         if tuple(shape)[:2] != (self._count, self._count):
             raise AssertionError(
                 f"cuDSS: a Schur complement of {tuple(shape)[:2]}, not {self._count}"
             )
         S = self._cudss.xp.zeros((self._count, self._count))
         with ExitStack() as opened:
-            self._cudss.get(_COMPLEMENT, self._cudss.dense(opened, S))
+            self._cudss.get(CODES.schur, self._cudss.dense(opened, S))
         return S

@@ -15,17 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.errors import AdiniError, InputError
 from skfem_adini.solvers.cudss_library import (
+    CODES,
     device_arrays,
     failed,
     load_cudss,
     threading_layer,
 )
-
-# cuDSS's numbers (cudss_data_types.h of version 1.0; those of 0.x differ) and CUDA's data types.
-_INT32, _FLOAT64 = 10, 1
-_SYMMETRIC, _SPD = 1, 3
-_UPPER, _ZERO_BASED, _COLUMN_MAJOR = 2, 0, 0
-_INTERRUPT, _DEVICES, _WHICH = 23, 21, 22
 
 
 class CudssHandles:
@@ -47,7 +42,8 @@ class CudssHandles:
         numbers: tuple[Any, ...] = ()
         if devices is not None:
             create, numbers = "cudssCreateMg", (len(devices), _numbers(devices))
-            settings = {**settings, _DEVICES: ctypes.c_int(len(devices)), _WHICH: numbers[1]}
+            count = ctypes.c_int(len(devices))
+            settings = {**settings, CODES.devices: count, CODES.device_numbers: numbers[1]}
         self._handle = self.create(opened, create, "cudssDestroy", *numbers)
         layer = threading_layer()
         if layer is not None:
@@ -60,12 +56,13 @@ class CudssHandles:
         opened.callback(self.library.cudssDataDestroy, self._handle, self._data)
         n, nnz = ctypes.c_int64(self.n), ctypes.c_int64(len(data))
         pointers = (pointer(indptr), None, pointer(indices), pointer(data))
-        types = (_INT32, _INT32, _FLOAT64, _SPD if definite else _SYMMETRIC, _UPPER, _ZERO_BASED)
+        kind = CODES.definite if definite else CODES.symmetric
+        types = CODES.int32, CODES.int32, CODES.float64, kind, CODES.upper, CODES.zero_based
         self._matrix = self.create(
             opened, "cudssMatrixCreateCsr", "cudssMatrixDestroy", n, n, nnz, *pointers, *types
         )
         if devices is None:  # cuDSS supports no interrupt of several devices
-            self.put(_INTERRUPT, self._flag)
+            self.put(CODES.interrupt, self._flag)
 
     def here(self) -> None:
         """Raise in a forked process, which has no device."""
@@ -99,7 +96,7 @@ class CudssHandles:
     def dense(self, opened: ExitStack, array: Any) -> Any:
         """Return a handle of a row-major array as its transpose."""
         columns, rows = (ctypes.c_int64(size) for size in array.shape)
-        layout = (rows, columns, rows, pointer(array), _FLOAT64, _COLUMN_MAJOR)
+        layout = (rows, columns, rows, pointer(array), CODES.float64, CODES.column_major)
         return self.create(opened, "cudssMatrixCreateDn", "cudssMatrixDestroy", *layout)
 
     def create(self, opened: ExitStack, create: str, destroy: str, *data: Any) -> Any:
@@ -152,9 +149,6 @@ class CudssHandles:
             raise failed(name, status)
 
 
-_PAUSE = 0.05  # seconds between checks for signals: one just before a wait does not end it
-
-
 def in_a_thread(work: Callable[[], None], interrupt: Callable[[bool], None]) -> None:
     """Run long work of a library so that Python handles signals meanwhile.
     At Ctrl-C the work is told to end, and has ended when KeyboardInterrupt leaves this function."""
@@ -175,7 +169,7 @@ def in_a_thread(work: Callable[[], None], interrupt: Callable[[bool], None]) -> 
         threading.Thread(target=whole, daemon=True).start()
         begin.set()
         while not result.done():
-            wait([result], _PAUSE)
+            wait([result], 0.05)  # seconds: a signal just before a wait does not end it
         result.result()
     except KeyboardInterrupt:
         interrupt(True)

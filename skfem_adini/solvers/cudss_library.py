@@ -8,27 +8,43 @@ import importlib
 import importlib.util
 import operator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from skfem_adini.errors import InputError, MissingDependency, SolverError
 from skfem_adini.ground.errors import optional
 
-_VERSION = 1  # major version whose numbers the bindings use; those of 0.x differ
-_STATUSES = (
-    *("success", "not initialized", "allocation failed", "invalid value", "not supported"),
-    *("execution failed", "internal error", "refinement failed"),
-)
-_ALLOCATION_FAILED = 2
-_LESS = "take fewer unknowns to keep, hybrid_memory=True, or solver='pardiso' on the host"
+CODES = SimpleNamespace(  # of cuDSS 1.0 (cudss_data_types.h); those of 0.x differ
+    version=1, allocation_failed=2, int32=10, float64=1,
+    # Kinds of matrices: both triangles are equal, or also definite; the upper one is given.
+    symmetric=1, definite=3, upper=2, zero_based=0, column_major=0,
+    # Settings.
+    refinements=5, hybrid_memory=11, memory_limit=12, levels=17, devices=21, device_numbers=22,
+    schur_mode=23, deterministic=24,
+    # Data, and which of the 16 estimates are the peak on the device, that on the host, and the
+    # least use of the device in hybrid mode.
+    info=0, fill=1, order=9, estimates=13, chosen=18, schur_shape=19, schur=20, tree=21,
+    interrupt=23, peak=1, host_peak=3, hybrid_least=4,
+    # Phases.
+    analysis=0b11, factorisation=0b100, refactorisation=0b1000, solution=0b11_1111_0000,
+    forward=0b11_0000, backward=0b1_1000_0000,
+)  # fmt: skip
 _MISSING = "cuDSS needs CuPy and nvidia-cudss-cu13: pip install 'skfem-adini[cudss]'"
 
 
 def failed(call: str, status: int, pivot: bool = False) -> SolverError:
     """The error of a call of cuDSS that returned this status."""
-    known = 0 <= status < len(_STATUSES)
-    text = "a pivot is zero or not positive" if pivot else _STATUSES[status] if known else "unknown"
-    if status == _ALLOCATION_FAILED and not pivot:
-        text += f"; the factors do not fit into the memory of the device; {_LESS}"
+    texts = (
+        *("success", "not initialized", "allocation failed", "invalid value", "not supported"),
+        *("execution failed", "internal error", "refinement failed"),
+    )
+    known = 0 <= status < len(texts)
+    text = "a pivot is zero or not positive" if pivot else texts[status] if known else "unknown"
+    if status == CODES.allocation_failed and not pivot:
+        text += (
+            "; the factors do not fit into the memory of the device; take fewer unknowns to keep, "
+            "hybrid_memory=True, or solver='pardiso' on the host"
+        )
     return SolverError(f"{call} of cuDSS returned status {status}: {text}", status, pivot)
 
 
@@ -45,7 +61,7 @@ def too_large(estimate: int, free: int, hybrid: int | None, kept: int) -> Solver
     return SolverError(
         f"cuDSS: the factorisation needs {_gib(estimate)} of the memory of the device, "
         f"{_gib(free)} are free; take {', or '.join(remedies)}",
-        _ALLOCATION_FAILED,
+        CODES.allocation_failed,
         free=free,
         hybrid=hybrid,
     )
@@ -120,6 +136,6 @@ def load_cudss() -> Any:
         raise MissingDependency(f"{_MISSING} ({error})") from error
     major = ctypes.c_int()
     library.cudssGetProperty(0, ctypes.byref(major))
-    if major.value != _VERSION:
-        raise MissingDependency(f"cuDSS has version {major.value}, not {_VERSION}: {_MISSING}")
+    if major.value != CODES.version:
+        raise MissingDependency(f"cuDSS has version {major.value}, not {CODES.version}: {_MISSING}")
     return library

@@ -12,16 +12,6 @@ from numpy.typing import NDArray
 
 Integers = NDArray[np.int64]
 
-# Coefficients of L = 1 - X, B = X (1 - X) (1 - 2 X), S = X (1 - X)^2 and of the corresponding
-# factors of the end X = 1: 1 - X in place of X, and the sign of the slope S changed.
-_FACTORS = (
-    (1, -1, 0, 0),
-    (0, 1, -3, 2),
-    (0, 1, -2, 1),
-    (0, 1, 0, 0),
-    (0, -1, 3, -2),
-    (0, 0, -1, 1),
-)
 _DENOMINATOR = 420  # least common multiple of 1, ..., 7: the factors are cubics
 
 
@@ -52,9 +42,15 @@ def exact_matrix(dim: int, row: int | None = None, column: int | None = None) ->
 
 def _integrals(row: int, column: int) -> Integers:
     """Return the integrals over [0, 1] of products of factors or their derivatives, times 420."""
-    result = np.zeros((len(_FACTORS), len(_FACTORS)), dtype=np.int64)
-    for a, p in enumerate(_FACTORS):
-        for b, q in enumerate(_FACTORS):
+    # Coefficients of L = 1 - X, B = X (1 - X) (1 - 2 X), S = X (1 - X)^2 and of the corresponding
+    # factors of the end X = 1: 1 - X in place of X, and the sign of the slope S changed.
+    factors = (
+        *((1, -1, 0, 0), (0, 1, -3, 2), (0, 1, -2, 1)),
+        *((0, 1, 0, 0), (0, -1, 3, -2), (0, 0, -1, 1)),
+    )
+    result = np.zeros((6, 6), dtype=np.int64)
+    for a, p in enumerate(factors):
+        for b, q in enumerate(factors):
             result[a, b] = sum(
                 perm(i, row)
                 * perm(j, column)

@@ -20,10 +20,6 @@ from skfem_adini.solvers.pardiso import DEFINITE, INDEFINITE, Pardiso, has_pardi
 Array = NDArray[np.float64]
 Solver = Literal["auto", "pardiso", "superlu", "amg", "cudss"]
 
-_SYMMETRIC = 1e-12  # asymmetry allowed, relative to the diagonal: some thousand roundings
-_PROBE_ERROR = 1e-3  # of a recovered random vector in [-1, 1]: three digits show a regular matrix
-_SCALINGS = 10  # Ruiz steps, each about halves the logarithms of the rows' largest entries
-
 
 class Factorization(Protocol):
     """What `factorize` returns."""
@@ -174,7 +170,7 @@ def _scaled(A: Any, scale: Array) -> Any:
     """Return D A D, where D is the diagonal matrix `scale`, if it is symmetric."""
     data = np.repeat(scale, np.diff(A.indptr)) * A.data * scale[A.indices]
     scaled = sparse.csr_array((data, A.indices, A.indptr), shape=A.shape)
-    if not np.abs(scaled - scaled.T).max() <= _SYMMETRIC:
+    if not np.abs(scaled - scaled.T).max() <= 1e-12:  # over the diagonal: thousands of roundings
         raise InputError("A: the matrix is not symmetric")
     return scaled
 
@@ -182,7 +178,8 @@ def _scaled(A: Any, scale: Array) -> Any:
 def _probe(factors: Any, scaled: Any, definite: bool) -> None:
     """Raise unless the factors recover a random vector."""
     probe = np.random.default_rng(0).uniform(-1, 1, scaled.shape[0])
-    if not np.abs(factors.solve(scaled @ probe) - probe).max() <= _PROBE_ERROR:
+    # Three digits show that the matrix is regular.
+    if not np.abs(factors.solve(scaled @ probe) - probe).max() <= 1e-3:
         raise _singular(definite)
 
 
@@ -201,7 +198,7 @@ def _scale(A: Any, definite: bool) -> Array:
             raise InputError("A: an entry of the diagonal is not positive, so A is not definite")
         return 1 / np.sqrt(diagonal)
     scale = np.ones(A.shape[0])
-    for _ in range(_SCALINGS):
+    for _ in range(10):  # Ruiz steps: each halves the logarithms of the rows' largest entries
         D = sparse.diags_array(scale)
         largest = np.abs(D @ A @ D).max(axis=1).toarray().ravel()
         if not largest.all():

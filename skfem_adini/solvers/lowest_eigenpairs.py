@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,13 +17,17 @@ from skfem_adini.solvers.factorize import Factorization, Solver, factorize, requ
 
 Array = NDArray[np.float64]
 
-_ZERO_EIGENVALUE = 1e-9  # relative to the largest: above its rounding, below a fine mesh's lowest
-_STEP = 100.0  # factor from one trial shift to the next: five pass the largest eigenvalue
-_SPREAD = 1e3  # ratio of distances from the shift up to which the mesh costs more digits
-# Negative eigenvalue of M, of unit diagonal, that is rounding: slivers of cells have such.
-_ROUNDING = 1e-11
-_RESIDUAL = 1e-6  # residual of a recomputed pair, relative to lambda M x
-_NOISE = 1e4 * np.finfo(float).eps  # residual by rounding, relative to K x
+
+class _Limits(NamedTuple):  # shifts of the pencil scaled to a unit diagonal of M, and tolerances
+    zero: float = 1e-9  # relative to the largest eigenvalue: below a fine mesh's lowest
+    step: float = 100.0  # factor from one trial shift to the next: five pass the largest eigenvalue
+    spread: float = 1e3  # ratio of distances from the shift up to which the mesh costs more digits
+    rounding: float = 1e-11  # negative eigenvalue of M that slivers of cells have by rounding
+    residual: float = 1e-6  # of a recomputed pair, relative to lambda M x
+    noise: float = 1e4 * np.finfo(float).eps  # residual by rounding, relative to K x
+
+
+LIMITS = _Limits()
 
 
 def lowest_eigenpairs(
@@ -113,7 +117,7 @@ def lowest_eigenpairs(
     diagonal = M.diagonal()
     if not (diagonal > 0).all():
         raise InputError("M: the matrix is not positive definite")
-    lumped = bool((abs(M).sum(axis=1) <= (2 + _ROUNDING) * diagonal).all())  # or nearly, as of P1
+    lumped = bool((abs(M).sum(axis=1) <= (2 + LIMITS.rounding) * diagonal).all())  # or as P1's
     scale = 1 / np.sqrt(diagonal)
     K, M = _scaled(K, scale), _scaled(M, scale)
     # In units in which the largest eigenvalue is about 1, whatever the unit of length.
@@ -134,7 +138,7 @@ def lowest_eigenpairs(
 
 def warn_of_negative(lowest: float, unit: float) -> None:
     """Warn of an eigenvalue below zero beyond rounding; `unit` is about the largest of all."""
-    if lowest < -_ROUNDING:
+    if lowest < -LIMITS.rounding:
         warn(
             f"K: the eigenvalue {unit * lowest:.6g} is negative, so K is not "
             "semidefinite; raise the penalty of its conditions, or check the signs of the form",
@@ -162,7 +166,7 @@ class _Pencil:
         if dominated:
             return
         try:
-            self._factor(M + _ROUNDING * sparse.eye_array(M.shape[0]))
+            self._factor(M + LIMITS.rounding * sparse.eye_array(M.shape[0]))
         except InputError as error:
             raise InputError(
                 "M: the matrix is not symmetric and positive definite, though its diagonal is "
@@ -215,17 +219,17 @@ def _shifted_twice(pencil: _Pencil, count: int) -> tuple[Array, Array]:
     low, high = float(values.min()), float(values.max())
     if count == 1 and shift < 0:  # the spacing follows from the next eigenvalues
         high = float(pencil.nearest(min(4, pencil.K.shape[0] - 1), shift)[0].max())
-    near = high - shift > _SPREAD * (low - shift)
-    far = shift < 0 and low - shift > _SPREAD * (high - low) > _SPREAD * _ZERO_EIGENVALUE
+    near = high - shift > LIMITS.spread * (low - shift)
+    far = shift < 0 and low - shift > LIMITS.spread * (high - low) > LIMITS.spread * LIMITS.zero
     if not (near or far):
         return pencil.improved(z, shift) if shift < 0 else (values, z)
-    better = low - max((high - low) / max(count - 1, 1), _ZERO_EIGENVALUE)
+    better = low - max((high - low) / max(count - 1, 1), LIMITS.zero)
     try:
         again, better_z = pencil.nearest(count, better)
     except InputError:  # the matrix with this shift is not definite, up to rounding
         return pencil.improved(z, shift)
     # Lanczos' method may miss copies of a multiple eigenvalue.
-    if again.max() - shift > (1 + 1e-3) * (values.max() - shift) + _ZERO_EIGENVALUE:
+    if again.max() - shift > (1 + 1e-3) * (values.max() - shift) + LIMITS.zero:
         return pencil.improved(z, shift)
     return again, better_z
 
@@ -240,7 +244,7 @@ def _first_shift(pencil: _Pencil) -> float:
         except InputError:
             if shift < -1.0:
                 raise
-        shift = min(-_ZERO_EIGENVALUE, _STEP * shift)
+        shift = min(-LIMITS.zero, LIMITS.step * shift)
 
 
 def _check_pairs(K: Any, M: Any, values: Array, z: Array) -> None:
@@ -249,8 +253,8 @@ def _check_pairs(K: Any, M: Any, values: Array, z: Array) -> None:
     Mz = M @ z
     residuals = np.linalg.norm(K @ z - Mz * values, axis=0)
     sizes = np.linalg.norm(Mz, axis=0)
-    rounding = _NOISE * (np.linalg.norm(z, axis=0) + np.abs(values) * sizes)
-    allowed = _RESIDUAL * np.abs(values) * sizes + rounding
+    rounding = LIMITS.noise * (np.linalg.norm(z, axis=0) + np.abs(values) * sizes)
+    allowed = LIMITS.residual * np.abs(values) * sizes + rounding
     if not (residuals <= allowed).all():
         worst = int(np.argmax(residuals / allowed))
         raise NotConverged(

@@ -17,11 +17,6 @@ from skfem_adini.ground.errors import optional
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-_RESTARTS = 3  # runs of conjugate gradients, each from the true residual
-_MOST_ROUNDING = 1e-6  # relative to |b|: largest residual attributed to the rounding of A x
-_COARSEST = 20  # blocks of the coarsest matrix, which is solved as a dense one
-_SMOOTHER = ("block_gauss_seidel", {"sweep": "symmetric"})
-
 
 @dataclass(frozen=True)
 class NearNullSpace:
@@ -80,14 +75,15 @@ class Multigrid:
             # There are six rigid motions for twelve dofs of a vertex; the smoother reduces errors
             # in the others.
             warnings.filterwarnings("ignore", message="Having less target vectors")
+            smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
             hierarchy = pyamg.smoothed_aggregation_solver(
                 sparse.bsr_matrix(padded, blocksize=(block, block)),
                 filled.T @ near_null.modes,
                 smooth=("jacobi", {"omega": 4 / 3, "weighting": "local"}),
                 improve_candidates=None,
-                presmoother=_SMOOTHER,
-                postsmoother=_SMOOTHER,
-                max_coarse=_COARSEST,
+                presmoother=smoother,
+                postsmoother=smoother,
+                max_coarse=20,  # blocks of the matrix that is solved as a dense one
             )
         cycle = hierarchy.aspreconditioner()
 
@@ -121,7 +117,7 @@ class Multigrid:
         residual = b
         # The residual that the iteration updates drifts from the true one: restart from the latter,
         # with half the bound to leave room for the drift.
-        for _ in range(_RESTARTS):
+        for _ in range(3):
             correction, _info = cg(
                 self._A, residual, rtol=0.0, atol=0.5 * bound, maxiter=self._most - steps,
                 M=self._inverse, callback=count,
@@ -132,7 +128,7 @@ class Multigrid:
                 break
         reached = np.linalg.norm(residual)
         # Without supports x may be so large that any residual would pass for rounding.
-        rounding = min(self._rounding(x), _MOST_ROUNDING * float(np.linalg.norm(b)))
+        rounding = min(self._rounding(x), 1e-6 * float(np.linalg.norm(b)))
         if not reached <= bound + rounding:
             raise NotConverged(
                 f"multigrid: relative residual {reached / np.linalg.norm(b):.1e} after {steps} "

@@ -14,7 +14,7 @@ import threading
 import weakref
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,14 +24,18 @@ from skfem_adini.solvers.device_triangle import upper_triangle
 
 Array = NDArray[np.float64]
 
-# PARDISO's numbers: kinds of real symmetric matrices, errors, phases (oneMKL reference, `pardiso`).
+# PARDISO's numbers of real symmetric matrices.
 DEFINITE, INDEFINITE = 2, -2
-_NOT_ENOUGH_MEMORY = -2
-_PIVOTS = (-4, -7)
-_RELEASE = -1
-_FACTORISATIONS = (12, 22)
-_ANALYSES = (11, 12)
-_SOLUTIONS = (33, 331, 332, 333)
+
+
+class _Phases(NamedTuple):  # of PARDISO (oneMKL reference, `pardiso`)
+    analyses: tuple[int, ...] = (11, 12)
+    factorisations: tuple[int, ...] = (12, 22)
+    solutions: tuple[int, ...] = (33, 331, 332, 333)
+    release: int = -1
+
+
+PHASES = _Phases()
 
 
 def has_pardiso() -> bool:
@@ -98,12 +102,12 @@ class Pardiso:
         for phase in self._anew:
             # If a Schur complement was requested, PARDISO writes its matrix again.
             block = np.zeros((self._chosen, self._chosen)) if self._given_iparm[35] else None
-            self._run(phase, x=block if phase in _FACTORISATIONS else None)
+            self._run(phase, x=block if phase in PHASES.factorisations else None)
         self._anew = ()
 
     def _check(self, phase: int, b: Array | None, x: Array | None) -> None:
         """Raise for wrong calls that PARDISO does not check: they would crash the process."""
-        if phase in _SOLUTIONS:
+        if phase in PHASES.solutions:
             if not self._factored:
                 raise AdiniError(f"PARDISO: phase {phase} needs a factorisation, phase 22, before")
             for array in (b, x):
@@ -119,13 +123,13 @@ class Pardiso:
                     )
             if b is not None and x is not None and b.shape != x.shape:
                 raise AdiniError(f"PARDISO: b has the shape {b.shape} and x {x.shape}")
-        elif phase in _FACTORISATIONS and self._given_iparm[35]:
+        elif phase in PHASES.factorisations and self._given_iparm[35]:
             schur = (self._chosen, self._chosen)
             if x is None or x.shape != schur:
                 raise AdiniError(f"PARDISO: phase {phase} takes x of shape {schur} here")
 
     def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
-        if phase in _ANALYSES + _FACTORISATIONS:
+        if phase in PHASES.analyses + PHASES.factorisations:
             self._factored = False
         self._check(phase, b, x)
         nothing = np.zeros(1)
@@ -148,10 +152,10 @@ class Pardiso:
             b,
             x,
         )
-        if phase in _ANALYSES:
+        if phase in PHASES.analyses:
             self._threads = _threads()
         # Only two-level factors depend on the number of threads; with others one thread solves.
-        alone = phase in _SOLUTIONS and not self._given_iparm[23]
+        alone = phase in PHASES.solutions and not self._given_iparm[23]
         with _held_to(1 if alone else self._threads):
             _library()(
                 *(
@@ -162,16 +166,16 @@ class Pardiso:
                 ),
                 ctypes.byref(error),
             )
-        if error.value == _NOT_ENOUGH_MEMORY:
+        if error.value == -2:
             raise MemoryError("PARDISO: not enough memory for the factorisation")
         if error.value != 0:
-            text, pivot = f"PARDISO phase {phase} failed with code", error.value in _PIVOTS
+            text, pivot = f"PARDISO phase {phase} failed with code", error.value in (-4, -7)
             raise SolverError(f"{text} {error.value}", error.value, pivot)
-        if phase in _FACTORISATIONS:
+        if phase in PHASES.factorisations:
             self._factored = True
-        if phase in _ANALYSES + _FACTORISATIONS:
-            self._phases = (phase,) if phase in _ANALYSES else (*self._phases, phase)
-        elif phase == _RELEASE:
+        if phase in PHASES.analyses + PHASES.factorisations:
+            self._phases = (phase,) if phase in PHASES.analyses else (*self._phases, phase)
+        elif phase == PHASES.release:
             self._handle[:] = 0
             self._factored, self._phases = False, ()
 
@@ -203,7 +207,7 @@ class Pardiso:
             return
         if getattr(self, "_handle", np.zeros(1)).any():
             with self._lock:
-                self._run(_RELEASE)
+                self._run(PHASES.release)
 
 
 # A fork copies PARDISO's memory but not the threads that work in it, so no call may be running: the

@@ -17,8 +17,6 @@ from skfem_adini.solvers.exact_matrices import exact_matrix
 Array = NDArray[np.float64]
 LongArray = NDArray[np.longdouble]
 
-_RECTANGLE = 1e-10  # distance of a vertex from its box's corner, in the least side of all cells
-
 
 @dataclass(frozen=True, eq=False)
 class RefinedEigenpair:
@@ -173,7 +171,7 @@ def _box_cells(basis: Any) -> tuple[NDArray[np.integer], LongArray]:
     rank = np.tensordot(powers, at_high, axes=1)
     order = np.argsort(rank, axis=0)
     complete = (np.sort(rank, axis=0) == np.arange(2**dim)[:, None]).all()
-    if not complete or not distance <= _RECTANGLE * np.min(high - low):
+    if not complete or not distance <= 1e-10 * np.min(high - low):
         raise InputError("basis: a cell of its mesh is no axis-parallel rectangle or box")
     dofs = basis.element_dofs.reshape(2**dim, dim + 1, -1)
     dofs = np.take_along_axis(dofs, order[:, None, :], axis=0)

@@ -26,9 +26,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Condition = Literal["dirichlet", "neumann"]
 
-_UNIFORM = 1e-10  # relative to the largest coordinate: closer coordinates lie on one grid line
-_BALANCED = 1e-10  # relative to the sum of absolute loads: rounding of a sum that should vanish
-
 
 class UniformSolver:
     r"""Solver of :math:`-\sum_i k_i u_{x_i x_i} + c u = f` with Adini's element on a uniform grid.
@@ -168,7 +165,7 @@ class UniformSolver:
         if not np.isfinite(p).all():
             raise InputError("basis: a coordinate of its mesh is NaN or infinite")
         origin, lengths = p.min(axis=1), np.ptp(p, axis=1)
-        rounding = _UNIFORM * np.abs(p).max()
+        rounding = 1e-10 * np.abs(p).max()  # closer coordinates lie on one grid line
         shape = [int(np.sum(np.diff(np.sort(row)) > rounding)) for row in p]
         index = np.rint((p - origin[:, None]) * (shape / lengths)[:, None]).astype(int)
         places = origin[:, None] + index * (lengths / shape)[:, None]
@@ -265,7 +262,7 @@ class UniformSolver:
             raise InputError("f: the load holds NaN or infinity")
         if self._blocks.singular:
             total, size = load[0].sum(), np.abs(load[0]).sum()
-            if not abs(total) <= _BALANCED * size:
+            if not abs(total) <= 1e-10 * size:
                 raise InputError(
                     f"f: the loads of u sum to {total:.3e}, but without reaction (c = 0) they must "
                     "balance for u_n = 0; subtract the mean of the source or set c"

@@ -16,7 +16,6 @@ from skfem_adini.solvers.exact_matrices import ExactMatrix, exact_matrix
 Array = NDArray[np.float64]
 
 _GUARD_DIGITS = 15  # decimal digits carried beyond those requested
-_NEWTON_STEPS = 200  # never reached: each step near the root doubles the digits
 
 
 @lru_cache
@@ -148,7 +147,7 @@ def _smallest_root(coefficients: list[Decimal], precision: int) -> Decimal:
     """Return the smallest root of a polynomial with non-negative real roots."""
     # Relative step at which to stop, ten digits beyond those requested.
     root, bound = Decimal(0), Decimal(10) ** (_GUARD_DIGITS // 3 - precision)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(200):  # never reached: each step near the root doubles the digits
         value = slope = Decimal(0)
         for c in reversed(coefficients):
             slope = slope * root + value

@@ -85,13 +85,13 @@ def test_no_folder_to_write_to(monkeypatch):
 
 
 def test_files_of_formulas_do_not_pile_up(tmp_path, monkeypatch):
-    monkeypatch.setattr(jit, "_KEPT", 3)
+    monkeypatch.setattr(jit, "GENERATED", jit.GENERATED._replace(kept=3))
     for age in range(5):
-        file = tmp_path / f"cpu_loops.path{jit._GENERATED}{age}.py311.1.nbc"
+        file = tmp_path / f"cpu_loops.path{jit.GENERATED.mark}{age}.py311.1.nbc"
         file.touch()
         os.utime(file, (1000 - age, 1000 - age))
     (tmp_path / "cpu.run_line_node_linear.py311.nbi").touch()
     jit._forget_old(tmp_path)
     left = sorted(file.name for file in tmp_path.iterdir())
     assert len(left) == 4
-    assert not any(f"{jit._GENERATED}{age}" in name for name in left for age in (3, 4))
+    assert not any(f"{jit.GENERATED.mark}{age}" in name for name in left for age in (3, 4))

@@ -33,9 +33,9 @@ DEVICE = _Device()
 class _Limits(NamedTuple):  # limits of Arnoldi steps on either side
     one_launch: int = 10_000  # up to this order a sweep is faster than library products
     tiny: float = float(np.finfo(float).tiny)  # avoids division by zero where a norm is zero
-    salt: int = 0x6A09E667F3BCC908  # mixed into seeds: no caller's with the same seed
+    salt: int = 0x6A09E667F3BCC908  # mixed into seeds: no caller's generator gives the same numbers
     slight: float = 1e-9  # entries of R below: I - R inverts I + R; a library would start threads
-    breakdown: float = 20 * float(np.finfo(float).eps)  # of |A v|: a lesser beta is rounding
+    breakdown: float = 20 * float(np.finfo(float).eps)  # over |A v|: a lesser beta is rounding
 
 
 LIMITS = _Limits()

@@ -15,10 +15,10 @@ from gpu.eigenvalues.schur import Edge, Rank, ordered_schur, whole
 
 
 class _Limits(NamedTuple):  # tolerances of the iteration and of the challenge
-    residual: float = 100 * float(np.finfo(float).eps)  # of |A|, at a hundred vectors
-    aside: float = 1e-2  # of the gap of ranks: residual of vectors a challenge leaves aside
+    residual: float = 100 * float(np.finfo(float).eps)  # over |A|, at a hundred vectors
+    aside: float = 1e-2  # residual over the gap of ranks of vectors a challenge leaves aside
     restarts: int = 6  # before the space grows, if it may
-    inside: float = 0.03  # of the gap of ranks: residual with which a newcomer counts as below
+    inside: float = 0.03  # residual over the gap of ranks: a newcomer then counts as below
     thick: float = 0.5  # fraction of the vectors of the search that is kept at a restart
     first: int = 3  # products before the first test: few are enough for separated eigenvalues
     sure: float = 0.01  # t: an eigenvalue is missed with a probability of at most .8 t

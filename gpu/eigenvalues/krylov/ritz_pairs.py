@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gpu.arrays.device_blas import ONE, ZERO, DeviceBlas
-from gpu.cuda.catalogue import RITZ
+from gpu.cuda.catalogue import OPTIONS, SOURCES
 
 
 class _Turn(NamedTuple):  # sizes of a launch of `ritz_rotate`
@@ -124,4 +124,4 @@ def _moved(values: np.ndarray) -> Any:
 def _kernel(name: str) -> Any:
     import cupy
 
-    return cupy.RawKernel(RITZ, name, options=("--std=c++17",))
+    return cupy.RawKernel(SOURCES["ritz"], name, options=OPTIONS)

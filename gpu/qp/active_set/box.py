@@ -57,8 +57,8 @@ from gpu.qp.data.qp_result import Step
 
 class _Limits(NamedTuple):  # limits of the exchange
     stalled: int = 5  # steps without fewer violations: an exchange may cycle, no path
-    centres: int = 100  # proximal, of equality rows: two or three unless rows almost depend
-    rounding: float = 64 * float(np.finfo(float).eps)  # of the moduli of terms, violation
+    centres: int = 100  # proximal points of equality rows: two or three unless rows almost depend
+    rounding: float = 64 * float(np.finfo(float).eps)  # violation over the moduli of terms
     rho: float = 1e-8  # over the largest a'P^-1 a of a row: far below that of free variables
     least_rho: float = 1e-13  # the same: far above the rounding of the Schur complement
 

@@ -40,9 +40,9 @@ from skfem_adini.ground.arrays import to_host
 class _Limits(NamedTuple):  # limits of the exchange
     hopeless: int = 3  # steps without fewer violations before the interior point
     most: int = 60  # all steps; an interior point costs fifteen factorisations of n x n
-    rounding: float = 64 * float(np.finfo(float).eps)  # of the moduli of terms, violation
-    origin: float = 1e-10  # of the forces where diag(P) = 1: a smaller x may be their rounding
-    softness: float = 1e-12  # of the largest W_ii, added to W: dependent rows share multipliers
+    rounding: float = 64 * float(np.finfo(float).eps)  # violation over the moduli of terms
+    origin: float = 1e-10  # over the forces, with diag(P) = 1: a smaller x may be rounding
+    softness: float = 1e-12  # over the largest W_ii, added to W: dependent rows share multipliers
     room: float = 0.9  # most active rows over the unknowns: W is singular with as many
 
 

@@ -18,9 +18,9 @@ from skfem_adini.ground.arrays import cupy, namespace
 
 class _Limits(NamedTuple):  # what counts as rounding of P, and as infinite
     asymmetry: float = 1e-10  # largest |P_ij - P_ji| / sqrt(P_ii P_jj)
-    convexity: float = 1e-10  # largest shift of the scaled P, for a thousand unknowns
+    convexity: float = 1e-10  # largest shift to make the scaled P definite, for 1000 unknowns
     nearly: float = 3e-5  # the same for entries of five digits, as of measured covariances
-    infinite: float = 1e20  # numbers from here on are, as in the file formats of the field
+    infinite: float = 1e20  # numbers from here on count as infinite, as in file formats
 
 
 LIMITS = _Limits()

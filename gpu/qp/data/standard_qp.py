@@ -22,11 +22,11 @@ from skfem_adini.ground.arrays import namespace, to_host
 
 
 class _Rounding(NamedTuple):  # what residuals are measured against
-    cancellation: float = 1e-3  # part of the terms of a sum that cancels, at least
-    product: float = 16 * float(np.finfo(float).eps)  # allowed in x'Px
+    cancellation: float = 1e-3  # least part of a sum's terms that may cancel
+    product: float = 16 * float(np.finfo(float).eps)  # rounding allowed in x'Px
     sharp: float = 1e-13  # residuals below this are not examined more closely
-    least: float = 1e-6  # of `StandardQP.lengths`: a smaller x is rounding of the forces
-    side: float = 1e-14  # of these lengths: smaller sides may be left by a difference
+    least: float = 1e-6  # relative to `StandardQP.lengths`: a smaller x is rounding of the forces
+    side: float = 1e-14  # relative to these lengths: smaller sides may be left by a difference
 
 
 ROUNDING = _Rounding()

@@ -22,7 +22,7 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
 class _Limits(NamedTuple):  # limits of the scaling
     rounds: int = 12  # square roots of all sizes: sixteen decades become 16 / 2^12
-    curvature: float = 1e-6  # of the largest: less gives x no length |q| / c
+    curvature: float = 1e-6  # relative to the largest: a smaller c gives x no length |q| / c
     moderate: float = 1e3  # lengths up to which iterates go without another unit
 
 

@@ -36,10 +36,10 @@ from gpu.qp.interior_point.kkt_system import System
 
 class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to about one
     steps: int = 200  # a few dozen are usual
-    stalled: int = 40  # in which neither residual nor merit falls by a tenth
+    stalled: int = 40  # steps in which neither residual nor merit falls by a tenth
     at_floor: int = 10  # the same at the least products: the rest is rounding
     near: float = 1e-4  # relative: below, extended precision can end from the active set
-    below_target: int = 2  # a point is improved while steps help
+    below_target: int = 2  # steps without gain after which a point below the target is taken
     proximal: float = 1e-6  # first proximal terms; they fall with the average product
     corrections: int = 2  # most of Gondzio's, each of which costs one solve
     central: float = 1e-4  # of the average product: no product is below after a step
@@ -47,7 +47,7 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     most_proximal: float = 1e-3  # above, steps hardly move
     solved: float = 1e-8  # relative residual of an accurate solve
     boost: float = 1e8  # how much the proximal terms may grow to reach it
-    multiplier: float = 1e3  # at the start, over their size: for tiny distances
+    multiplier: float = 1e3  # largest at the start, over their size: where distances are tiny
     regularisation: float = 1e-10  # at the start: pivots with six digits
     loose: float = 1e-6  # diagonal of variables without a bound at the start; of others 1
     firm: float = 1e-8  # minus that of equality rows: too small to move what is determined

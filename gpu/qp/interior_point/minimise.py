@@ -32,14 +32,14 @@ from gpu.qp.interior_point.presolve import contradiction, presolve
 class _Proof(NamedTuple):  # tolerances of `farkas` and `ray`
     zero: float = 1e-12  # part of the terms of a sum: rounding of a few thousand reaches it
     margin: float = 1e-9  # of the inequality, over its terms: above what is taken for zero
-    term: float = 64 * float(np.finfo(float).eps)  # of the largest q: other differences
-    farther: float = 1e4  # times the largest side: points that a component taken for zero admits
+    term: float = 64 * float(np.finfo(float).eps)  # over the largest q: rounding
+    farther: float = 1e4  # over the largest side: reach of points along what counts as zero
     ray: float = 1e-10  # violation of a row by a ray, over the terms
     entry: float = 1e-16  # the same over the largest entry, for terms that vanish
     negligible: tuple[float, ...] = (1e-12, 1e-9, 1e-7, 1e-5)  # entries taken for zero, tried
     vanishing: float = 1e-8  # components of C'y taken for zero if the largest y is one
-    held: float = 1e-4  # relative size of rows of a ray taken for equalities
-    projection: int = 4_000_000  # most entries of its dense block: 32 MB
+    held: float = 1e-4  # relative size below which rows of a ray are taken for equalities
+    projection: int = 4_000_000  # most entries of the dense block of a projection: 32 MB
     dependent: float = 1e-13  # singular values of that block, over the largest: rounding
 
 
@@ -51,17 +51,17 @@ class _Limits(NamedTuple):  # residuals and sizes that decide what is tried
     attempts: tuple[tuple[bool, float], ...] = (
         (True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0)
     )  # fmt: skip
-    near_origin: float = 1e-6  # of x = 0, which may replace a point that tends to it
-    target: float = 1e-14  # of the polish: the accuracy of the arithmetic
+    near_origin: float = 1e-6  # residual of x = 0, which may replace a point that tends to it
+    target: float = 1e-14  # residual that the polish aims at: the accuracy of the arithmetic
     clean: float = 1e-12  # below, no other multipliers are tried: no digit would be gained
     plausible: float = 1e-7  # below, no proof is sought: other multipliers may help
-    feasible: float = 1e-9  # of the point that shows that there are feasible ones
+    feasible: float = 1e-9  # residual of the point that shows that constraints can be met
     lost: float = 1e-13  # objective over the terms of x'Px: less is rounding of P
-    runaway: float = 1e20  # no condition number in double precision takes x so far off
-    extended: int = 30_000  # unknowns and rows: extended precision is worth the time
-    linear: float = 1e-4  # beside P of one: q has lost four of sixteen digits
-    unknowns: int = 500  # for all eigenvectors of P
-    eigenvalue: float = 4 * float(np.finfo(float).eps)  # of the largest, an unknown
+    runaway: float = 1e20  # over the data: no condition number in double precision takes x so far
+    extended: int = 30_000  # most unknowns and rows for which extended precision is worth it
+    linear: float = 1e-4  # q beside P of one: below, it has lost four of sixteen digits
+    unknowns: int = 500  # most for which all eigenvectors of P are computed
+    eigenvalue: float = 4 * float(np.finfo(float).eps)  # over the largest, an unknown
 
 
 LIMITS = _Limits()

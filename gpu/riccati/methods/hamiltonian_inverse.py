@@ -147,7 +147,8 @@ class InverseHamiltonian:
         self._refine = not lost < LIMITS.rounded
         if not lost < LIMITS.no_digits:
             raise RiccatiError(
-                f"the Hamiltonian has an eigenvalue that is zero to working precision: {_GIVE}"
+                "the Hamiltonian has an eigenvalue that is zero to working precision: give that "
+                "mode an input and a weight, or take it out of the model"
             )
         self.solves = 0
 
@@ -388,8 +389,7 @@ def _unit(state: StateMatrix) -> float:
     return float(abs(state.E.data if hasattr(state.E, "tocsr") else state.E).max())
 
 
-_GIVE = "give that mode an input and a weight, or take it out of the model"
 _SINGULAR = (
     "the Hamiltonian is singular: an eigenvalue 0 of A cannot be moved by B or is not seen by Q; "
-    f"{_GIVE}"
+    "give that mode an input and a weight, or take it out of the model"
 )

@@ -11,7 +11,8 @@ from gpu.errors import InputError, NotConverged, NotSupported
 from gpu.riccati.problem.candidate import Found
 from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem
 from gpu.riccati.problem.state_matrix import EPS
-from gpu.riccati.proof.closed_loop import ALL_POLES, DenseLoop
+from gpu.riccati.proof.closed_loop import LIMITS as LOOP
+from gpu.riccati.proof.closed_loop import DenseLoop
 from gpu.riccati.proof.lyapunov import lyapunov_solver
 from gpu.riccati.proof.refinement import finished, refine
 from skfem_adini.ground.arrays import namespace, to_host
@@ -25,9 +26,9 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: floa
     the end. The first step may overshoot; in later ones the step length minimises the residual
     (Benner and Byers 1998). Default start: zero if A is stable, else Bass' gain (Armstrong 1975).
     """
-    if problem.state.kind == "operator" or (not problem.dense and problem.n > ALL_POLES):
+    if problem.state.kind == "operator" or (not problem.dense and problem.n > LOOP.dense):
         raise NotSupported(
-            f"Newton-Kleinman needs a dense A, or at most {ALL_POLES} states: here {problem.n}"
+            f"Newton-Kleinman needs a dense A, or at most {LOOP.dense} states: here {problem.n}"
         )
     standard = problem.standard()
     unit = problem.unit
@@ -98,7 +99,7 @@ def _not_stable_part(A: Any) -> tuple[Any, Any]:
     closer to the axis than 1e-8 of the norm of A count as unstable; F has at least one.
     """
     xp, n = namespace(A), len(A)
-    if n > ALL_POLES:
+    if n > LOOP.dense:
         return xp.eye(n), A
     host = to_host(A).T
     T, U, values = ordered_schur(host, lambda values: values.real, n)

@@ -26,10 +26,6 @@ from gpu.riccati.problem.state_matrix import (
 from gpu.riccati.problem.weights import Weight, low_rank_factor
 from skfem_adini.ground.arrays import to_host
 
-# Relative: rounding of the part of N outside the range of Q, and of a negative joint weight.
-OUTSIDE_RANGE = 1e-9
-NEGATIVE_COST = 1e-11
-
 
 class UpdatedMatrix(StateMatrix):
     """``A - U V^T`` with a sparse A; solves use factors of A bordered by U and V."""
@@ -115,12 +111,12 @@ def _weight(problem: LQRProblem, F: Any) -> Weight:
     if C is None:
         _check(problem, F)
         return problem.weight.less(F)
-    # A semidefinite joint weight has N in the range of Q: F = C^T Y with |Y| <= 1.
+    # A semidefinite joint weight has N in the range of Q: F = C^T Y with |Y| <= 1, up to rounding.
     Y = problem.xp.linalg.lstsq(C.T, F, rcond=None)[0]
-    if float(abs(C.T @ Y - F).max()) > OUTSIDE_RANGE * float(abs(F).max()):
+    if float(abs(C.T @ Y - F).max()) > 1e-9 * float(abs(F).max()):
         raise InputError(NOT_SEMIDEFINITE)
     values, vectors = np.linalg.eigh(to_host(Y @ Y.T))
-    if values[-1] > 1.0 + NEGATIVE_COST:
+    if values[-1] > 1.0 + 1e-11:
         raise InputError(NOT_SEMIDEFINITE)
     root = vectors * np.sqrt(np.maximum(1.0 - values, 0.0)) @ vectors.T
     return Weight(problem.state, C=problem.xp.asarray(root) @ C)
@@ -137,6 +133,6 @@ def _check(problem: LQRProblem, F: Any) -> None:
         factors = None if Q is None else factor(Q)
         if factors is None:
             return
-        good = linalg.eigvalsh(to_host(F.T @ factors.solve(F)))[-1] <= 1.0 + OUTSIDE_RANGE
+        good = linalg.eigvalsh(to_host(F.T @ factors.solve(F)))[-1] <= 1.0 + 1e-9
     if not good:
         raise InputError(NOT_SEMIDEFINITE)

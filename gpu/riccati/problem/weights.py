@@ -13,8 +13,6 @@ from gpu.riccati.problem.state_matrix import StateMatrix, stored, symmetric, tim
 from skfem_adini.ground.arguments import is_finite_number
 from skfem_adini.ground.arrays import namespace, to_host
 
-LOW_RANK = 64  # up to so many rows of a factor of Q the value is computed as a low-rank matrix
-
 
 class Weight:
     """``Q - F F^T``, symmetric, applied to vectors and columns. Q is a number (times the identity),
@@ -75,11 +73,11 @@ class Weight:
 
 
 def low_rank_factor(weight: Weight) -> Any:
-    """C with at most `LOW_RANK` rows and ``Q = C^T C``, or None: the given factor, or one computed
+    """C with at most 64 rows and ``Q = C^T C``, or None: the given factor, or one computed
     if only few rows of Q are not zero.
     """
     n, xp, Q = weight.state.n, weight.state.xp, weight.entries
-    few = min(LOW_RANK, n // 2)
+    few = min(64, n // 2)
     if weight.C is not None:
         return weight.C if len(weight.C) <= few else None
     if Q is None:

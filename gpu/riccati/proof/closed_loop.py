@@ -22,22 +22,22 @@ class _Limits(NamedTuple):  # limits of poles and of bounds for them
     large: int = 100_000  # from this order on products with the basis cost more than applications
     restarts: int = 30  # most, for the few poles
     tolerances: tuple[float, float] = (1e-8, 1e-4)  # the second for poles in a cluster
-    left: float = 1e-3  # of the matrix: no eigenvalues that far left meet on the axis
-    outside: float = 1e-6  # of the unit circle, beyond what an eigenvalue converged to
-    roundings: float = 1e2  # times rounding and condition: error of a pole found
+    left: float = 1e-3  # over the matrix: no eigenvalues that far left meet on the axis
+    outside: float = 1e-6  # from the unit circle: an eigenvalue farther off lies outside
+    roundings: float = 1e2  # error of a pole, in roundings times its condition
     squares: float = 0.05  # second order of a Newton step over the first where it converges
     fractions: tuple[float, ...] = (1 - 1e-3, 0.9, 0.5, 0.1, 1e-2, 1e-4, 0.0)  # abscissas tried
+    dense: int = 1500  # up to this order all poles are computed
+    proved: int = 600  # the same where stability is proved without them
     examined: int = 1500  # up to this order modes are examined
+    named: int = 200  # up to this order the dense method names the mode that stands in the way
     worst: int = 24  # how many modes, beginning with the least stable
     singular: float = 1e-12  # singular value in Hautus' test, over the matrix, taken for zero
     axis: float = 1e-6  # distance from the axis, over the matrix, of a mode that may lie on it
-    moved: float = 10.0  # if so many roundings of the matrix may move it there
+    moved: float = 10.0  # roundings of the matrix that may move such a mode to the axis
 
 
 LIMITS = _Limits()
-
-
-ALL_POLES = 1500  # up to this order all poles are computed
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class DenseLoop:
         if n <= SCHUR and isinstance(self.matrix, np.ndarray):
             values = self.lyapunov.poles
             assert values is not None
-        elif n <= ALL_POLES:
+        elif n <= LIMITS.dense:
             values = np.linalg.eigvals(to_host(self.matrix))
         elif self._symmetric:
             values = to_host(namespace(self.matrix).linalg.eigvalsh(self.matrix)) + 0j
@@ -198,7 +198,7 @@ def closed_loop_of(
     else:
         gain = problem.of_unit_cost(K)
     (A, B, Q), gain = standard.scaled(unit), gain * unit
-    if value is not None and len(A) <= ALL_POLES:
+    if value is not None and len(A) <= LIMITS.dense:
         W: Any = xp.zeros((1, 1)) if residual is None else residual * unit * unit[:, None]
         half = abs(value @ A)
         terms = half + half.T + abs(gain.T @ gain) + abs(Q)

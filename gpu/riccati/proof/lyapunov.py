@@ -16,7 +16,6 @@ from gpu.riccati.problem.state_matrix import EPS
 from skfem_adini.ground.arrays import namespace
 
 SCHUR = 600  # up to this order the Schur form on the host is the quicker way
-SQUARINGS = 60  # 2^60 steps of Smith's series: a loop that needs more is stable by rounding alone
 
 
 class LyapunovSolver(NamedTuple):
@@ -73,7 +72,8 @@ def _by_squaring(A: Any) -> LyapunovSolver:
         size = float(xp.linalg.norm(powers[-1]))
         if size < 0.1 * np.sqrt(EPS):
             break
-        if len(powers) > SQUARINGS or not np.isfinite(size):
+        # A loop that needs more than 2^60 steps of the series is stable by rounding alone.
+        if len(powers) > 60 or not np.isfinite(size):
             raise np.linalg.LinAlgError("A is not stable: the powers of its Cayley transform grow")
         powers.append(powers[-1] @ powers[-1])
 

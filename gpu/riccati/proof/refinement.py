@@ -15,7 +15,7 @@ from skfem_adini.ground.arrays import to_host
 
 class _Limits(NamedTuple):  # tolerances, in balanced units
     residual: float = 1e-9  # largest relative residual that is certified
-    error: float = 1e-12  # largest relative distance to the solution that is, if it is not
+    error: float = 1e-12  # largest relative distance to the solution that is certified instead
     far: int = 250  # powers of two from here on have squares near the ends of the range
     extended: int = 128  # order up to which residuals are in extended precision on the host
 

@@ -11,13 +11,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-KERNELS = (
-    "value", "slope", "line", "gradient", "bracketed_root", "roots", "split", "slope_range",
-    "product_range", "jacobian_range", "append",
-)  # fmt: skip
-
-_NARROWEST = 1e-14  # in sides of a box: closer roots count as a double one
-
 
 def value(c: Array, t: float) -> float:
     """Return a polynomial in one variable at t; in [0, 1] all weights of the sum are >= 0."""
@@ -109,7 +102,7 @@ def roots(c: Array, tol: float, found: Array) -> int:
                 found[count] = a + (b - a) * bracketed_root(now, 0.0, 1.0)
                 count += 1
             continue
-        if b - a < _NARROWEST or top + 2 > 64:
+        if b - a < 1e-14 or top + 2 > 64:  # closer roots count as a double one
             if count < found.size:
                 found[count] = 0.5 * (a + b)
                 count += 1

@@ -22,9 +22,6 @@ from skfem_adini.ground.jit import compiled
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# A gradient is wrong if its unit normal differs by more from the interpolant's.
-_WRONG_DIRECTION = 1e-4
-
 
 @dataclass(frozen=True)
 class CutQuadrature:
@@ -313,7 +310,7 @@ def _oriented(table: TruthTable, edge: _Points) -> Array:
         given = given[..., 0] / np.where(length > 0, length, 1)
         given *= np.sign(np.sum(given * normals[:, here], axis=0))
         off = np.abs(given - normals[:, here]).max(axis=0)
-        if not off.max() <= _WRONG_DIRECTION:
+        if not off.max() <= 1e-4:  # above the error of the interpolant's unit normal
             x, y = edge.points[:, here[off.argmax()]]
             raise InputError(
                 f"gradient: at ({x:.6g}, {y:.6g}) its direction differs by {off.max():.2g} from "
@@ -353,9 +350,8 @@ def compiled_cut_boxes() -> Callable[..., Any]:
 
     with _lock:
         for module in (bernstein_kernels, graph_rules, graph_boxes):
-            for name in module.KERNELS:
-                kernel = getattr(module, name)
-                if isinstance(kernel, FunctionType):
+            for name, kernel in list(vars(module).items()):
+                if isinstance(kernel, FunctionType) and kernel.__module__ == module.__name__:
                     wrapped = name == "cut_boxes"
                     kernel = compiled(kernel, no_cpython_wrapper=not wrapped, no_cfunc_wrapper=True)
                     setattr(module, name, kernel)

@@ -5,6 +5,8 @@ Plain Python; `cut_quadrature.compiled_cut_boxes` hands it to numba, with `graph
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,16 +14,13 @@ from skfem_adini.curved.quadrature import bernstein_kernels as poly
 from skfem_adini.curved.quadrature import graph_rules as rules
 from skfem_adini.curved.quadrature.graph_rules import Array, State, Table
 
-KERNELS = (
-    "classify", "joined", "meeting_point", "dividing_point", "settle_by_middle", "best_direction",
-    "subdivide", "cut_boxes",
-)  # fmt: skip
 
-_MOST_HALVINGS_OF_BOXES = 40  # the side, 1e-12, is then near the rounding of the coefficients
-_MOST_PARTS = 20_000  # parts of one box: more are needed only if a zero line is degenerate
-# Relative: polynomials that agree to this, up to a factor, have the same zero line.
-_SAME_LINE = 1e-11
-_ON_SIDE = 1e-9  # in sides of a box: nearer points are on a side, so that no sliver is cut off
+class _Limits(NamedTuple):  # limits of the subdivision
+    halvings: int = 40  # the side, 1e-12, is then near the rounding of the coefficients
+    side: float = 1e-9  # in sides of a box: nearer points lie on it, so that no sliver is cut off
+
+
+LIMITS = _Limits()
 
 
 def classify(c: Array, tol: Array, table: Table, state: State) -> int:
@@ -47,7 +46,7 @@ def joined(c: Array, table: Table) -> Table:
         for k in range(l):
             i = np.abs(c[k]).argmax()
             ratio = c[l].ravel()[i] / c[k].ravel()[i]
-            if np.abs(c[l] - ratio * c[k]).max() > _SAME_LINE * np.abs(c[l]).max():
+            if np.abs(c[l] - ratio * c[k]).max() > 1e-11 * np.abs(c[l]).max():
                 continue
             for index in range(table.size):
                 bit = index >> k & 1 if ratio > 0 else 1 - (index >> k & 1)
@@ -73,8 +72,8 @@ def meeting_point(f: Array, g: Array) -> tuple[float, float]:
             return -1.0, -1.0
         if abs(dx) + abs(dy) < 1e-15:
             break
-    inside = -_ON_SIDE < x < 1 + _ON_SIDE and -_ON_SIDE < y < 1 + _ON_SIDE
-    interior = _ON_SIDE < x < 1 - _ON_SIDE or _ON_SIDE < y < 1 - _ON_SIDE
+    inside = -LIMITS.side < x < 1 + LIMITS.side and -LIMITS.side < y < 1 + LIMITS.side
+    interior = LIMITS.side < x < 1 - LIMITS.side or LIMITS.side < y < 1 - LIMITS.side
     return (x, y) if inside and interior else (-1.0, -1.0)
 
 
@@ -112,7 +111,7 @@ def subdivide(c: Array, x: float, y: float, parts: Array, boxes: Array) -> int:
     K, m = c.shape[0], c.shape[1]
     sides = np.empty((2, m, m))
     quarters = np.empty((2, m, m))
-    split_x, split_y = _ON_SIDE < x < 1 - _ON_SIDE, _ON_SIDE < y < 1 - _ON_SIDE
+    split_x, split_y = LIMITS.side < x < 1 - LIMITS.side, LIMITS.side < y < 1 - LIMITS.side
     columns, rows = 2 if split_x else 1, 2 if split_y else 1
     for k in range(K):
         if split_x:
@@ -149,8 +148,8 @@ def cut_boxes(
     volume, nv = np.empty((1024, 4)), 0
     surface, ns = np.empty((256, 7)), 0
     whole = np.zeros(count, np.bool_)
-    stack = np.empty((3 * _MOST_HALVINGS_OF_BOXES + 8, K, m, m))
-    places = np.empty((3 * _MOST_HALVINGS_OF_BOXES + 8, 5))
+    stack = np.empty((3 * LIMITS.halvings + 8, K, m, m))
+    places = np.empty((3 * LIMITS.halvings + 8, 5))
     parts, boxes = np.empty((4, K, m, m)), np.empty((4, 4))
     state, lengths = np.empty(K, np.int64), np.empty(2)
     middle, one = np.full(1, 0.5), np.ones(1)
@@ -162,7 +161,7 @@ def cut_boxes(
         while top > 0:
             top -= 1
             visited += 1
-            if visited > _MOST_PARTS:
+            if visited > 20_000:  # parts: more are needed only if a zero line is degenerate
                 return volume[:nv], surface[:ns], whole, b
             c, place = stack[top].copy(), places[top].copy()
             lengths[0], lengths[1] = place[2] * sizes[b, 0], place[3] * sizes[b, 1]
@@ -187,7 +186,7 @@ def cut_boxes(
                     c, state, tol, table, b, place, lengths, nodes, weights, surface, ns
                 )
                 continue
-            if place[4] >= _MOST_HALVINGS_OF_BOXES:
+            if place[4] >= LIMITS.halvings:
                 # The box is as narrow as rounding: its middle decides.
                 settle_by_middle(c, state)
                 if table[rules.index_of(state)]:

@@ -9,6 +9,8 @@ part of the box, in sides of the box; `lengths` are the sides of that part.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,18 +20,17 @@ Array = NDArray[np.float64]
 State = NDArray[np.int64]
 Table = NDArray[np.uint8]
 
-KERNELS = (
-    "relevant", "index_of", "good_direction", "height", "clamped_height", "crossing",
-    "emit_surface", "sorted_breaks", "product_rule", "face_rule", "height_breaks", "height_rule",
-)  # fmt: skip
 
-_SAME_PLACE = 1e-14  # in sides of a box: nearer points are the same, by some fifty roundings of 1
-_LEAST_SLOPE = 0.3  # slope along the height over slope across: else take the other side, or divide
-# Slopes along the height: Gauss points converge fast if they are alike.
-_LEAST_TO_LARGEST_SLOPE = 0.7
-_OFF_END = 1e-12  # in lengths of an interval: distance from its ends at which graphs are compared
-_LEAST_SLOPE_OF_MANY = 1e-6  # for several zero lines: division keeps the angle between them
-_MOST_ROOTS = 64  # roots of a polynomial along a line: eight times its degree, for rounding
+class _Limits(NamedTuple):  # limits of the rules
+    place: float = 1e-14  # in sides of a box: nearer points are one, by fifty roundings of 1
+    slope: float = 0.3  # along the height over across: else take the other side, or divide
+    slope_of_many: float = 1e-6  # for several zero lines: division keeps the angle between them
+    steadiness: float = 0.7  # least over largest slope: Gauss points then converge fast
+    end: float = 1e-12  # in lengths of an interval: distance from its ends to compare graphs at
+    roots: int = 64  # of a polynomial along a line: eight times its degree, for rounding
+
+
+LIMITS = _Limits()
 
 
 def relevant(table: Table, state: State, k: int) -> bool:
@@ -71,10 +72,10 @@ def good_direction(c: Array, state: State, d: int, lengths: Array) -> float:
         across = max(abs(other_low), abs(other_high)) / lengths[1 - d]
         least = min(abs(low), abs(high)) / lengths[d]
         most = max(abs(low), abs(high)) / lengths[d]
-        if low * high <= 0 or most <= 0 or least < _LEAST_TO_LARGEST_SLOPE * most:
+        if low * high <= 0 or most <= 0 or least < LIMITS.steadiness * most:
             return 0.0
         steep = least / across if across > 0 else np.inf
-        if steep < (_LEAST_SLOPE if open_count == 1 else _LEAST_SLOPE_OF_MANY):
+        if steep < (LIMITS.slope if open_count == 1 else LIMITS.slope_of_many):
             return 0.0
         quality = min(quality, steep / (1 + steep))
     for k in range(state.size):
@@ -120,7 +121,7 @@ def crossing(f: Array, g: Array, d: int, tol_f: float, tol_g: float, a: float, b
     if max(y_f, y_g) > 1:  # one has no root here: graphs enter and leave the box at breaks only
         return -1.0
     # At a and b themselves rounding may hide a root that lies on a side of the box.
-    a, b = a + _OFF_END * (b - a), b - _OFF_END * (b - a)
+    a, b = a + LIMITS.end * (b - a), b - LIMITS.end * (b - a)
     rising = clamped_height(f, d, b) > clamped_height(g, d, b)
     if (clamped_height(f, d, a) > clamped_height(g, d, a)) == rising:
         return -1.0
@@ -207,7 +208,7 @@ def face_rule(
     count: int,
 ) -> tuple[Array, int]:
     """Append boundary points on the sides of a box where a leaf that contains it vanishes."""
-    breaks, found = np.empty(_MOST_ROOTS * state.size + 2), np.empty(_MOST_ROOTS)
+    breaks, found = np.empty(LIMITS.roots * state.size + 2), np.empty(LIMITS.roots)
     here = state.copy()
     for k in range(state.size):
         if state[k] != 1:
@@ -230,7 +231,7 @@ def face_rule(
                 sorted_breaks(breaks, used)
                 for i in range(used - 1):
                     a, b = breaks[i], breaks[i + 1]
-                    if b - a < _SAME_PLACE:
+                    if b - a < LIMITS.place:
                         continue
                     for l in range(state.size):
                         if state[l] == 2:
@@ -256,7 +257,7 @@ def face_rule(
 
 def height_breaks(c: Array, state: State, tol: Array, d: int, breaks: Array) -> int:
     """Write where zero lines meet the sides or each other, sorted; return how many there are."""
-    K, found = state.size, np.empty(_MOST_ROOTS)
+    K, found = state.size, np.empty(LIMITS.roots)
     breaks[0], breaks[1], used = 0.0, 1.0, 2
     for k in range(K):
         if state[k] == 2:
@@ -270,7 +271,7 @@ def height_breaks(c: Array, state: State, tol: Array, d: int, breaks: Array) -> 
     for i in range(simple - 1):
         for k in range(K):
             for l in range(k):
-                if state[k] == 2 and state[l] == 2 and breaks[i + 1] - breaks[i] > _SAME_PLACE:
+                if state[k] == 2 and state[l] == 2 and breaks[i + 1] - breaks[i] > LIMITS.place:
                     x = crossing(c[k], c[l], d, tol[k], tol[l], breaks[i], breaks[i + 1])
                     if x >= 0:
                         breaks[used] = x
@@ -297,7 +298,7 @@ def height_rule(
 ) -> tuple[Array, int, Array, int]:
     """Append the points of a box in which every open zero line is a graph over one side."""
     K = state.size
-    simple = 2 + 2 * K * _MOST_ROOTS
+    simple = 2 + 2 * K * LIMITS.roots
     breaks = np.empty(simple + K * (K - 1) // 2 * simple)
     used = height_breaks(c, state, tol, d, breaks)
     heights, starts, ends = np.empty(K), np.zeros(K, np.bool_), np.zeros(K, np.bool_)
@@ -305,7 +306,7 @@ def height_rule(
     row, cuts = np.empty(4), np.empty(K + 2)
     for i in range(used - 1):
         a, b = breaks[i], breaks[i + 1]
-        if b - a < _SAME_PLACE:
+        if b - a < LIMITS.place:
             continue
         for p in range(nodes.size):
             s, w = a + (b - a) * nodes[p], weights[p] * (b - a)

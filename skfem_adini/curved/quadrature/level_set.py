@@ -18,8 +18,6 @@ from skfem_adini.ground.arguments import finite_numbers
 
 Array = NDArray[np.float64]
 
-_MOST_FUNCTIONS = 16  # functions in one level set: its truth table has 2^16 entries
-
 
 class LevelSet:
     r"""The domain where a function is negative.
@@ -196,9 +194,9 @@ class TruthTable:
         """Tabulate a level set of any composition."""
         leaves = level_set.leaves
         count = len(leaves)
-        if count > _MOST_FUNCTIONS:
+        if count > 16:  # the truth table has 2^count entries
             raise InputError(
-                f"level_set: {count} functions are composed, at most {_MOST_FUNCTIONS} can be; "
+                f"level_set: {count} functions are composed, at most 16 can be; "
                 "give straight-sided domains as a Polygon"
             )
         keys = [id(leaf) for leaf in leaves]

@@ -14,10 +14,6 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_SAME_AREA = 1e-14  # relative: a cell that lacks less, some fifty roundings, is full
-# Relative to the coordinates: nearer points of two polygons are one.
-_ROUNDING = 64 * np.finfo(float).eps
-
 
 class Polygon:
     """A polygon, with holes if wanted.
@@ -97,7 +93,8 @@ def _divided(polygon: Polygon, other: Polygon) -> Array:
     """Return the sides, divided where they meet those of the other, as (2, 2 ends, sides)."""
     a, step = polygon.start.T, (polygon.end - polygon.start).T
     c, other_step = other.start, other.end - other.start
-    slack = _ROUNDING * max(np.abs(polygon.start).max(), np.abs(other.start).max())
+    # Nearer points of the two polygons are one.
+    slack = 64 * np.finfo(float).eps * max(np.abs(polygon.start).max(), np.abs(other.start).max())
     pieces = []
     for origin, along in zip(a, step, strict=True):
         length = np.hypot(*along)
@@ -130,7 +127,7 @@ def _kept(sides: Array, other: Polygon, inside: bool, common: int) -> NDArray[np
     start, step = other.start[:, None], (other.end - other.start)[:, None]
     gap = middle[:, :, None] - start
     length = np.hypot(*step)
-    slack = _ROUNDING * max(np.abs(sides).max(), np.abs(other.start).max())
+    slack = 64 * np.finfo(float).eps * max(np.abs(sides).max(), np.abs(other.start).max())
     foot = np.sum(gap * step, axis=0) / length**2
     off = np.abs(step[0] * gap[1] - step[1] * gap[0]) / length
     on = (off <= slack) & (foot > 0) & (foot < 1)
@@ -196,7 +193,7 @@ def cut_polygon(
         clipped = [_clip(a[:, s], b[:, s], low, high, slack) for s in sides]
         strips = _trapezoids(polygon, low, high, sides, slack)
         area = sum(strip[-1] for strip in strips)
-        whole = area >= np.prod(high - low) * (1 - _SAME_AREA)
+        whole = area >= np.prod(high - low) * (1 - 1e-14)  # up to some fifty roundings
         full[cell] = whole
         for left, right, bottom, top, _ in strips if not whole else ():
             x = left + (right - left) * nodes

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +17,20 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Degrees of two interpolants: the coarse one settles the sign in most boxes, the fine one is made
-# in the others.
-_COARSE, _FINE = 4, 8
-_ACCURATE = 3e-12  # error allowed to an interpolant, relative to the variation of phi in a box
-_ROUNDING_OF_PHI = 32 * np.finfo(float).eps  # relative, of some thirty operations
-_SAFETY = 4.0  # factor on the estimated error before a sign counts as settled
-_ZERO_LEVEL = 1e-13  # relative to phi in a cell: smaller is zero, to find boundaries on grid lines
-_MOST_HALVINGS_OF_CELLS = 24  # the side is then 6e-8 of the cell's
-# Unresolved boxes, beside two for each cell: 32 MB a leaf, with 81 coefficients a box.
-_MOST_BOXES = 50_000
-_MOST_LEAVES_OF_BOX = 6  # zero lines in a box, with 2^6 truth values; boxes with more are divided
+
+class _Limits(NamedTuple):  # degrees of the interpolants, and limits of the division
+    coarse: int = 4  # degree of the interpolant that settles the sign in most boxes
+    fine: int = 8  # degree in the others
+    error: float = 3e-12  # of an interpolant, relative to the variation of phi in a box
+    rounding: float = 32 * np.finfo(float).eps  # of phi, relative: some thirty operations
+    safety: float = 4.0  # factor on the estimated error before a sign counts as settled
+    zero: float = 1e-13  # relative to phi in a cell: smaller is zero, for boundaries on grid lines
+    halvings: int = 24  # of a cell: the side is then 6e-8 of the cell's
+    boxes: int = 50_000  # unresolved, beside two a cell: 32 MB a leaf, 81 coefficients a box
+    leaves: int = 6  # zero lines in a box, with 2^6 truth values; others are divided
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -60,17 +64,17 @@ def accurate_boxes(table: TruthTable, lower: Array, size: Array) -> AccurateBoxe
     count = np.zeros(len(cell), dtype=np.int64)
     inside: list[tuple[Indices, Array, Array]] = []
     found: dict[int, list[OpenBoxes]] = {}
-    most = _MOST_BOXES + 2 * len(cell)
+    most = LIMITS.boxes + 2 * len(cell)
     zeros = np.zeros(len(table.leaves))
-    for level in range(_MOST_HALVINGS_OF_CELLS + 1):
+    for level in range(LIMITS.halvings + 1):
         boxes = _Screened(table, cell, lower, size, zeros)
         divide = np.zeros(len(cell), dtype=bool)
         for pattern, members in boxes.patterns():
             matter, reduced = _reduce(table, pattern)
-            crowded = len(matter) > _MOST_LEAVES_OF_BOX
-            if crowded and level == _MOST_HALVINGS_OF_CELLS:
+            crowded = len(matter) > LIMITS.leaves
+            if crowded and level == LIMITS.halvings:
                 raise InputError(f"level_set: {len(matter)} zero lines meet in one point")
-            if level < _MOST_HALVINGS_OF_CELLS:
+            if level < LIMITS.halvings:
                 rough = members[crowded | ~boxes.accurate[matter][:, members].all(axis=0)]
                 divide[rough] = True
                 members = np.setdiff1d(members, rough, assume_unique=True)
@@ -109,7 +113,7 @@ class _Screened:
     def __init__(
         self, table: TruthTable, cell: Indices, lower: Array, size: Array, zeros: Array
     ) -> None:
-        K, count, m = len(table.leaves), len(cell), _FINE + 1
+        K, count, m = len(table.leaves), len(cell), LIMITS.fine + 1
         self.cell, self.lower, self.size = cell, lower, size
         self.state = np.full((K, count), 2)
         self.accurate = np.zeros((K, count), dtype=bool)
@@ -120,22 +124,22 @@ class _Screened:
         offset = (np.abs(lower) + size).max(axis=0) / size.min(axis=0)
         for k, leaf in enumerate(table.leaves):
             left, polynomials = np.arange(count), np.zeros((0, m, m))
-            for degree in (_COARSE, _FINE):
+            for degree in (LIMITS.coarse, LIMITS.fine):
 
                 def values(x: Array, boxes: Indices = left, leaf: object = leaf) -> Array:
                     return table.signs[k] * leaf.evaluate(x, cell[boxes])  # type: ignore[attr-defined]  # noqa: B023
 
                 polynomials, error = interpolate(values, lower[:, left], size[:, left], degree)
                 low, high = polynomials.min(axis=(1, 2)), polynomials.max(axis=(1, 2))
-                if degree == _FINE and zeros[k] == 0 and left.size:
+                if degree == LIMITS.fine and zeros[k] == 0 and left.size:
                     # The same for all boxes, so that neighbours agree which zeros lie on a side.
-                    zeros[k] = _ZERO_LEVEL * np.median(np.maximum(np.abs(low), np.abs(high)))
+                    zeros[k] = LIMITS.zero * np.median(np.maximum(np.abs(low), np.abs(high)))
                 zero = zeros[k]
-                self.state[k, left[high + _SAFETY * error < -zero]] = 1
-                self.state[k, left[low - _SAFETY * error > zero]] = 0
-                if degree == _FINE:
-                    allowed = (_ACCURATE + _ROUNDING_OF_PHI * offset[left]) * (high - low)
-                    self.accurate[k, left] = error <= allowed + _ROUNDING_OF_PHI * np.abs(high)
+                self.state[k, left[high + LIMITS.safety * error < -zero]] = 1
+                self.state[k, left[low - LIMITS.safety * error > zero]] = 0
+                if degree == LIMITS.fine:
+                    allowed = (LIMITS.error + LIMITS.rounding * offset[left]) * (high - low)
+                    self.accurate[k, left] = error <= allowed + LIMITS.rounding * np.abs(high)
                     self.place[k, left] = np.arange(len(left))
                 else:
                     left = left[self.state[k, left] == 2]

@@ -7,8 +7,9 @@ from convergence import order
 from problems import foot_inside, speed
 
 from cip import Grid, Solver, Velocity
-from cip.characteristics.feet import integrate
+from cip.characteristics.feet import FEET, integrate
 from cip.characteristics.flow_derivatives import System, foot
+from cip.engines.engine import LIMITS
 
 TEXTS = [
     "x1**3*sin(x2) - exp(-t)*x2/(2 + x1**2)",
@@ -167,8 +168,8 @@ def test_substeps_of_a_velocity_that_changes_between_two_counts(text, shift):
 @pytest.mark.slow
 def test_compiled_feet_of_a_vortex_between_the_sampled_nodes(monkeypatch):
     """Against NumPy's feet, whose sub-steps are found on all nodes; a sample of four sees none."""
-    monkeypatch.setattr("cip.engines.engine._COMPILE_FROM", 0)
-    monkeypatch.setattr("cip.stages.stage._SAMPLE", 4)
+    monkeypatch.setattr("cip.engines.engine.LIMITS", LIMITS._replace(compiled=0))
+    monkeypatch.setattr("cip.stages.stage.FEET", FEET._replace(sample=4))
     bell = "exp(-200*((x1-0.3)**2 + (x2-0.6)**2))"
     field = Velocity.from_expression(f"-9*(x2-0.6)*{bell}", f"9*(x1-0.3)*{bell}")
     solver = Solver(Grid((0, 1), (20, 20), periodic=True), field, profile="adini")

@@ -123,7 +123,7 @@ def test_entries_one_by_one_are_those_of_one_call(monkeypatch):
     for mesh in (MESH, cells):
         expected = asm(form, Basis(mesh, ElementQuad1()), k=FIELDS["k"][:, None])
         for least in (1, 10**6):
-            monkeypatch.setattr(module, "_CELLS_OF_A_CALL", least)
+            monkeypatch.setattr(module, "LIMITS", module.LIMITS._replace(cells=least))
             found = assemble(form, mesh, ElementQuad1(), fallback=False, k=FIELDS["k"])
             assert same(found, expected)
 

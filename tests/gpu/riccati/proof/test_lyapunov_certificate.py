@@ -11,7 +11,7 @@ from gpu.riccati.proof.lyapunov import lyapunov_solver
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Matrices of 60 rows are treated as if they were large."""
-    monkeypatch.setattr(closed_loop, "ALL_POLES", 20)
+    monkeypatch.setattr(closed_loop, "LIMITS", closed_loop.LIMITS._replace(dense=20))
     monkeypatch.setattr(closed_loop, "SCHUR", 20)
 
 
