@@ -206,7 +206,7 @@ def corners(
 
 
 @kernel
-def beside(near: Array, moment: Index, q: Index) -> Corners:
+def corner_values(near: Array, moment: Index, q: Index) -> Corners:
     """A moment at the corners of the cell of node q of the block."""
     row = 4 * moment * _PLANE_BLOCK + q
     return Corners(
@@ -234,7 +234,7 @@ def adini_block(
     B, size, advect = _PLANE_BLOCK, update.size, update.advect
     corners(m, size, 3, x, y, uniform, count, at, near)
     for q in range(count):
-        u, ux, uy = beside(near, 0, q), beside(near, 1, q), beside(near, 2, q)
+        u, ux, uy = corner_values(near, 0, q), corner_values(near, 1, q), corner_values(near, 2, q)
         a, b = near[12 * B + q], near[13 * B + q]
         value, fx, fy = adini_profile(u, ux, uy, a, b, inside[q], inside[B + q])
         move_adini(value, fx, fy, Foot(feet, size, o + q), advect, new, B, q)
@@ -250,8 +250,8 @@ def bicubic_block(
     B, size, advect = _PLANE_BLOCK, update.size, update.advect
     corners(m, size, 4, x, y, uniform, count, at, near)
     for q in range(count):
-        u, ux = beside(near, 0, q), beside(near, 1, q)
-        uy, uxy = beside(near, 2, q), beside(near, 3, q)
+        u, ux = corner_values(near, 0, q), corner_values(near, 1, q)
+        uy, uxy = corner_values(near, 2, q), corner_values(near, 3, q)
         a, b = near[16 * B + q], near[17 * B + q]
         value, fx, fy, fxx, fxy, fyy = bicubic_profile(
             u, ux, uy, uxy, a, b, inside[q], inside[B + q]

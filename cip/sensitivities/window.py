@@ -116,7 +116,7 @@ class Window:
         held = np.zeros(len(self.parameters))
 
         def tangent(x: Any) -> Array:
-            return self._tangent(self._xp.append(self._given(x), self._xp.asarray(held)))
+            return self._tangent(self._xp.append(self._starting_point(x), self._xp.asarray(held)))
 
         def adjoint(x: Any) -> Array:
             return self._adjoint(x, held=True)[: self._start.data.size]
@@ -161,7 +161,7 @@ class Window:
         """Moments or components of feet, a row each."""
         return self._xp.asarray(data, dtype=float).reshape(-1, self._start.grid.size)
 
-    def _given(self, x: Any) -> Array:
+    def _starting_point(self, x: Any) -> Array:
         """The vector that the operator is applied to."""
         if np.ma.is_masked(x):
             raise InputError("x: some values are masked; fill them")
@@ -172,7 +172,7 @@ class Window:
         return found
 
     def _tangent(self, x: Any) -> Array:
-        x = self._given(x)
+        x = self._starting_point(x)
         state, size = self._start, self._start.data.size
         change = state_of(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
         given = host(x[size:])
@@ -292,7 +292,7 @@ class Window:
     def _adjoint(self, x: Any, held: bool = False) -> Array:
         """The transpose; with zeros for the parameters where they are `held`."""
         xp, shape, varies = self._xp, self._start.data.shape, self._varies and not held
-        weight = self._flat(self._given(x)).copy()
+        weight = self._flat(self._starting_point(x)).copy()
         found, segment = np.zeros(len(self.parameters)), list[State]()
         gathered: dict[Any, tuple[int, StageFeet, Array]] = {}
         for n in range(len(self._moves) - 1, -1, -1):

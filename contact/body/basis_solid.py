@@ -22,7 +22,7 @@ from contact.body.multipoint import column_lengths, picked_by
 from contact.body.rigid_modes import dof_lengths, rigid_modes, value_dofs
 from contact.body.solid import Solid
 from contact.body.space import KeptSpaces, Space
-from contact.body.supports import live_rows, selected
+from contact.body.supports import selected, unconstrained_rows
 from contact.portable import PortableBasis
 
 if TYPE_CHECKING:
@@ -100,11 +100,11 @@ class BasisSolid(Solid):
         """The same rows."""
         return matrix
 
-    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
+    def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports do not fix; see `contact.body.supports.unconstrained_rows`."""
         P = self.constraint[0]
         if self._live is None or self._live[0] is not rows or self._live[1] is not P:
-            self._live = rows, P, live_rows(rows, P, self.lengths)
+            self._live = rows, P, unconstrained_rows(rows, P, self.lengths)
         return self._live[2]
 
     @cached_property

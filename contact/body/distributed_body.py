@@ -27,7 +27,7 @@ from contact.body.rigid_modes import dof_kinds, rigid_field
 from contact.body.solid import Solid
 from contact.body.space import Space
 from contact.body.spread_unknowns import SpreadUnknowns
-from contact.body.supports import live_rows
+from contact.body.supports import unconstrained_rows
 from contact.body.vector_element import vector_element
 from contact.errors import InputError
 from contact.settled import settled
@@ -306,10 +306,10 @@ class DistributedBody(Solid):
         space, dofs = self.space, self._strip.basis.element_dofs
         own = np.flatnonzero(space.piece.owner == self.comm.rank)
         here, there = np.intersect1d(space.piece.cells[own], cells, return_indices=True)[1:]
-        told = self.comm.allgather((there, space.numbers[space.basis.element_dofs[:, own[here]]]))
+        entry = self.comm.allgather((there, space.numbers[space.basis.element_dofs[:, own[here]]]))
         self._shared = self._strip.basis.N
         numbers = np.full(self._shared, -1, dtype=np.int64)
-        for which, known in told:
+        for which, known in entry:
             numbers[dofs[:, which]] = known
         if np.any(numbers < 0):
             raise AssertionError("a cell of the contact strip belongs to no process")
@@ -409,10 +409,10 @@ class DistributedBody(Solid):
         shape = matrix.shape[0], self.f.size
         return sparse.csr_array((matrix.data, matrix.indices, matrix.indptr), shape=shape)
 
-    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
+    def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports do not fix; see `contact.body.supports.unconstrained_rows`."""
         own = sparse.csr_array(rows[:, : self._shared])
-        return live_rows(own, self._strip.constraint[0], self._strip.lengths)
+        return unconstrained_rows(own, self._strip.constraint[0], self._strip.lengths)
 
     @cached_property
     def rows(self) -> sparse.csr_array:
@@ -487,7 +487,7 @@ class DistributedBody(Solid):
         """``|S| |u|`` on the owned dofs."""
         return np.asarray(self.absolute_rows @ np.abs(self.to_local(u)))
 
-    def give(self, forces: Array) -> float:
+    def local_displacement(self, forces: Array) -> float:
         """Largest displacement that one of the forces would cause if all other dofs were fixed."""
         own = DistributedMatrix(self.space, self.rows).diagonal()[self.space.owned]
         return self.vectors.largest(self.counted(forces) * self.vectors.lengths / own)

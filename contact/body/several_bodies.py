@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.body.solid import Solid
-from contact.body.supports import live_rows
+from contact.body.supports import unconstrained_rows
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ class Bodies(Solid):
         name = self._bodies[k].name
         return repr(name) if name else f"body {k}"
 
-    def said_of(self, k: int, motion: str) -> str:
+    def describe(self, k: int, motion: str) -> str:
         """A motion of body k in the words of an error message."""
         return f"{motion} of {self.called(k)}"
 
@@ -195,7 +195,7 @@ class Bodies(Solid):
         place = rows.indices + own.start
         return sparse.csr_array((rows.data, place, rows.indptr), shape=(rows.shape[0], total))
 
-    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+    def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
         """Rows that are live in some body: those that its supports do not fix."""
         P, lengths = [], []
         for body in self._bodies:
@@ -206,7 +206,7 @@ class Bodies(Solid):
         of_dof = [np.r_[own, np.ones(rest)] for (own, _), (_, rest) in zip(lengths, P, strict=True)]
         of_free = [free for _, free in lengths]
         whole = sparse.csr_array(sparse.block_diag(blocks, format="csr"))
-        return live_rows(rows, whole, (np.concatenate(of_dof), np.concatenate(of_free)))
+        return unconstrained_rows(rows, whole, (np.concatenate(of_dof), np.concatenate(of_free)))
 
     def _each(self, *vectors: Array) -> Any:
         """Each body with its part of every vector."""

@@ -263,7 +263,7 @@ class Solid(Portable, ABC):
         ours, theirs = (vars(body).get(self._IDENTITY) for body in (self, other))
         return other is self or (ours is not None and theirs is ours)
 
-    def said_of(self, k: int, motion: str) -> str:
+    def describe(self, k: int, motion: str) -> str:
         """A motion of body k in the words of an error message."""
         return motion
 
@@ -277,8 +277,8 @@ class Solid(Portable, ABC):
         """Rows given on the dofs of `trace`, extended to all dofs of this body."""
 
     @abstractmethod
-    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
+    def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports do not fix; see `contact.body.supports.unconstrained_rows`."""
 
     def forces_on(self, u: Any) -> Any:
         """The own part of S u, without the mean translations, which would only add rounding."""
@@ -309,12 +309,12 @@ class Solid(Portable, ABC):
             space.largest(space.of_moduli @ terms / space.free_lengths),
         )
 
-    def give(self, forces: Any) -> float:
+    def local_displacement(self, forces: Any) -> float:
         """Largest displacement that one of the forces would cause if all other dofs were fixed."""
         space = self.vectors
         return float(space.largest(space.own(forces) * space.lengths / space.diagonal))
 
-    def reach(self, u: Any) -> float:
+    def largest_displacement(self, u: Any) -> float:
         """Largest displacement at a node; if all are zero, largest derivative times its length."""
         space = self.vectors
         own = space.own(u)

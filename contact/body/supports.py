@@ -11,7 +11,7 @@ from scipy import sparse
 Array = NDArray[np.float64]
 
 
-def live_rows(
+def unconstrained_rows(
     rows: sparse.csr_array, P: sparse.csr_array, lengths: tuple[Array, Array]
 ) -> NDArray[np.bool_]:
     """Rows that the prescribed displacements do not fix: those with ``rows @ P`` not zero.

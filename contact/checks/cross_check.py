@@ -185,7 +185,8 @@ def cross_check(
     return CrossCheck(
         solver=solver,
         size=asked.size,
-        displacement=body.reach(u - result.u) / (body.reach(result.u) or 1.0),
+        displacement=body.largest_displacement(u - result.u)
+        / (body.largest_displacement(result.u) or 1.0),
         multipliers=float(difference / force),
         objective=abs(ours - theirs) / max(abs(ours), abs(theirs), np.finfo(float).tiny),
         seconds=answer.seconds,
@@ -228,7 +229,9 @@ def _with_prescribed(result: ContactResult, bound: Array, u: Array, t: Array) ->
     Where free obstacles alone move a point along its tangents, t is that of the result."""
     system = result.system
     asked = replace(system, law=None if system.law is None else "tresca", friction=bound)
-    dead = ~system.body.live(system.rows.T).reshape(t.shape).any(axis=1) & ~system.rows.ties
+    dead = (
+        ~system.body.unconstrained(system.rows.T).reshape(t.shape).any(axis=1) & ~system.rows.ties
+    )
     t = np.where((dead & ~system.held)[:, None], result.t, t)
     return asked.with_held_points(u, result.mu, t, result.motion) if np.isfinite(u).all() else t
 
@@ -240,7 +243,7 @@ def _effect(result: ContactResult, mu: Array, t: Array) -> float:
 
     def give(mu: Array, t: Array) -> float:
         forces = rows.G.T @ mu + rows.T.T @ t.ravel()
-        return float(body.give(P @ (P.T @ forces)))
+        return float(body.local_displacement(P @ (P.T @ forces)))
 
     size = give(result.mu, result.t)
     return give(mu - result.mu, t - result.t) / size if size > 0 else float("nan")

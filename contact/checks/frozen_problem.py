@@ -67,7 +67,7 @@ class FrozenProblem:
         ties, bound = rows.ties, system.bound(result.mu)
         rubs = (bound > 0) & ~ties
         # Friction of points whose whole slip is prescribed acts on supports alone.
-        rubs &= system.body.live(rows.T).reshape(m, columns).any(axis=1)
+        rubs &= system.body.unconstrained(rows.T).reshape(m, columns).any(axis=1)
         normal, tangential = _targets(result)
         all_rows: Any = sparse.vstack((rows.G, rows.T), format="csr")
         targets = np.concatenate((normal, tangential.ravel())) - all_rows @ u0

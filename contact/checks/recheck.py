@@ -108,7 +108,7 @@ class PairedResiduals:
             _BodyForces(body, self.u[own], contact[own], self.system.load[own])
             for body, own in zip(bodies, self.system.body.slices, strict=True)
         ]
-        give = max(part.body.host.give(part.contact.rounded) for part in self.parts)
+        give = max(part.body.host.local_displacement(part.contact.rounded) for part in self.parts)
         self.length = max(*(part.reach for part in self.parts), give) or 1.0
         self.unbalanced, self.cancelling = max(
             (part.equilibrium() for part in self.parts), key=lambda pair: pair[0] / (pair[1] or 1.0)
@@ -199,7 +199,7 @@ class _BodyForces:
 
     def __init__(self, body: PairedBody, u: Array, contact: Pairs, load: Array) -> None:
         self.body, self.u, self.contact, self.load = body, u, contact, load
-        self.reach = float(body.host.reach(u))
+        self.reach = float(body.host.largest_displacement(u))
         self.left = body.internal(u) + contact - load  # reactions, and what is out of balance
 
     def equilibrium(self) -> tuple[float, float]:

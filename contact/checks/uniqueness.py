@@ -39,7 +39,7 @@ from contact.errors import InputError, NotConverged, Unbounded
 from contact.laws.options import Options
 from contact.problem.contact_problem import ContactProblem
 from contact.result.contact_result import ContactResult
-from skfem_adini.ground.arguments import whole
+from skfem_adini.ground.arguments import integer
 
 Array = NDArray[np.float64]
 
@@ -135,7 +135,7 @@ def uniqueness(
             "as it is now"
         )
     for name, count in (("starts", starts), ("seed", seed)):
-        whole(name, count, 0)
+        integer(name, count, 0)
     system = result.system
     condensed = problem.condense().under(system.body)
     boundary = condensed.boundary_problem(
@@ -208,12 +208,14 @@ def _apart(one: ContactResult, other: ContactResult) -> bool:
     """Whether displacements or contact forces differ by more than rounding."""
     body, forces = one.system.body, [r.contact_forces + r.tie_forces for r in (one, other)]
     length = max(
-        *(body.reach(result.u) for result in (one, other)),
-        *(body.give(force) for force in forces),
+        *(body.largest_displacement(result.u) for result in (one, other)),
+        *(body.local_displacement(force) for force in forces),
     )
     distinct = 1e-6  # relative distance of certified solutions that differ
-    size = max(body.give(force) for force in forces)  # as displacements: dofs have different units
+    size = max(
+        body.local_displacement(force) for force in forces
+    )  # as displacements: dofs have different units
     return bool(
-        body.reach(one.u - other.u) > distinct * length
-        or body.give(forces[0] - forces[1]) > distinct * size
+        body.largest_displacement(one.u - other.u) > distinct * length
+        or body.local_displacement(forces[0] - forces[1]) > distinct * size
     )

@@ -71,7 +71,7 @@ def repeatable(body: Solid, rows: BodyRows, solver: str, device: str) -> Condens
     return condense(body, rows, solver, device)
 
 
-def way_of(
+def choose_condensation(
     bodies: Sequence[Solid], rows: int, solver: str, device: Device, deterministic: bool
 ) -> tuple[Any, bool]:
     """The function that condenses bodies with so many rows, and whether their compliance is dense.

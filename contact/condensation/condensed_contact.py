@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
-from contact.condensation.condense import way_of
+from contact.condensation.condense import choose_condensation
 from contact.condensation.condensed_body import BodyRows, CondensedBody
 from contact.condensation.device_choice import Device
 from contact.condensation.factor_compliance import FactorCompliance, guessed_diagonal
@@ -140,9 +140,11 @@ class CondensedBodies:
                 found.append(part.motion_of(part.modes @ (self._unit * own)))
             else:
                 found.append(("", np.zeros(part.body.ndofs)))
-        reaches = [b.reach(u) for b, (_, u) in zip(self.body.bodies, found, strict=True)]
+        reaches = [
+            b.largest_displacement(u) for b, (_, u) in zip(self.body.bodies, found, strict=True)
+        ]
         k = int(np.argmax(reaches))
-        return self.body.said_of(k, found[k][0]), np.concatenate([u for _, u in found])
+        return self.body.describe(k, found[k][0]), np.concatenate([u for _, u in found])
 
     def _of_motion(self, a: Array) -> list[Array]:
         """The rigid motions a of each body."""
@@ -240,7 +242,7 @@ class CondensedContact(CondensedBodies):
     ) -> None:
         of_bodies = self._take(body, rows, keep)
         count = of_bodies[0].count
-        way, self._dense = way_of(body.bodies, count, solver, device, deterministic)
+        way, self._dense = choose_condensation(body.bodies, count, solver, device, deterministic)
         if "thesis" in rows.functional.split(",") and not self._dense:
             raise InputError(
                 "functional 'thesis': it needs the dense compliance, which does not fit; choose "
@@ -273,7 +275,9 @@ class CondensedContact(CondensedBodies):
     def _take(self, body: Any, rows: ContactRows, keep: sparse.csr_array | None) -> list[BodyRows]:
         """Take over the rows; returns the columns of each body in the live ones."""
         self.rows = rows
-        normal, tangential = self._choose(rows, body.live(rows.G), body.live(rows.T))
+        normal, tangential = self._choose(
+            rows, body.unconstrained(rows.G), body.unconstrained(rows.T)
+        )
         return [
             BodyRows(normal[:, own], tangential[:, own], None if keep is None else keep[:, own])
             for own in body.slices

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.linalg import qr
 
 from contact.arrays.dense_arrays import HostArrays
-from contact.condensation.beside import Beside
+from contact.condensation.background import BackgroundWork
 from contact.condensation.condensed_body import Array, BodyRows
 from contact.condensation.device_schur import Tree, on_device, restricted
 from contact.condensation.scaled_stiffness import ScaledStiffness
@@ -42,9 +42,9 @@ class SolvedBody(SparseBody):
         super().__init__(body, rows, solver, arrays)
 
     def _eliminate(
-        self, B: sparse.csr_array, beside: Beside, system: ScaledStiffness, solver: str
+        self, B: sparse.csr_array, background: BackgroundWork, system: ScaledStiffness, solver: str
     ) -> None:
-        modes = self._seen(beside, system.unit)
+        modes = self._seen(background, system.unit)
         touched, k = self._boundary, modes.shape[1]
         self._boundary = np.arange(system.unit.size)
         self._take(B)
@@ -53,7 +53,7 @@ class SolvedBody(SparseBody):
         self._factor, self._soft = _Whole(system), 0.0
         here = None if k or not self._on_device else restricted(system)
         if here is not None:
-            tree = beside.tree(np.zeros(0, dtype=np.int64))
+            tree = background.tree(np.zeros(0, dtype=np.int64))
             self._solver: Any = DeviceFactor(here, self._devices, self._deterministic, tree)
             return
         held = system.matrix()

@@ -12,7 +12,7 @@ from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays
 from contact.body.free_motions import unseen_motion
 from contact.body.supports import scaled_columns
-from contact.condensation.beside import Beside
+from contact.condensation.background import BackgroundWork
 from contact.condensation.condensed_body import Array, BodyRows, CondensedBody
 from contact.condensation.device_schur import DeviceSchur, restricted
 from contact.condensation.elimination_order import elimination_order
@@ -34,13 +34,13 @@ class SparseBody(CondensedBody):
     ) -> None:
         self.arrays, self._on_device = arrays or HostArrays(), arrays is not None
         self.body = body
-        with Beside(body, self._on_device) as beside:
+        with BackgroundWork(body, self._on_device) as background:
             self.slender = body.slender
             system = ScaledStiffness.of(body, self.arrays)
             self._P = scaled_columns(body.constraint[0], system.unit)
             B = self._touch(rows)
             self.B = sparse.csr_array(B[:, self._boundary])
-            self._eliminate(B, beside, system, solver)
+            self._eliminate(B, background, system, solver)
         if self._on_device:
             # Kept here, so that it leaves the device together with the factors.
             compliance = 8 * self.B.shape[0] * (self.B.shape[0] + self.order)
@@ -48,7 +48,7 @@ class SparseBody(CondensedBody):
         self._prescribe(body)
 
     def _eliminate(
-        self, B: sparse.csr_array, beside: Beside, system: ScaledStiffness, solver: str
+        self, B: sparse.csr_array, background: BackgroundWork, system: ScaledStiffness, solver: str
     ) -> None:
         """Factor the inner unknowns, and then the boundary's complement; motions in another thread.
         A motion that no row sees is refused even if the factorisation fails, where rounding decides
@@ -63,17 +63,17 @@ class SparseBody(CondensedBody):
                     self._P = sparse.csr_array(self._P @ change)
                     self.B = sparse.csr_array(B @ change[:, self._boundary])
                 else:
-                    self._factor = self._factored(beside, system, solver)
+                    self._factor = self._factored(background, system, solver)
             except ContactError:
-                self._seen(beside, system.unit)
+                self._seen(background, system.unit)
                 raise
-            modes = self._seen(beside, system.unit)
+            modes = self._seen(background, system.unit)
             modes = modes if back is None else back @ modes
             self._hold(modes[self._boundary], modes)
 
-    def _seen(self, beside: Beside, unit: Array) -> Array:
+    def _seen(self, background: BackgroundWork, unit: Array) -> Array:
         """Free rigid motions of the unknowns; raises where no row sees one."""
-        modes: Array = beside.motions() / unit[:, None]
+        modes: Array = background.motions() / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
         return modes
 
@@ -99,14 +99,14 @@ class SparseBody(CondensedBody):
         left: Array = body.vectors.returned(forces - body.at_supports(forces), rest)
         return left
 
-    def _factored(self, beside: Beside, system: ScaledStiffness, solver: str) -> Any:
+    def _factored(self, background: BackgroundWork, system: ScaledStiffness, solver: str) -> Any:
         b, order = self._boundary, partial(elimination_order, self.body)
         if not self._on_device or b.size == system.unit.size:
             return schur_factor(system.matrix(), b, order, solver)
         here = restricted(system)
         if here is None:
             return DeviceSchur(system.matrix(), b)
-        factor = DeviceSchur(here, b, beside.tree(b))
+        factor = DeviceSchur(here, b, background.tree(b))
         self._there = self.arrays.xp.asarray(system.free), self.arrays.put(system.unit)
         return factor
 

@@ -106,8 +106,8 @@ class FiniteSliding:
                 result = self._problem.solve_system(system, condensed, options, result)
             else:
                 result = found
-            before, change = change, body.reach(result.u - u)
-            u, size = result.u, body.reach(result.u) or 1.0
+            before, change = change, body.largest_displacement(result.u - u)
+            u, size = result.u, body.largest_displacement(result.u) or 1.0
             lines += [*(result.history if found is None else ()), _line(k, result, change / size)]
             # What Newton's next step would still change, where this one was a step of it.
             ahead = change if found is None else min(change, change**2 / before)

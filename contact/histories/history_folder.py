@@ -64,7 +64,7 @@ class HistoryFolder:
         comm = system.body.comm if isinstance(system.body, DistributedBody) else None
 
         def about() -> dict[str, Any]:
-            told = {
+            entry = {
                 "format": _FORMAT,
                 "run": token_hex(16),
                 "times": times.tolist(),
@@ -76,12 +76,12 @@ class HistoryFolder:
                 if any(path.iterdir()):
                     raise FileExistsError(path)
                 with complete_file(path / "history.json", exclusive=True) as file:
-                    file.write(json.dumps(told | {"checksum": _digest(told)}).encode())
+                    file.write(json.dumps(entry | {"checksum": _digest(entry)}).encode())
             except (FileExistsError, NotADirectoryError) as error:
                 raise InputError(
                     f"path: {path} is not empty; resume it, or choose a new folder"
                 ) from error
-            return told
+            return entry
 
         return cls(path, _on_first(comm, about), comm)
 
@@ -91,20 +91,20 @@ class HistoryFolder:
 
         def about() -> dict[str, Any]:
             try:
-                told: dict[str, Any] = json.loads((path / "history.json").read_text())
-                if told["format"] == 1:
+                entry: dict[str, Any] = json.loads((path / "history.json").read_text())
+                if entry["format"] == 1:
                     raise ValueError(
                         "format 1, of version 0.1.0, whose files do not show which run they are "
                         "of; run it again in a new folder"
                     )
-                if told["format"] != _FORMAT:
-                    raise ValueError(f"format {told['format']}, not {_FORMAT}")
-                if told.pop("checksum") != _digest(told):
+                if entry["format"] != _FORMAT:
+                    raise ValueError(f"format {entry['format']}, not {_FORMAT}")
+                if entry.pop("checksum") != _digest(entry):
                     raise ValueError("history.json was changed since it was written")
-                cls(path, told)
+                cls(path, entry)
             except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
                 raise InputError(f"path: {path} holds no load history ({error})") from error
-            return told
+            return entry
 
         comm = body.comm if isinstance(body, DistributedBody) else None
         return cls(path, _on_first(comm, about), comm)
@@ -271,8 +271,8 @@ def _on_first(comm: Any, task: Callable[[], Found]) -> Found:
     failure = comm.bcast(failure)
     if failure is not None:
         raise failure
-    told: Found = comm.bcast(found)
-    return told
+    entry: Found = comm.bcast(found)
+    return entry
 
 
 def _set_aside(path: Path) -> None:

@@ -23,7 +23,7 @@ from contact.problem.large_motion import check_motion
 from contact.problem.sagitta import warn_of_sagitta
 from contact.result.contact_result import ContactResult
 from contact.settled import settled
-from skfem_adini.ground.arguments import choice, finite_number, whole
+from skfem_adini.ground.arguments import choice, finite_number, integer
 
 if TYPE_CHECKING:
     from contact.problem.contact_problem import ContactProblem
@@ -113,7 +113,7 @@ class LoadStepper(LoadProgram):
 
         if not isinstance(problem, ContactProblem):
             raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
-        whole("halvings", halvings, 0)
+        integer("halvings", halvings, 0)
         choice("sliding", sliding, ("small", "finite"))
         if largest_rotation is not None and sliding == "small":
             raise InputError("largest_rotation: it belongs to sliding='finite'")

@@ -105,10 +105,10 @@ class StiffnessForm:
             if motion is not None and system.motion is not None:
                 found = self._per_unit * now.a[self._elastic + self._N.shape[1] :]
                 motion[system.motion.free] += found
-            size = system.body.reach(du)
+            size = system.body.largest_displacement(du)
             # The change ends at rounding of the displacements, or at that of an assembled matrix,
             # where it is no longer halved.
-            reach = system.body.reach(u)
+            reach = system.body.largest_displacement(u)
             if size <= np.finfo(float).eps * reach or size > 0.5 * last:
                 break
             last = size

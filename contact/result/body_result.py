@@ -255,7 +255,8 @@ class BodyResult(BodyFields):
     tie_forces: Array
 
     def __repr__(self) -> str:
-        return f"BodyResult({self.body!r}; displacement at most {self.body.reach(self.u):.6g})"
+        size = self.body.largest_displacement(self.u)
+        return f"BodyResult({self.body!r}; displacement at most {size:.6g})"
 
     @property
     def solid(self) -> Any:

@@ -43,10 +43,12 @@ def strained_bodies(body: Any) -> list[int]:
 def _refuse_large_displacements(state: ContactState) -> None:
     """Raise if displacements exceed the size of the body: the linear theory is then invalid."""
     system, body = state.system, state.system.body
-    size, reach = body.extent, body.reach(state.u)
+    size, reach = body.extent, body.largest_displacement(state.u)
     # What is prescribed, and the gap that must close before anything touches, is intended.
     nearest = np.abs(system.rows.gap).min(initial=np.inf)
-    given = max(body.reach(body.constraint[1]), nearest if np.isfinite(nearest) else 0.0)
+    given = max(
+        body.largest_displacement(body.constraint[1]), nearest if np.isfinite(nearest) else 0.0
+    )
     if system.motion is not None and state.motion is not None:
         known = np.where(system.motion.free, 0.0, np.nan_to_num(state.motion))
         given = max(given, *(np.abs(w).max(initial=0.0) for w in system.motion.displacement(known)))
@@ -115,7 +117,9 @@ def refuse_shared_points(state: ContactState) -> None:
     rows = system.rows
     u_n, _ = system.relative(state.u, state.motion)
     rounding = 1e-8  # of gaps over the largest displacement, and of forces over the bound
-    closed = (u_n - rows.gap > -rounding * (body.reach(state.u) or 1.0)) | (state.mu > 0.0)
+    closed = (u_n - rows.gap > -rounding * (body.largest_displacement(state.u) or 1.0)) | (
+        state.mu > 0.0
+    )
     if not np.any(state.mu[closed] != 0.0):
         return
     chosen = [rows.G[np.flatnonzero(closed)]]
@@ -135,7 +139,7 @@ def refuse_shared_points(state: ContactState) -> None:
 
 
 def _dependent(body: Any, rows: sparse.csr_array) -> bool:
-    live = np.flatnonzero(body.live(rows))
+    live = np.flatnonzero(body.unconstrained(rows))
     if not live.size:
         return False
     B: Any = body.in_unknowns(rows[live])

@@ -231,7 +231,9 @@ class ContactResult(BodyFields, ContactState):
             loaded = loaded | (g > 0)
         force = np.linalg.norm(self.t, axis=1)
         # What rounding leaves of a displacement is no slip.
-        moves = np.linalg.norm(self.slip_increment, axis=1) > 1e-10 * self.system.body.reach(self.u)
+        moves = np.linalg.norm(
+            self.slip_increment, axis=1
+        ) > 1e-10 * self.system.body.largest_displacement(self.u)
         held = loaded & (g > 0)
         held = held & self.system.held if held.any() else held
         moves = np.where(held, force > 0, moves)  # where it is zero, so is the slip
@@ -501,7 +503,7 @@ def facts(result: Any) -> dict[str, str]:
         "pressure": "none"
         if highest is None
         else f"at most {result.pressure[highest]:.6g}, at {vector(result.x[:, highest])}",
-        "displacement": f"at most {system.body.reach(result.u):.6g}",
+        "displacement": f"at most {system.body.largest_displacement(result.u):.6g}",
         "certificate": f"no residual above {kkt[worst]:.1e} ({worst})",
     }
 

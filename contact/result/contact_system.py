@@ -58,7 +58,7 @@ class ContactSystem:
     def held(self) -> NDArray[np.bool_]:
         """Points (m,) whose whole slip is prescribed; not of a ring on its axis, by symmetry."""
         rows = self.rows
-        free = self.body.live(rows.T).reshape(rows.gap.size, -1).any(axis=1)
+        free = self.body.unconstrained(rows.T).reshape(rows.gap.size, -1).any(axis=1)
         if self.body.is_ring:
             rounding = 1e-9  # of radii over the extent, and of radial parts of normals
             on_axis = np.abs(rows.x_nominal[0]) <= rounding * self.body.extent
@@ -78,7 +78,7 @@ class ContactSystem:
         parts = [u_t] if self.slip_from is None else [u_t, self.slip_from]
         if self.motion is not None and w is not None:
             parts.append(self.motion.displacement(w)[1])
-        size = max(self.body.reach(self.body.placed(u)), *map(_largest, parts))
+        size = max(self.body.largest_displacement(self.body.placed(u)), *map(_largest, parts))
         moves = np.linalg.norm(slip, axis=1) > UNMOVED * size
         known = against(np.where(moves[:, None], slip, 0.0).T, self.bound(mu)).T
         return np.where(held[:, None], known, t)
@@ -109,7 +109,9 @@ class ContactSystem:
         contact = self.body.placed(self.body.contact_forces(rows, mu, t))
         unbalanced, cancelling = self.body.equilibrium(here, contact, load)
         # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
-        length = max(self.body.reach(here), self.body.give(contact)) or 1.0
+        length = (
+            max(self.body.largest_displacement(here), self.body.local_displacement(contact)) or 1.0
+        )
         # Forces below the rounding of those that cancel inside have no digits: a body moved by its
         # supports until it just touches has no others.
         noise = LIMITS.noise * cancelling
@@ -218,7 +220,7 @@ def beside_travel(left: float, loads: Array, body: Any, u: Any) -> float:
     """A residual of the balance, less where supports alone, no loads, cause the forces: those of
     a body that they move until it just touches are of the size of the rounding of that motion."""
     if left > 1e-12 and not np.any(loads):  # more than the rounding of sums
-        left /= max(1.0, 1e-3 * body.reach(u) / (body.deformation(u) or 1e-300))
+        left /= max(1.0, 1e-3 * body.largest_displacement(u) / (body.deformation(u) or 1e-300))
     return left
 
 

@@ -98,9 +98,9 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
     if isinstance(system.body, Bodies):
         arrays, about = {}, {"format": FORMATS.several, "bodies": [], **rows}
         for k, body in enumerate(system.body.bodies):
-            own, told = _body_arrays(body, {})
+            own, entry = _body_arrays(body, {})
             arrays |= to_arrays(own, _prefix(k))
-            about["bodies"].append(told)
+            about["bodies"].append(entry)
     else:
         arrays, about = _body_arrays(system.body, rows)
         about = {"format": FORMATS.one, **about}
@@ -313,7 +313,7 @@ def _rebuild(
 def _rebuild_problem(arrays: dict[str, Any], about: dict[str, Any]) -> tuple[Any, ContactRows]:
     body: Any
     if about["format"] == FORMATS.several:
-        body = Bodies([_body_of(arrays, k, told) for k, told in enumerate(about["bodies"])])
+        body = Bodies([_body_of(arrays, k, entry) for k, entry in enumerate(about["bodies"])])
     else:
         body = _rebuild_body(arrays, about)
     rows = _rows_from(arrays, about["functional"])

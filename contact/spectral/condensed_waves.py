@@ -12,7 +12,7 @@ from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays, arrays_on
 from contact.body.elastic_body import ElasticBody
 from contact.body.free_motions import unseen_motion
-from contact.body.layers.lateral_sides import adrift, odd_unknowns
+from contact.body.layers.lateral_sides import odd_unknowns, unsupported
 from contact.body.layers.meshed_block import MeshedBlock
 from contact.condensation.condense import condense
 from contact.condensation.condensed_body import BodyRows, CondensedBody
@@ -56,7 +56,7 @@ class CondensedWaves(CondensedBody):
         self._boundary = self._factor.boundary
         self.B = sparse.csr_array(B[:, self._boundary])
         loose = np.isin(np.arange(body.dim), planes.loose)
-        moving = np.flatnonzero(adrift(body.lateral or (), ~loose))
+        moving = np.flatnonzero(unsupported(body.lateral or (), ~loose))
         modes = np.zeros((planes.P.shape[1], moving.size))
         for column, component in enumerate(moving):
             modes[component::r, column] = 1.0
@@ -132,7 +132,7 @@ def planes_of(body: MeshedBlock, xp: Any) -> Planes:
     size = body.f.size, int(np.prod(shape))
     P = sparse.csr_array(sparse.coo_array(entries, shape=size))
     if not _same_span(body, P):
-        raise _besides()
+        raise _not_diagonal()
     return Planes(P, lateral, loose, lengths, shape, cells)
 
 
@@ -166,7 +166,7 @@ def _loose(
     expected = np.broadcast_to(~held, shape).copy()
     expected[-1][..., np.setdiff1d(np.arange(r), loose)] = False
     if not np.array_equal(of_z, expected):
-        raise _besides()
+        raise _not_diagonal()
     return loose
 
 
@@ -180,7 +180,7 @@ def _same_span(body: MeshedBlock, P: sparse.csr_array) -> bool:
     return bool(np.abs(back - probe).max(initial=0.0) <= 1e-9 * np.abs(probe).max(initial=0.0))
 
 
-def _besides() -> InputError:
+def _not_diagonal() -> InputError:
     return InputError(
         "path: supports or equations besides those of the sides and the whole top, which "
         "transforms do not diagonalise; leave path out"

@@ -13,7 +13,7 @@ from skfem.element import Element
 
 from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
-from contact.body.layers.lateral_sides import adrift, odd_unknowns, read_sides
+from contact.body.layers.lateral_sides import odd_unknowns, read_sides, unsupported
 from contact.body.layers.layers import Layer, read_layers, refuse_rings
 from contact.body.layers.meshed_block import meshed, supported
 from contact.errors import InputError
@@ -164,7 +164,7 @@ class PeriodicLayers(FilteredCompliance):
         if base is None:
             self.held[select_components(self.dim, top)] = True
         self.normal = -np.eye(self.dim)[-1]
-        self.constant = adrift(self._sides, self.held | (base is not None))
+        self.constant = unsupported(self._sides, self.held | (base is not None))
         self._xp, self.interfaces = xp, interfaces
         if not isinstance(interfaces, str) or interfaces not in ("smooth", "kinked"):
             raise InputError(f"interfaces={interfaces!r}: expected 'smooth' or 'kinked'")

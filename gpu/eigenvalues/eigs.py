@@ -28,7 +28,7 @@ from gpu.eigenvalues.operator import (
 )
 from gpu.eigenvalues.schur import ORDERS, Rank, best_first, edge_of, rank_of
 from gpu.errors import GpuError, InputError, NotConverged
-from skfem_adini.ground.arguments import choice, flag, is_finite_number, shown, unmasked, whole
+from skfem_adini.ground.arguments import choice, flag, integer, is_finite_number, shown, unmasked
 from skfem_adini.ground.arrays import namespace, to_host
 from skfem_adini.ground.errors import warn
 
@@ -153,7 +153,7 @@ def eigs(
     """
     matrix, mass = as_matrix("A", A, v0), None if M is None else as_matrix("M", M)
     n, xp = matrix.n, matrix.xp
-    k = whole("k", k, 1, n)
+    k = integer("k", k, 1, n)
     if mass is not None:
         _matching(matrix, mass)
         if mass.explicit is not None:
@@ -165,8 +165,8 @@ def eigs(
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
         raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
     if maxiter is not None:
-        maxiter = whole("maxiter", maxiter, 1, np.inf)
-    size = max(2 * k + 20, 40) if ncv is None else whole("ncv", ncv, k + 2, np.inf)
+        maxiter = integer("maxiter", maxiter, 1, np.inf)
+    size = max(2 * k + 20, 40) if ncv is None else integer("ncv", ncv, k + 2, np.inf)
     size = max(size, k + 3)
     if sigma is not None and not is_finite_number(sigma):
         raise InputError(f"sigma={shown(sigma)}: expected a finite number")

@@ -10,7 +10,7 @@ from scipy import sparse
 from gpu.eigenvalues.eigs import LIMITS, eigs, start_vector
 from gpu.eigenvalues.operator import real_products
 from gpu.errors import InputError, NotConverged
-from skfem_adini.ground.arguments import choice, flag, unmasked, whole
+from skfem_adini.ground.arguments import choice, flag, integer, unmasked
 from skfem_adini.ground.arrays import cupy, namespace, to_host
 
 
@@ -85,11 +85,11 @@ def svds(
     """
     factors = _Factors(A)
     small = min(factors.shape)
-    whole("k", k, 1, small)
+    integer("k", k, 1, small)
     choice("which", which, ("LM", "SM"))
     for name, value in (("ncv", ncv), ("maxiter", maxiter)):
         if value is not None:
-            whole(name, value, 1)
+            integer(name, value, 1)
     return_singular_vectors = flag("return_singular_vectors", return_singular_vectors)
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
         raise InputError(f"tol={tol!r}: expected a number from 0, below 1")

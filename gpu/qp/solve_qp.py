@@ -28,7 +28,7 @@ from gpu.qp.interior_point.minimise import Point, certified, minimise, polished
 from gpu.qp.interior_point.polish import PrimalDual, Sides
 from gpu.qp.interior_point.presolve import PRESOLVE, nonempty
 from gpu.qp.last_digits import last_digits
-from skfem_adini.ground.arguments import unmasked, whole
+from skfem_adini.ground.arguments import integer, unmasked
 from skfem_adini.ground.arrays import namespace, to_host
 
 
@@ -144,7 +144,7 @@ def solve_qp(
     problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
     if not isinstance(tol, int | float | np.number) or not 0.0 < tol < 1.0:
         raise InputError(f"tol is {tol!r}: it must be a number between 0 and 1")
-    host_below = whole("host_below", host_below, 0)
+    host_below = integer("host_below", host_below, 0)
     if not isinstance(start, QPResult):
         unmasked("start", start)
     for low, high, names in (
@@ -277,7 +277,7 @@ def _first_iterate(
     box = BoxQP(scaled, d * q, rows[:, None] * A * d, rows * b, lb / d, ub / d)
     x, y = np.clip(np.zeros_like(q), box.lb, box.ub), np.zeros_like(b)
     active = None
-    given = _given(problem, start)
+    given = _starting_point(problem, start)
     if isinstance(given, QPResult):
         x, y, active = given.x / d, given.y / rows, given.active
     elif given is not None and given.dtype == np.int8:
@@ -292,7 +292,7 @@ def _first_iterate(
     return ActiveSet(box, state, x, y, factor.L)
 
 
-def _given(problem: QPProblem, start: Any) -> Any:
+def _starting_point(problem: QPProblem, start: Any) -> Any:
     """The checked start: a result, or an array of numbers or of states, or None."""
     if isinstance(start, QPResult):
         found = start.x.size, start.y.size, start.z.size
@@ -383,7 +383,7 @@ def _first_state(problem: QPProblem, p: StandardQP, start: Any) -> Any:
     xp, n, rows = p.xp, p.q.size, p.row_low.size
     state = xp.zeros(rows + n, dtype=np.int8)
     low, high = xp.concatenate([p.row_low, p.lb]), xp.concatenate([p.row_high, p.ub])
-    given = _given(problem, start)
+    given = _starting_point(problem, start)
     if isinstance(given, QPResult):
         state[problem.b.size : rows], state[rows:] = given.active_rows, given.active
     elif given is not None and given.dtype == np.int8:

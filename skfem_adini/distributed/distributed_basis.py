@@ -289,14 +289,14 @@ class DistributedBasis:
         It is an explicit step, since the first process makes the whole mesh for it.
         """
         own = self.own_cells
-        told = self.comm.gather(
+        entry = self.comm.gather(
             (self.piece.cells[own], self.numbers[self.basis.element_dofs[:, own]])
         )
-        if told is None:
+        if entry is None:
             return None
         dofs = Dofs(whole_mesh(self._mesh), deepcopy(self.basis.elem)).element_dofs
         serial = np.empty(self.N, dtype=np.int64)
-        for cells, numbers in told:
+        for cells, numbers in entry:
             serial[numbers] = dofs[:, cells]
         return serial
 

@@ -42,7 +42,7 @@ def choice(name: str, value: Any, among: Iterable[str]) -> str:
     return value
 
 
-def whole(name: str, value: Any, least: float, most: float = np.inf) -> int:
+def integer(name: str, value: Any, least: float, most: float = np.inf) -> int:
     """A whole number within limits."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not is_whole or not least <= value <= most:

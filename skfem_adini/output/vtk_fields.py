@@ -36,7 +36,7 @@ from skfem_adini.elements.element_hex_adini import ElementHexAdini
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.element_quad_bfs import ElementQuadBFS
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import whole
+from skfem_adini.ground.arguments import integer
 from skfem_adini.ground.errors import optional
 from skfem_adini.ground.vtk_files import write_grid, write_series
 
@@ -408,7 +408,7 @@ def lagrange_pattern(refdom: Any, degree: int) -> CellPattern | None:
 def linear_pattern(refdom: Any, steps: int) -> CellPattern:
     """Return linear cells that divide each edge into `steps` intervals, a power of two for
     simplices."""
-    steps = whole("subdivide", steps, 1)
+    steps = integer("subdivide", steps, 1)
     if refdom in (RefTri, RefTet):
         if steps & (steps - 1):
             raise InputError(f"subdivide: simplices need a power of two, got {steps}")

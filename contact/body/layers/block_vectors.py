@@ -138,7 +138,7 @@ class BlockVectors(Solid):
         """Internal forces S u of a displacement, where it lies."""
         return self.stiffness @ u
 
-    def give(self, forces: Any) -> float:
+    def local_displacement(self, forces: Any) -> float:
         """Zero: how far a force would move a dof is unknown."""
         return 0.0
 
@@ -149,7 +149,7 @@ class BlockVectors(Solid):
             u, contact - load, abs(load), self.prescribed[0], self.cell_size
         )
 
-    def reach(self, u: Any) -> float:
+    def largest_displacement(self, u: Any) -> float:
         """Largest displacement at a node."""
         return float(abs(u.reshape(-1, PER_NODE)[:, :2]).max())
 

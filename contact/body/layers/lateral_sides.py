@@ -57,7 +57,7 @@ def odd_unknowns(sides: Sides, kinds: NDArray[np.int64]) -> list[NDArray[np.bool
     ]  # fmt: skip
 
 
-def adrift(sides: Sides, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def unsupported(sides: Sides, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Components of a translation that neither the top nor a side holds, shape (dim,)."""
     loose = ~held
     for fixed in sides:

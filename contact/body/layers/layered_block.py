@@ -34,7 +34,7 @@ from contact.body.layers.layers import (
 )
 from contact.body.layers.meshed_block import meshed_block
 from contact.body.material import checked_plane
-from contact.body.supports import live_rows
+from contact.body.supports import unconstrained_rows
 from contact.errors import InputError
 from contact.settled import settled
 from skfem_adini import ElementQuadAdini
@@ -345,10 +345,10 @@ class LayeredBlock(BlockVectors):
         shape = matrix.shape[0], self.ndofs
         return sparse.csr_array((matrix.data, matrix.indices, matrix.indptr), shape=shape)
 
-    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
+    def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports do not fix; see `contact.body.supports.unconstrained_rows`."""
         own = sparse.csr_array(rows[:, : self.trace.ndofs])
-        return live_rows(own, self.trace.constraint[0], self.trace.lengths)
+        return unconstrained_rows(own, self.trace.constraint[0], self.trace.lengths)
 
     @property
     def cell_rows(self) -> list[CellRows]:

@@ -17,7 +17,7 @@ from gpu.riccati.problem.cross_term import without_cross_term
 from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, factor
 from gpu.riccati.problem.weights import Weight
-from skfem_adini.ground.arguments import choice, whole
+from skfem_adini.ground.arguments import choice, integer
 from skfem_adini.ground.arrays import namespace, to_host
 
 
@@ -54,7 +54,7 @@ def solve(
     choice("pi", pi, ("printed", "symmetric"))
     default = "random" if pi == "printed" else "inputs"
     start = default if start is None else choice("start", start, ("random", "inputs"))
-    whole("modes", modes, 2)
+    integer("modes", modes, 2)
     if inner is not None and pi != "printed":
         raise InputError('inner: only pi="printed" has an inner product')
     if state.E is not None and factor(state.E) is None:

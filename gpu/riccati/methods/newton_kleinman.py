@@ -36,7 +36,7 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: floa
     if start is None:
         K = stabilising_gain(balanced)
     else:
-        K = _given(problem, start) * unit
+        K = _starting_point(problem, start) * unit
         if not DenseLoop(A - B @ K, _rounding(A, B, K)).is_stable():
             raise InputError("start does not stabilise: a pole of A - B start is not left of 0")
     X, history = _iterate(balanced, K, steps, tol)
@@ -157,7 +157,7 @@ def _step_length(residual: Any, curvature: Any, xp: Any) -> float:
     return min(trials, key=square)
 
 
-def _given(problem: LQRProblem, start: Any) -> Any:
+def _starting_point(problem: LQRProblem, start: Any) -> Any:
     xp = problem.xp
     start = xp.asarray(start, dtype=float)
     m = problem.B.shape[1]

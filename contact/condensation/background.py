@@ -13,7 +13,7 @@ from contact.body.free_motions import free_motions
 from contact.condensation.elimination_order import dissected_if_large, elimination_tree
 
 
-class Beside:
+class BackgroundWork:
     """Dissection of a body for a device, begun at once, then its free rigid motions.
     The solver waits for the dissection and not for the motions."""
 
@@ -24,7 +24,7 @@ class Beside:
         if not on_device:
             self._begin_motions()
 
-    def __enter__(self) -> Beside:
+    def __enter__(self) -> BackgroundWork:
         return self
 
     def __exit__(self, *error: object) -> None:
