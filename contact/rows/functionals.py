@@ -108,7 +108,7 @@ def _line(
 
 
 @cache
-def _powers(dim: int, count: int) -> Array:
+def _powers(dim: int, count: int) -> NDArray[np.integer]:
     """Exponents of the monomials that span the traces which that many points determine."""
     if dim == 1:
         return np.arange(count)[:, None]
