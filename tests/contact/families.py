@@ -52,10 +52,7 @@ CURVED = {
 
 
 def box(element, *ticks):
-    """Tensor mesh of a rectangle or a box with named sides, for the element's cell shape.
-
-    The names are left, right, bottom, top (the last axis, in 3-D too), front, back.
-    """
+    """Tensor mesh of a rectangle or a box with named sides, for the element's cell shape."""
     mesh = STRAIGHT[element].init_tensor(*(np.asarray(t, dtype=float) for t in ticks))
     last = mesh.dim() - 1
 

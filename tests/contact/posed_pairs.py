@@ -1,8 +1,4 @@
-"""A pair of bodies in any pose, whose contact points stick, slip and open.
-
-An upper block is pushed down, sideways and turned on a lower one that it covers in part, with a
-load on a side and body forces.
-"""
+"""A pair of bodies in any pose, whose contact points stick, slip and open."""
 
 import numpy as np
 from families import STRAIGHT

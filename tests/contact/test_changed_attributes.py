@@ -1,7 +1,5 @@
 """What is assigned after construction takes effect, or raises and says what to do."""
 
-import copy
-
 import numpy as np
 import pytest
 from families import half_disk
@@ -21,7 +19,6 @@ from contact import (
     SignedDistance,
     Sphere,
     SurfaceMesh,
-    uniqueness,
 )
 from skfem_adini import ElementQuadAdini
 
@@ -291,21 +288,3 @@ def test_planes(make):
             ElasticBody.from_mesh(mesh, E=1.0, nu=0.3, plane=plane)
         with pytest.raises(InputError, match="plane="):
             solid.plane = plane
-
-
-def test_uniqueness_of_another_material():
-    changed = body()
-    ours = problem(changed)
-    result = ours.solve()
-    changed.E = 5.0
-    with pytest.raises(InputError, match="result: "):
-        uniqueness(ours, result)
-
-
-def test_copies_part_company():
-    one = body()
-    other = copy.copy(one)
-    other.E = 4.0
-    assert float(one.E) == 1.0
-    same(problem(one).solve(), problem(body()).solve())
-    same(problem(other).solve(), problem(body(E=4.0)).solve())

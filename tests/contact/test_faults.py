@@ -50,10 +50,7 @@ WITHOUT_SPACE = """
 
 @pytest.mark.turns(4)
 def test_no_space_left(tmp_path):
-    """A result, an animation (VTK's own writers end the process here) and a history on a full disk.
-
-    Each raises; what is there is whole; what was solved is kept in memory.
-    """
+    """A result, an animation (VTK's own writers end the process) and a history on a full disk."""
     *errors, kept = errors_without_space(WITHOUT_SPACE, tmp_path, SPACE)
     assert len(errors) == 3
     assert all("too large" in error for error in errors)

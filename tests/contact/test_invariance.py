@@ -18,10 +18,7 @@ def turn(angle):
 
 
 def pressed(element, mesh, Q=None, shift=(0.0, 0.0), length=1.0, E=2.0, friction=0.4, **law):
-    """A square whose top is moved down and sideways, onto a disk, with a load from the right.
-
-    Everything is turned by Q, shifted, scaled in length, and in stress by E.
-    """
+    """A square whose top is moved down and sideways, onto a disk, with a load from the right."""
     Q, shift = np.eye(2) if Q is None else Q, np.asarray(shift)
     mesh = type(mesh)(length * (Q @ mesh.p) + shift[:, None], mesh.t, sort_t=False)
 

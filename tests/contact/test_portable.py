@@ -46,10 +46,7 @@ NAMES += ["held: cut", "several: Adini", "several: stack", "several: slit"]
 @pytest.mark.parametrize("copied", [sent, copy.deepcopy, copy.copy])
 @pytest.mark.parametrize("name", NAMES)
 def test_problems_and_results(name, copied, make):
-    """Bit for bit, the certificate too; a factorisation is made anew and gives the same.
-
-    Bodies, and the pairs that name them, stay together; each body has its result.
-    """
+    """Bit for bit, the certificate too; a factorisation is made anew and gives the same."""
     problem = CASES[name](make)
     result, other = problem.solve(), copied(problem)
     again, bodies = copied(result), result.solid.bodies

@@ -1,10 +1,4 @@
-"""Elements, obstacles, laws, planes, dimensions and supports at random: what a user reads holds.
-
-The certificate says that the discrete equations are met. Here is checked what is read from a
-result: forces balance, pressure pushes and acts where the gap is closed, the shear stays within the
-bound, pressure and shear are the traction that the stresses of the body beside them have, and a
-turned, mirrored, shifted or rescaled problem has the turned, mirrored, shifted or rescaled result.
-"""
+"""Elements, obstacles, laws, planes, dimensions and supports at random: what a user reads holds."""
 
 import numpy as np
 import pytest

@@ -1,9 +1,4 @@
-"""The traction on a boundary as the stresses of the body beside it have it.
-
-What the body asks of its boundary is what its stresses do on a test function that is not zero
-there, less what the loads do. Hats of the vertices ask for it place by place. No functional, weight
-or row of the contact problem is used: only the displacement, the loads and scikit-fem's bases.
-"""
+"""The traction on a boundary as the stresses of the body beside it have it."""
 
 from types import SimpleNamespace
 

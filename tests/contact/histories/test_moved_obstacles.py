@@ -309,10 +309,7 @@ def test_what_is_said_is_what_slips():
 
 
 def test_by_hand_as_by_the_stepper(tmp_path):
-    """`solve(after=)` asks the obstacle of the step before; one from a file may not know it.
-
-    Gaps of a plane do not tell where it is; those of a ball at rest do.
-    """
+    """`solve(after=)` asks the obstacle of the step before; one from a file may not know it."""
     stepper, times = dragged(lambda s, d: Cylinder((s, 1 - d), 1.0))
     history = stepper.run(times)
     way = stepper._obstacle[0][1]

@@ -26,7 +26,7 @@ def slider(
         "high": lambda x: x[2] > x[2].max() - 1e-9 * unit,
     }
     above = [np.linspace(0.5, 1.5, 4), np.linspace(0.3, 1.1, 3), np.linspace(1.0, 1.6, 3)]
-    below = [np.linspace(0.0, 3.0, 8), np.linspace(0.0, 1.5, 5), np.linspace(0.0, 1.0, 3)]
+    below = [np.linspace(0.0, 3.0, 7), np.linspace(0.0, 1.5, 4), np.linspace(0.0, 1.0, 3)]
     bodies = [
         ElasticBody.from_mesh(
             kind.init_tensor(*[unit * ticks for ticks in sides]).with_boundaries(named),

@@ -1,8 +1,4 @@
-"""Lines of a contact boundary: arcs in units of length, run by run, and the points that VTK joins.
-
-Neighbours may differ in length a thousand times, and other runs may lie nearer than a neighbour; a
-line around a body closes.
-"""
+"""Lines of a contact boundary: arcs in units of length, run by run, and what VTK joins."""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of cut and of several bodies, and of whoever has the fields of `Drawn`."""
 
-from types import SimpleNamespace
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -11,10 +9,7 @@ from pressed_pairs import pair, stack
 from skfem import ElementHex1, ElementHex2, ElementTetP1, MeshHex, MeshQuad
 
 from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, Pair, Plane
-from contact.output.contact_runs import arc_length
-from contact.output.drawn import Drawn, DrawnBody, DrawnSystem
 from contact.output.pictures import on_deformed
-from contact.output.vtk import body_grid, boundary_grid
 from contact.plot import draw_edges, face_pressure, plot_cells, plot_field, plot_pressure
 from skfem_adini import ElementHexAdini
 
@@ -64,10 +59,7 @@ def test_one_body_alone(result, name):
 
 
 def test_plot_of_two_bodies(result):
-    """The pressure once above, and the bodies below in a window around the contact points.
-
-    With given axes the pressure alone; a block without a mesh has no outline.
-    """
+    """The pressure once above, and the bodies below in a window around the contact points."""
     ax = result.plot()
     above, below = ax.figure.axes
     assert ax is above
@@ -189,26 +181,3 @@ def test_fields(cut, nodal):
     triangulation = drawn._triangulation
     x = np.stack((triangulation.x, triangulation.y))[:, np.unique(triangulation.triangles)]
     assert np.hypot(*x).max() <= 1 + 1e-2
-
-
-def fields_of(protocol):
-    return [name for name in vars(protocol) if not name.startswith("_")]
-
-
-def test_bare_fields_are_drawn_like_a_result(make):
-    """Twice the fields of a result, without it: the same places, twice the values."""
-    _, result = make.solved()
-    system = SimpleNamespace(
-        **{name: getattr(result.system, name) for name in fields_of(DrawnSystem)}
-    )
-    fields = {name: getattr(result, name) for name in (*fields_of(DrawnBody), *fields_of(Drawn))}
-    fields |= {"system": system, "pressure": 2 * result.pressure, "u": 2 * result.u}
-    bare = SimpleNamespace(**fields)
-    ours, theirs = boundary_grid(bare), boundary_grid(result)
-    np.testing.assert_array_equal(ours.points, theirs.points)
-    np.testing.assert_array_equal(ours.point_data["pressure"], 2 * theirs.point_data["pressure"])
-    ours, theirs = body_grid(bare), body_grid(result)
-    moved = theirs.point_data["displacement"]
-    np.testing.assert_array_equal(ours.point_data["displacement"], 2 * moved)
-    assert np.abs(moved).max() > 0.01
-    np.testing.assert_array_equal(arc_length(bare)[0], arc_length(result)[0])

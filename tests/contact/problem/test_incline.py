@@ -29,10 +29,7 @@ def incline(dim):
 
 
 def bodies(make, element, p, tau):
-    """Block and ground in the uniform state of pressure p and shear tau along the incline.
-
-    Tractions of that state act on all sides but the bottom of the ground, which is held in it.
-    """
+    """Block and ground in the uniform state of pressure p and shear tau along the incline."""
     dim = 3 if element in SOLID else 2
     turn = incline(dim)
     sigma = np.zeros((dim, dim))

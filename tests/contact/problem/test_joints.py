@@ -170,11 +170,7 @@ def test_two_interfaces_share_an_end(element, kinds):
 
 
 def meeting(element, kinds, cells, friction=0.3):
-    """Two blocks pushed down on a third and against each other.
-
-    The corner of each lies on the base and on the other block: up to six conditions act on the four
-    differences of three displacements.
-    """
+    """Two blocks pushed down on a third and against each other."""
     base = block(element, np.linspace(0, 2, cells[0] + 1), [-1.0, -0.5, 0.0])
     left = block(element, np.linspace(0, 1, cells[1] + 1), np.linspace(0, 1, 4))
     right = block(element, np.linspace(1, 2, cells[2] + 1), [0.0, 0.5, 1.0])

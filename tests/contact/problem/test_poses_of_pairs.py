@@ -12,11 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::contact.ContactWarning")
 
 
 def same(found, expected, pose, tol):
-    """Forces and tractions point by point and displacements of both bodies, mapped by the pose.
-
-    A traction is a force over a weight: where the weight is small, as at a hardly covered facet at
-    the end of a tie, the traction has as many digits less than the force.
-    """
+    """Forces and tractions point by point and displacements of both bodies, mapped by the pose."""
     (problem, *bodies), (home, *originals) = found, expected
     one, two = problem.solve(), home.solve()
     assert max(one.kkt.values()) <= 1e-10

@@ -165,10 +165,7 @@ def test_heated_bodies_between_walls(element, make):
 )
 @pytest.mark.parametrize("element", PLANE_AND_BFS + SOLID, ids=lambda e: e.__name__)
 def test_three_bodies_that_meet_at_a_corner(element, kinds, friction, make):
-    """Two beside each other, a third on both; the wall on the left is smooth, as is the floor.
-
-    All other sides carry the traction of the uniform state; in space nothing moves along y.
-    """
+    """Two beside each other, a third on both; the wall on the left is smooth, as is the floor."""
     space, across, down = element in SOLID, 0.3, 0.7
     n, m, k = (2, 3, 4) if space else (3, 2, 5)
 
