@@ -8,35 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from contact import ContactProblem, ElasticBody, Plane
+from contact import ContactProblem, ElasticBody, LoadStepper, Plane
 from skfem_adini import ElementQuadAdini
 
 # The suite imports test modules by path; what they share lies beside this file.
 sys.path.insert(0, str(Path(__file__).parent))
-from families import STRAIGHT
+from families import box
 
 # A graded side, no two cells alike; 0 and 1 are its ends.
 GRADED = np.array([0.0, 0.13, 0.2, 0.41, 0.55, 0.8, 0.86, 1.0])
 FOUNDATION = {2: Plane((0.0, -0.03), (0.0, 1.0)), 3: Plane((0.0, 0.0, -0.03), (0.0, 0.0, 1.0))}
-
-
-def box(element, *ticks):
-    """Tensor mesh of a rectangle or a box with named sides, for the element's cell shape.
-
-    The names are left, right, bottom, top (the last axis, in 3-D too), front, back.
-    """
-    mesh = STRAIGHT[element].init_tensor(*(np.asarray(t, dtype=float) for t in ticks))
-    last = mesh.dim() - 1
-
-    def side(axis, i):
-        value = ticks[axis][i]
-        return lambda x: np.abs(x[axis] - value) < 1e-9 * np.ptp(ticks[axis])
-
-    sides = {"left": side(0, 0), "right": side(0, -1), "bottom": side(last, 0)}
-    sides |= {"top": side(last, -1)}
-    if last == 2:
-        sides |= {"front": side(1, 0), "back": side(1, -1)}
-    return mesh.with_boundaries(sides)
 
 
 def remesh(mesh, p=None, t=None):
@@ -55,6 +36,15 @@ def block(n=10, element=ElementQuadAdini, sides=("left", "right"), E=2.0, nu=0.3
 
 def block_problem(n=10, friction=0.9, law="coulomb", functional=None, **body):
     return ContactProblem(block(n, **body), "bottom", FOUNDATION[2], friction, law, functional)
+
+
+def dragged(element=ElementQuadAdini, n=6, friction=0.3, gap=0.0, E=1.0):
+    """A history of a block held by its top, pressed on a foundation and dragged to and fro."""
+    ticks = [np.linspace(0, 1, n + 1)] * element().dim
+    body = ElasticBody.from_mesh(box(element, *ticks), element(), E=E, nu=0.3).fix("top")
+    stepper = LoadStepper(ContactProblem(body, "bottom", gap, friction))
+    stepper.move("top", len(ticks) - 1, -0.05, lambda t: min(1.0, 4 * t))
+    return stepper.move("top", "x", 0.08, lambda t: np.sin(3 * t))
 
 
 def dome(element, n=4, friction=0.3, law="coulomb"):
@@ -116,6 +106,7 @@ def make():
         block=block,
         problem=block_problem,
         dome=dome,
+        dragged=dragged,
         solved=solved,
         law_error=law_error,
         foundation=FOUNDATION,

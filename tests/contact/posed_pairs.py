@@ -1,11 +1,8 @@
-"""A pair of bodies in any pose, whose contact points stick, slip and open.
-
-An upper block is pushed down, sideways and turned on a lower one that it covers in part, with a
-load on a side and body forces.
-"""
+"""A pair of bodies in any pose, whose contact points stick, slip and open."""
 
 import numpy as np
 from families import STRAIGHT
+from scipy.spatial.transform import Rotation
 
 from contact import ContactProblem, ElasticBody, Pair
 
@@ -27,6 +24,20 @@ class Pose:
         return np.tensordot(self.Q.T, moved, 1) / self.size
 
 
+def rotation(dim, seed):
+    if dim == 3:
+        return Rotation.random(random_state=seed).as_matrix()
+    angle = np.random.default_rng(seed).uniform(-np.pi, np.pi)
+    return Rotation.from_euler("z", angle).as_matrix()[:2, :2]
+
+
+def traction(result):
+    """Traction of contact and ties on the body with the multipliers, shape (dim, m)."""
+    rows = result.system.rows
+    p, t = result.pressure + result.tie_pressure, result.shear + result.tie_shear
+    return np.einsum("mj,djm->dm", t, rows.tangents) - p * rows.normals
+
+
 def body(element, ticks, E, pose):
     mesh = STRAIGHT[element].init_tensor(*ticks)
     names = {
@@ -43,12 +54,15 @@ def body(element, ticks, E, pose):
     return ElasticBody.from_mesh(mesh, element(), E=E * pose.stress, nu=0.3)
 
 
-def reflected(mesh, names):
-    """The same cells, with the first two axes of the reference cell exchanged."""
+def mirrored(mesh):
+    """Cells with the first two axes of the reference cell exchanged."""
     corners = mesh.elem.refdom.p
     swapped = corners[[1, 0, *range(2, mesh.dim())]]
-    order = [int(np.flatnonzero((c == corners.T).all(axis=1))[0]) for c in swapped.T]
-    turned = type(mesh)(mesh.p, mesh.t[order], sort_t=False)
+    return mesh.t[[int(np.flatnonzero((c == corners.T).all(axis=1))[0]) for c in swapped.T]]
+
+
+def reflected(mesh, names):
+    turned = type(mesh)(mesh.p, mirrored(mesh), sort_t=False)
     keys = {tuple(sorted(f)): k for k, f in enumerate(turned.facets.T)}
     found = {
         name: np.array([keys[tuple(sorted(mesh.facets[:, f]))] for f in facets])
@@ -57,14 +71,19 @@ def reflected(mesh, names):
     return turned, found
 
 
-def posed(element, pose, friction=0.8, swap=False, law="coulomb", **more):
-    """The problem and its bodies; with swap they are named in the other order."""
+def blocks(element, pose):
+    """The upper block, which covers the lower one in part, and the lower one."""
     dim = pose.Q.shape[0]
     across = [np.array([0.1, 0.35, 0.7, 1.05])] * (dim - 2)
     below = [np.linspace(0.0, 1.0, 4)] * (dim - 2)
     n = 7 if dim == 2 else 3
     upper = body(element, (np.linspace(0.2, 1.3, n + 1), *across, [0.0, 0.4, 0.8]), STIFF, pose)
-    lower = body(element, (np.linspace(0, 1, n + 3), *below, [-0.8, -0.3, 0]), SOFT, pose)
+    return upper, body(element, (np.linspace(0, 1, n + 3), *below, [-0.8, -0.3, 0]), SOFT, pose)
+
+
+def posed(element, pose, friction=0.8, swap=False, law="coulomb", **more):
+    """The problem and its bodies; with swap they are named in the other order."""
+    dim, (upper, lower) = pose.Q.shape[0], blocks(element, pose)
 
     def pushed(x):
         y = pose.home(x)

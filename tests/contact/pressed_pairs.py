@@ -2,6 +2,7 @@
 
 import numpy as np
 from skfem import ElementQuad2, ElementTriP1
+from solid_boxes import box
 from two_blocks import block
 
 from contact import ContactProblem, ElasticBody, Plane
@@ -39,8 +40,14 @@ def stack(element=ElementQuadAdini):
     return ContactProblem([top, middle, low], pairs)
 
 
-def slit(element=ElementQuadAdini):
-    """A body of two halves, joined on the right, whose faces on the left touch each other."""
+def slit(
+    element=ElementQuadAdini,
+    tip=False,
+    load=(0.0, -0.05),
+    friction=0.3,
+    supports=(("bottom", "xy"),),
+):
+    """A body of two halves, joined on the right, whose faces on the left touch up to their tip."""
     x, y = np.linspace(0, 2, 7), np.linspace(-0.5, 0.5, 5)
     body = block(element, x, y)
     mesh = body.mesh
@@ -54,11 +61,23 @@ def slit(element=ElementQuadAdini):
     on_cut = np.intersect1d(
         np.flatnonzero((np.abs(middle[1]) < 1e-9) & (middle[0] < 1.0)), opened.boundary_facets()
     )
-    on_cut = on_cut[middle[0, on_cut] < 0.6]  # the facets at the tip share a vertex
+    on_cut = on_cut[middle[0, on_cut] < (1.0 if tip else 0.6)]  # facets at the tip share a vertex
     above = opened.p[1, opened.t[:, opened.f2t[0, on_cut]]].mean(axis=0) > 0
     whole = ElasticBody.from_mesh(opened, element(), E=2.0, nu=0.3)
-    whole.fix("bottom", "xy").load("top", (0.0, -0.05))
-    return ContactProblem(whole, on_cut[above], whole.surface(on_cut[~above]), friction=0.3)
+    for side, components in supports:
+        whole.fix(side, components)
+    faces = on_cut[above], whole.load("top", load).surface(on_cut[~above])
+    return ContactProblem(whole, *faces, friction=friction)
+
+
+def sandwich(element, friction):
+    """Three boxes in space: friction above, a tie below, pushed aside and down."""
+    top = box(element, (2, 2, 1), (0.1, 0.1, 1.0), (0.8, 0.8, 0.5))
+    middle = box(element, (3, 3, 1), (0.0, 0.0, 0.5), (1.0, 1.0, 0.5))
+    low = box(element, (2, 2, 1), (0.0, 0.0, 0.0), (1.0, 1.0, 0.5)).fix("bottom", "xyz")
+    top.fix("top", "x", 0.005).fix("top", "y", 0.002).fix("top", "z", -0.01)
+    pairs = [Pair(top, "bottom", middle, "top", friction=friction)]
+    return ContactProblem([top, middle, low], [*pairs, Tie(middle, "bottom", low, "top")])
 
 
 PROBLEMS = {

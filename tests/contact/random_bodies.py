@@ -59,10 +59,7 @@ def body_of(
     nu=0.3,
     rough=None,
 ):
-    """A body above the outline, as thick as .6.
-
-    `noise` displaces the vertices of the outline, `rough` lifts those of a surface one by one.
-    """
+    """A body above the outline, as thick as .6."""
     solid = element in SOLID
     r = np.linspace(0.0, 1.0, layers + 1)
     depth = np.linspace(0.0, DEPTH, 2 if rough is None else rough.shape[1])

@@ -4,7 +4,7 @@ S. P. Timoshenko and J. N. Goodier, Theory of Elasticity, 3rd ed., McGraw-Hill 1
 """
 
 import numpy as np
-from families import CURVED, SOLID
+from families import SOLID, mapped
 
 from contact import ElasticBody
 
@@ -16,15 +16,14 @@ def ring(make, element, n, curved=False, a=A, angles=None, size=1.0, turn=0.0):
     solid = element in SOLID
     angles = np.linspace(0, np.pi / 2, n + 1) if angles is None else angles
     ticks = [np.linspace(a, B, max(2, n // 2) + 1), angles]
-    mesh = make.box(element, *ticks, *([np.array([0.0, DEPTH])] if solid else []))
-    names = dict(mesh.boundaries)
-    if curved:
-        mesh = CURVED[element].from_mesh(mesh)
+    ticks += [np.array([0.0, DEPTH])] if solid else []
     ends = ("front", "back") if solid else ("bottom", "top")
-    place = mesh.doflocs.copy()
-    place[:2] = place[0] * np.array([np.cos(place[1] + turn), np.sin(place[1] + turn)])
-    mesh = type(mesh)(size * place, mesh.t, sort_t=False).with_boundaries(names)
-    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=NU)
+
+    def polar(x):
+        r, angle, *depth = x
+        return size * np.array([r * np.cos(angle + turn), r * np.sin(angle + turn), *depth])
+
+    body = ElasticBody.from_mesh(mapped(element, ticks, polar, curved), element(), E=1.0, nu=NU)
     body.fix(ends[0], "y").fix(ends[1], "x")
     return body.fix(["bottom", "top"], "z") if solid else body
 

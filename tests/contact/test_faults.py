@@ -1,10 +1,7 @@
 """Faults that no test double shows: no space on the disk, a signal at any moment, a kill."""
 
 import signal
-import subprocess
-import sys
 from contextlib import contextmanager
-from textwrap import dedent
 
 import numpy as np
 import pytest
@@ -12,28 +9,16 @@ import pyvista
 from full_disk import errors_without_space
 from skfem import ElementHex1
 
-from contact import ContactProblem, ElasticBody, LoadHistory, LoadStepper
+from contact import LoadHistory
 from contact.output.archive import write_arrays
-from skfem_adini.ground.files import complete_file
 
 TIMES = np.linspace(0.1, 1.0, 10)
 SPACE = 9_000  # bytes a file may have: a step takes 13 to 17 kB, its problem 8
 
 
-def dragged(make, n=4):
-    """A cube held by its top, pressed on a foundation and dragged; hexahedra."""
-    ticks = np.linspace(0, 1, n + 1)
-    body = ElasticBody.from_mesh(
-        make.box(ElementHex1, ticks, ticks, ticks), ElementHex1(), E=1.0, nu=0.3
-    )
-    stepper = LoadStepper(ContactProblem(body.fix("top"), "bottom", 0.0, 0.3))
-    stepper.move("top", "z", -0.05, lambda t: min(1.0, 4 * t))
-    return stepper.move("top", "x", 0.08, lambda t: np.sin(3 * t))
-
-
 @pytest.fixture(scope="module")
 def whole(make):
-    return dragged(make).run(TIMES)
+    return make.dragged(ElementHex1, n=4).run(TIMES)
 
 
 WITHOUT_SPACE = """
@@ -65,10 +50,7 @@ WITHOUT_SPACE = """
 
 @pytest.mark.turns(4)
 def test_no_space_left(tmp_path):
-    """A result, an animation (VTK's own writers end the process here) and a history on a full disk.
-
-    Each raises; what is there is whole; what was solved is kept in memory.
-    """
+    """A result, an animation (VTK's own writers end the process) and a history on a full disk."""
     *errors, kept = errors_without_space(WITHOUT_SPACE, tmp_path, SPACE)
     assert len(errors) == 3
     assert all("too large" in error for error in errors)
@@ -99,9 +81,9 @@ def ctrl_c(seconds):
 def test_interrupted_anywhere(moment, whole, make, tmp_path):
     """Ctrl-C at any moment, within a step or a write: what was finished is kept and resumed."""
     lines = []
-    dragged(make).run(TIMES, path=tmp_path / "first", callback=lines.append)
+    make.dragged(ElementHex1, n=4).run(TIMES, path=tmp_path / "first", callback=lines.append)
     seconds = moment * sum(line.seconds for line in lines)
-    stepper = dragged(make)
+    stepper = make.dragged(ElementHex1, n=4)
 
     def run():
         stepper.run(TIMES, path=tmp_path / "run")
@@ -114,7 +96,7 @@ def test_interrupted_anywhere(moment, whole, make, tmp_path):
     kept = LoadHistory.load(tmp_path / "run")
     assert len(stepper.history) - 1 <= len(kept) <= len(stepper.history)
     assert not [p for p in (tmp_path / "run").iterdir() if p.name.startswith("tmp")]
-    history = dragged(make).resume(tmp_path / "run")
+    history = make.dragged(ElementHex1, n=4).resume(tmp_path / "run")
     assert np.array_equal(history.times, TIMES)
     for ours, expected in zip(history.results, whole.results, strict=True):
         # The same arithmetic from the same state, but for the extrapolated start.
@@ -138,24 +120,3 @@ def test_interrupted_while_writing(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["step.npz"]
     with np.load(path) as found:
         assert not found["a"].any()
-
-
-def test_killed_while_writing(tmp_path):
-    """A process that ends in the middle of a file leaves the old one."""
-    path = tmp_path / "result.txt"
-    path.write_text("old")
-    script = """
-        import os, signal, sys
-        from pathlib import Path
-        from skfem_adini.ground.files import complete_file
-        with complete_file(Path(sys.argv[1])) as file:
-            file.write(b"half of the new")
-            file.flush()
-            os.kill(os.getpid(), signal.SIGKILL)
-    """
-    done = subprocess.run([sys.executable, "-c", dedent(script), str(path)], check=False)
-    assert done.returncode == -signal.SIGKILL
-    assert path.read_text() == "old"
-    with complete_file(path) as file:
-        file.write(b"new")
-    assert path.read_text() == "new"

@@ -1,18 +1,16 @@
-"""A shifted, turned, renumbered or rescaled problem has the shifted, ... rescaled solution."""
+"""A renumbered, turned or rescaled problem has the renumbered, turned or rescaled solution."""
 
 import numpy as np
 import pytest
-from families import STRAIGHT
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from skfem import ElementQuad1, ElementQuad2, ElementTriP1, ElementTriP2, MeshTri
+from families import PLANE, STRAIGHT
+from posed_pairs import traction
+from skfem import ElementTriP2, MeshTri
 
 from contact import ContactProblem, Cylinder, ElasticBody
 from skfem_adini import ElementQuadAdini
 
-PLANAR = [ElementQuadAdini, ElementTriP2, ElementQuad2, ElementQuad1, ElementTriP1]
+PLANAR = [ElementQuadAdini, *PLANE[:4]]
 POINTS = np.random.default_rng(8).uniform(0, 1, (2, 60))
-few = settings(max_examples=5, suppress_health_check=list(HealthCheck))
 
 
 def turn(angle):
@@ -20,10 +18,7 @@ def turn(angle):
 
 
 def pressed(element, mesh, Q=None, shift=(0.0, 0.0), length=1.0, E=2.0, friction=0.4, **law):
-    """A square whose top is moved down and sideways, onto a disk, with a load from the right.
-
-    Everything is turned by Q, shifted, scaled in length, and in stress by E.
-    """
+    """A square whose top is moved down and sideways, onto a disk, with a load from the right."""
     Q, shift = np.eye(2) if Q is None else Q, np.asarray(shift)
     mesh = type(mesh)(length * (Q @ mesh.p) + shift[:, None], mesh.t, sort_t=False)
 
@@ -57,12 +52,6 @@ def grid(element, n=5, graded=False):
     return STRAIGHT[element].init_tensor(ticks, ticks)
 
 
-def traction(result):
-    """Traction on the body as vectors, shape (2, m)."""
-    rows = result.system.rows
-    return -result.pressure * rows.normals + result.shear[:, 0] * rows.tangents[:, 0]
-
-
 @pytest.fixture(scope="module")
 def home():
     """Results in the original place."""
@@ -93,39 +82,6 @@ def same(result, reference, Q, shift, length, E, tol):
     assert np.abs(one - two).max() < 10 * tol * np.abs(two).max()
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize(("law", "friction"), [("coulomb", 0.0), ("coulomb", 0.4), ("tresca", 0.4)])
-@pytest.mark.parametrize("element", PLANAR)
-def test_rotation(element, law, friction, home):
-    reference = home(element, law=law, friction=friction)
-    assert 2 <= np.count_nonzero(reference.mu) < reference.mu.size
-
-    @few
-    @given(st.floats(-np.pi, np.pi))
-    def check(angle):
-        Q = turn(angle)
-        result = pressed(element, grid(element), Q=Q, law=law, friction=friction).solve()
-        # Rounding of the geometry times the condition of the body.
-        same(result, reference, Q, (0, 0), 1.0, 1.0, 1e-10)
-
-    check()
-
-
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("element", PLANAR)
-def test_shift(element, home):
-    reference = home(element)
-
-    @few
-    @given(st.tuples(*(st.floats(-100.0, 100.0),) * 2))
-    def check(shift):
-        result = pressed(element, grid(element), shift=shift).solve()
-        # Coordinates of size 100 lose two digits against a cell, curvature of the disk two more.
-        same(result, reference, np.eye(2), shift, 1.0, 1.0, 1e-9)
-
-    check()
-
-
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("element", PLANAR)
 def test_renumbering(element, seed, home):
@@ -149,22 +105,17 @@ def test_renumbering(element, seed, home):
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
 @pytest.mark.parametrize(
     ("length", "stress"),
-    [(1e-6, 1e12), (1e-6, 1e-3), (1e-3, 1e6), (1e3, 1e-3), (1e3, 1e12)]
-    + [
-        pytest.param(length, stress, marks=pytest.mark.slow)
-        for length in (1e-6, 1e-3, 1.0, 1e3)
-        for stress in (1e-3, 1.0, 1e6, 1e12)
-    ],
+    [(1e-6, 1e12), (1e-6, 1e-3), (1e-3, 1e6), (1e3, 1e-3), (1e3, 1e12)],
 )
 @pytest.mark.parametrize("element", [ElementQuadAdini, ElementTriP2])
 def test_units(element, stress, length, law, home):
-    """Pascal or gigapascal, micrometre or kilometre: every residual is relative."""
-    reference = home(element, law=law)
-    problem = pressed(element, grid(element), length=length, E=2.0 * stress, law=law)
-    result = problem.solve()
+    """Pascal or gigapascal, micrometre or kilometre, anywhere: every residual is relative."""
+    reference, Q, shift = home(element, law=law), turn(2.1), length * np.array([0.7, -2.0])
+    moved = {"Q": Q, "shift": shift, "length": length, "E": 2.0 * stress, "law": law}
+    result = pressed(element, grid(element), **moved).solve()
     assert max(result.kkt.values()) < 1e-12  # rounding
     # Units are no powers of two: rounding times the condition of the body.
-    same(result, reference, np.eye(2), (0, 0), length, stress, 1e-11)
+    same(result, reference, Q, shift, length, stress, 1e-10)
 
 
 @pytest.mark.parametrize("method", ["pdas", "tresca_loop", "fixed_point", "qp:osqp"])
@@ -176,18 +127,3 @@ def test_units_of_every_method(method, home):
     # The fixed point is regularised by 1e-5 of the displacement; QP solvers stop at 1e-7.
     tol = {"fixed_point": 1e-4, "qp:osqp": 1e-5}.get(method, 1e-9)
     assert np.abs(ours - theirs).max() < tol * np.abs(theirs).max()
-
-
-def test_loads_superpose_without_contact():
-    """Out of reach the problem is linear: twice the load, twice the displacement."""
-    mesh = grid(ElementTriP2).with_defaults()
-
-    def solve(factor):
-        body = ElasticBody.from_mesh(mesh, ElementTriP2(), E=1.0, nu=0.2)
-        body.fix("top", "xy").load("right", (0.01 * factor, 0.0)).body_force((0.0, -0.01 * factor))
-        return ContactProblem(body, "bottom", 10.0, 0.3).solve()
-
-    one, two = solve(1.0), solve(2.0)
-    assert not one.mu.any()
-    # Rounding.
-    assert np.abs(two.u - 2 * one.u).max() < 1e-13 * np.abs(two.u).max()

@@ -4,13 +4,13 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from families import half_disk
 from skfem import ElementQuad1, MeshQuad
 
 from contact import (
     ClosestPoint,
     ContactError,
     ContactProblem,
-    CutBody,
     Cylinder,
     ElasticBody,
     InputError,
@@ -85,16 +85,10 @@ def layers(lengths=1.0, layer=(1.0, 2, 1.0, 0.3), **options):
     return LayeredBlock(lengths, [layer], **options)
 
 
-def half_disk(**options):
-    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 8), np.linspace(-1.1, 0, 5))
-    options = {"E": 1.0, "nu": 0.3} | options
-    return CutBody(mesh.with_defaults(), lambda x: x[0] ** 2 + x[1] ** 2 - 1, **options)
-
-
 @pytest.fixture(scope="module")
 def solved():
     problem = contact(friction=0.3)
-    return problem, problem.solve(), half_disk()
+    return problem, problem.solve(), half_disk((7, 4))
 
 
 # name: what is called with the odd value and (problem, result, cut body)

@@ -6,15 +6,15 @@ import pickle
 
 import numpy as np
 import pytest
-from pressed_pairs import pair, slit, stack
-from skfem import ElementHex1, ElementQuad2, ElementTriP2, MeshQuad
+from certified_cases import CASES, COATED
+from pressed_pairs import pair
+from skfem import ElementHex1, MeshQuad
 
 import contact.errors
 import gpu.errors
 from contact import (
     ClosestPoint,
     ContactProblem,
-    CutBody,
     Cylinder,
     ElasticBody,
     InputError,
@@ -38,98 +38,34 @@ def slope(x):
     return 0.01 + 0.01 * x[0]
 
 
-def layered():
-    block = LayeredBlock(1.0, [(0.25, 4, 1.0, 0.4), (0.75, 12, 10.0, 0.3)], sides="x")
-    block.fix("top", "y", lambda x: -0.02 - 0.01 * x[0])
-    return ContactProblem(block, "bottom", 0.01, 0.3)
-
-
-def cut():
-    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 12), np.linspace(-1.1, 0, 7))
-    disk = CutBody(mesh.with_defaults(), lambda x: x[0] ** 2 + x[1] ** 2 - 1, E=1.0, nu=0.3)
-    disk.fix("top", "x").fix("top", "y", lambda x: -0.05 + 0 * x[0])
-    return ContactProblem(disk, disk.arc(), Plane((0.0, -1.02), (0.0, 1.0)), 0.2)
-
-
-def stamped(make):
-    """A free obstacle on a body of which no displacement is a function."""
-    body = make.block(4, sides=()).fix("top", "y").fix("left", "x")
-    stamp = Rigid(0.0, force=(None, 0.1), moment=0.0, centre=(0.5, 0.0))
-    return ContactProblem(body, "bottom", stamp, 0.3)
-
-
-PROBLEMS = {
-    "Adini": lambda make: make.problem(4, friction=0.3),
-    "Q2": lambda make: make.problem(4, friction=0.3, element=ElementQuad2),
-    "TriP2": lambda make: make.problem(4, friction=0.3, element=ElementTriP2),
-    "Hex1, functions": lambda make: make.dome(ElementHex1, 3),
-    "layers": lambda make: layered(),
-    "cut": lambda make: cut(),
-    "Rigid": stamped,
-}
+NAMES = ["ElementQuadAdini", "ElementQuad2", "ElementTriP2", "ElementHex1", "layers", "driven"]
+NAMES += ["held: cut", "several: Adini", "several: stack", "several: slit"]
 
 
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("copied", [sent, copy.deepcopy, copy.copy])
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", NAMES)
 def test_problems_and_results(name, copied, make):
     """Bit for bit, the certificate too; a factorisation is made anew and gives the same."""
-    problem = PROBLEMS[name](make)
-    result = problem.solve()
-    again = copied(result)
-    assert again.kkt == result.kkt
-    for field in ("u", "mu", "t", "pressure", "slip", "status", "resultant"):
-        assert np.array_equal(getattr(again, field), getattr(result, field)), field
-    assert np.array_equal(again.balance()["support"], result.balance()["support"])
-    points = result.x_nominal
-    if name != "cut":  # the arc lies outside of some cells
-        assert np.array_equal(again.sample(points), result.sample(points))
-    # The same arithmetic on the same numbers.
-    assert np.abs(copied(problem).solve().u - result.u).max() <= 1e-13 * np.abs(result.u).max()
-
-
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("copied", [sent, copy.deepcopy, copy.copy])
-@pytest.mark.parametrize("make_pairs", [pair, stack, slit])
-def test_several_bodies(make_pairs, copied):
-    """Bodies, and the pairs that name them, stay together; each body has its result."""
-    problem = make_pairs()
+    problem = CASES[name](make)
     result, other = problem.solve(), copied(problem)
-    for one, again in ((problem, other), (result.system, copied(result).system)):
-        assert [b.name for b in again.body.bodies] == [b.name for b in one.body.bodies]
+    again, bodies = copied(result), result.solid.bodies
+    assert again.kkt == result.kkt
+    for field in ("u", "mu", "t", "pressure", "slip", "status", "resultants"):
+        assert np.array_equal(getattr(again, field), getattr(result, field)), field
+    for k, body in enumerate(bodies):
+        assert again.solid.bodies[k].name == other.body.bodies[k].name == body.name
+        assert np.array_equal(again[k].stress(), result[k].stress())
+        support = result[k].balance()["support"]
+        for one in (again[k], copied(result[k])):
+            assert np.array_equal(one.balance()["support"], support)
     for ours, theirs in zip(problem.pairs, other.pairs, strict=True):
         k = next(k for k, body in enumerate(problem.body.bodies) if ours.body is body)
         assert theirs.body is other.body.bodies[k]
         if ours.two_bodies:
             assert any(theirs.opposite.body is body for body in other.body.bodies)
+    # The same arithmetic on the same numbers.
     assert np.abs(other.solve().u - result.u).max() <= 1e-13 * np.abs(result.u).max()
-    again = copied(result)
-    assert again.kkt == result.kkt
-    for k in range(len(problem.body.bodies)):
-        assert np.array_equal(again[k].nodal_stress(), result[k].nodal_stress())
-        assert np.array_equal(again[k].resultant, result[k].resultant)
-    fewer = copied(result[0])
-    assert np.array_equal(fewer.balance()["support"], result[0].balance()["support"])
-
-
-@pytest.mark.parametrize("copied", [sent, copy.deepcopy])
-def test_copies_of_several_bodies_are_independent(copied):
-    problem = pair()
-    before, other = problem.solve(), copied(problem)
-    other.body.bodies[0].load("top", (0.0, -0.2))
-    other.body.bodies[1].fix("left", "x")
-    assert other.solve().contact_force > 2 * before.contact_force
-    assert np.array_equal(problem.solve().u, before.u)
-
-
-def test_history_of_several_bodies():
-    stepper = LoadStepper(pair()).load("top", (0.05, 0.0), np.sin, body="upper")
-    history = stepper.run([0.5, 1.0])
-    loaded = sent(history)
-    assert [r.kkt for r in loaded] == [r.kkt for r in history]
-    assert loaded[0].solid.bodies[1].basis is loaded[1].solid.bodies[1].basis
-    ahead = sent(stepper).step(1.5)
-    assert np.abs(ahead.u - stepper.step(1.5).u).max() <= 1e-13 * np.abs(ahead.u).max()
 
 
 def test_copies_are_independent(make):
@@ -141,10 +77,24 @@ def test_copies_are_independent(make):
         assert np.array_equal(body.f, before)
         assert len(body._supports) + 1 == len(other._supports)
         assert other.constraint[0].shape[1] < body.constraint[0].shape[1]
+    problem = pair()
+    before = problem.solve()
+    for copied in (sent, copy.deepcopy):
+        other = copied(problem)
+        other.body.bodies[0].load("top", (0.0, -0.2))
+        other.body.bodies[1].fix("left", "x")
+        assert other.solve().contact_force > 2 * before.contact_force
+    assert np.array_equal(problem.solve().u, before.u)
 
 
 def test_basis_is_sent_once_and_without_its_tables(make):
     """Steps of a history share matrices, rows and Basis; tables are made anew."""
+    several = LoadStepper(pair()).load("top", (0.05, 0.0), np.sin, body="upper")
+    several.run([0.5])
+    ahead = sent(several).step(1.5)
+    assert np.abs(ahead.u - several.step(1.5).u).max() <= 1e-13 * np.abs(ahead.u).max()
+    loaded = sent(several.history)
+    assert loaded[0].solid.bodies[1].basis is loaded[1].solid.bodies[1].basis
     stepper = LoadStepper(make.problem(8, friction=0.3)).load("top", (0.0, -0.1))
     history = stepper.run([1.0, 2.0, 3.0, 4.0])
     one, four = (len(pickle.dumps(history[:n])) for n in (1, 4))
@@ -171,7 +121,7 @@ def test_what_stays_behind_is_told(make):
     with pytest.raises(InputError, match=r"lambda.*stayed in the process"):
         sent(stepper).run([1.0])
     assert len(sent(LoadStepper(problem).load("top", (0.0, -0.1), np.sin)).run([1.0])) == 1
-    block = sent(layered().body)
+    block = sent(LayeredBlock(1.0, COATED).fix("top", "y", lambda x: -0.01 * x[0]))
     with pytest.raises(InputError, match="stayed in the process"):
         block.fix("left", "y").prescribed  # noqa: B018
 

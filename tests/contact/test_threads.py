@@ -9,7 +9,6 @@ import pytest
 from families import PLANE, SOLID
 from optional_packages import PARDISO
 from posed_pairs import Pose, posed
-from pressed_pairs import pair
 
 from contact import ContactProblem
 
@@ -63,15 +62,6 @@ def test_problems_of_their_own(solver, make):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_one_problem_solved_by_many(solver, make):
-    expected = fields(problem(make, solver).solve())
-    shared = problem(make, solver)
-    with ThreadPoolExecutor(6) as pool:
-        together = list(pool.map(lambda _: fields(shared.solve()), range(12)))
-    assert all(same(expected, found) for found in together)
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
 def test_a_copy_outlives_its_original(solver, make):
     """The copy used PARDISO's memory of the original, also after that had been given back."""
     original = problem(make, solver)
@@ -80,17 +70,6 @@ def test_a_copy_outlives_its_original(solver, make):
     del original
     gc.collect()
     assert same(fields(other.solve()), expected)
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_one_problem_of_two_bodies_solved_by_many(solver):
-    expected = fields(pair(solver=solver).solve())
-    shared = pair(solver=solver)
-    with ThreadPoolExecutor(6) as pool:
-        together = list(pool.map(lambda _: fields(shared.solve()), range(12)))
-        apart = list(pool.map(lambda _: fields(pair(solver=solver).solve()), range(6)))
-    assert all(same(expected, found) for found in (*together, *apart))
 
 
 @pytest.mark.sampled(4)
@@ -104,6 +83,8 @@ def test_a_pair_of_every_element_by_four_threads(element, solver):
     shared, *_ = posed(element, pose, solver=solver)
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda _: fields(shared.solve()), range(8)))
+        apart = [posed(element, pose, solver=solver)[0] for _ in range(4)]
+        found += pool.map(lambda one: fields(one.solve()), apart)
     assert all(same(expected, one) for one in found)
 
 

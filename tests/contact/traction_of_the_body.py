@@ -1,9 +1,4 @@
-"""The traction on a boundary as the stresses of the body beside it have it.
-
-What the body asks of its boundary is what its stresses do on a test function that is not zero
-there, less what the loads do. Hats of the vertices ask for it place by place. No functional, weight
-or row of the contact problem is used: only the displacement, the loads and scikit-fem's bases.
-"""
+"""The traction on a boundary as the stresses of the body beside it have it."""
 
 from types import SimpleNamespace
 
@@ -36,15 +31,12 @@ def hats(body, facets):
     vertex = np.unique(mesh.facets[:, facets])
     L = np.zeros((dofs.N, mesh.nvertices))
     L[dofs.nodal_dofs[0], np.arange(mesh.nvertices)] = 1.0
-    carriers = {  # what has one dof more each, the mean of its vertices
-        ElementTriP2: [(dofs.facet_dofs, mesh.facets)],
-        ElementQuad2: [(dofs.facet_dofs, mesh.facets)],
-        ElementTetP2: [(dofs.edge_dofs, mesh.edges)] if body.dim == 3 else [],
-        ElementHex2: [(dofs.edge_dofs, mesh.edges), (dofs.facet_dofs, mesh.facets)]
-        if body.dim == 3
-        else [],
-    }
-    for more, ends in carriers.get(type(body.element), []):
+    carriers = []  # what has one dof more each, the mean of its vertices
+    if isinstance(body.element, ElementTriP2 | ElementQuad2 | ElementHex2):
+        carriers.append((dofs.facet_dofs, mesh.facets))
+    if isinstance(body.element, ElementTetP2 | ElementHex2):
+        carriers.append((dofs.edge_dofs, mesh.edges))
+    for more, ends in carriers:
         for end in ends:
             L[more[0], end] = 1.0 / len(ends)
     return vertex, L[:, vertex]
@@ -63,11 +55,7 @@ def solved(A, asked, taken):
 def traction(result, boundary):
     """Means of the traction beside each vertex of a boundary, weighted by its hat.
 
-    Returns
-    -------
-    SimpleNamespace
-        Places ``x`` (dim, m), ``pressure`` (m,), ``shear`` as vectors (dim, m), and ``free``, where
-        no support takes a part.
+    Places x, pressure, shear as vectors (dim, m), and `free`, where no support takes a part.
     """
     body = result.system.body
     facets, dim = body.facets(boundary), body.dim
@@ -101,19 +89,9 @@ def traction(result, boundary):
 
 
 def mismatch(result, boundary, normals=None):
-    """Traction read from a result against that of the body, over the mean traction.
+    """Means over the boundary of what a result's traction is off the body's, over the mean one.
 
-    Parameters
-    ----------
-    result : ContactResult
-    boundary : str
-    normals : ndarray, shape (dim, 1), optional
-        Outward normals of the boundary, where those of the contact points are others.
-
-    Returns
-    -------
-    tuple of float
-        Means over the boundary of the differences along the normal and along the boundary.
+    Along the normal and along the boundary; `normals` (dim, 1), where they are not the points' own.
     """
     there, rows = traction(result, boundary), result.system.rows
     normals = rows.normals if normals is None else normals

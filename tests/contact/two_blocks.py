@@ -1,7 +1,7 @@
 """Two bodies whose facing sides do not match: blocks of given ticks, straight, turned or bent."""
 
 import numpy as np
-from families import CURVED, STRAIGHT
+from families import mapped
 
 from contact import ElasticBody
 
@@ -11,13 +11,7 @@ UPPER, LOWER = "bottom", "top"  # the sides that face each other
 
 def block(element, xs, ys, *, place=None, curved=False, size=1.0, E=E, nu=NU, **more):
     """A block with ticks xs and ys and named sides, its places mapped by `place`, then scaled."""
-    mesh = STRAIGHT[element].init_tensor(np.asarray(xs, float), np.asarray(ys, float))
-    mesh = mesh.with_defaults()
-    names = dict(mesh.boundaries)
-    if curved:
-        mesh = CURVED[element].from_mesh(mesh)
-    x = mesh.doflocs if place is None else place(mesh.doflocs)
-    mesh = type(mesh)(size * x, mesh.t, sort_t=False).with_boundaries(names)
+    mesh = mapped(element, (xs, ys), lambda x: size * (x if place is None else place(x)), curved)
     return ElasticBody.from_mesh(mesh, element(), E=E, nu=nu, **more)
 
 

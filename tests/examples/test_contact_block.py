@@ -1,11 +1,11 @@
-"""The main job: examples/contact_block.py, its numbers and its files."""
+"""examples/contact_block.py and examples/contact_part.py: their numbers, proofs and files."""
 
 import matplotlib.image
 import numpy as np
 import pytest
 import pyvista
 
-from contact import ContactResult
+from contact import InputError, Status
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,7 @@ def run(example, tmp_path_factory):
     return folder, result, check
 
 
-def test_numbers(run) -> None:
+def test_numbers(run):
     _, result, _ = run
     # Converged values on 10 x 10 cells; OSQP agrees with them to 1e-13 (test below).
     assert result.contact_force == pytest.approx(0.1186442, abs=1e-7)
@@ -25,7 +25,7 @@ def test_numbers(run) -> None:
     np.testing.assert_allclose(result.zone[0], [1 / 6, 5 / 6], rtol=1e-12)
 
 
-def test_proof(run) -> None:
+def test_proof(run):
     _, result, check = run
     assert max(result.kkt.values()) < 1e-12
     assert np.abs(result.balance()["residual"]).max() < 1e-12
@@ -33,7 +33,7 @@ def test_proof(run) -> None:
     assert check.displacement < 1e-7  # OSQP, polished
 
 
-def test_body_opens_in_pyvista_and_holds_the_field_exactly(run) -> None:
+def test_body_opens_in_pyvista_and_holds_the_field_exactly(run):
     folder, result, _ = run
     grid = pyvista.read(folder / "contact_block.vtu")
     assert set(grid.celltypes) == {pyvista.CellType.LAGRANGE_QUADRILATERAL}
@@ -44,21 +44,33 @@ def test_body_opens_in_pyvista_and_holds_the_field_exactly(run) -> None:
     assert {"von_mises", "stress_yy"} <= set(grid.cell_data)
 
 
-def test_boundary_file(run) -> None:
-    folder, result, _ = run
-    line = pyvista.read(folder / "contact_block_boundary.vtp")
-    np.testing.assert_array_equal(line["pressure"], result.pressure)
-    assert {"shear", "gap", "status", "slip", "normal"} <= set(line.point_data)
+@pytest.mark.slow
+def test_a_real_part_from_a_mesh_file(example, tmp_path):
+    main = example("contact_part").main
+    result, check = main(["--output", str(tmp_path)])
+    # Regression values of the default mesh; the proof below says that they solve the problem.
+    np.testing.assert_allclose(result.resultant, [-0.2958, 2.0266], atol=2e-3)
+    assert result.pressure.max() == pytest.approx(0.613, abs=0.006)
+    counts = np.bincount(result.status, minlength=3)
+    # On a curve a contact point is a vertex: 15 of them touch.
+    assert counts[Status.STICK] >= 8
+    assert counts[Status.SLIP] >= 4
+    assert max(result.kkt.values()) < 1e-10
+    assert check.displacement < 1e-7
+    # The mount takes the load: reaction and contact force cancel.
+    assert np.abs(result.balance()["residual"]).max() < 1e-10
+    grid = pyvista.read(tmp_path / "contact_part.vtu")
+    assert grid.n_cells == result.system.body.mesh.nelements
+    assert (tmp_path / "contact_part.png").stat().st_size > 50_000
+    mesh = tmp_path / "bumper.msh"
+    again, _ = main(["--mesh", str(mesh), "--output", str(tmp_path / "again"), "--no-picture"])
+    np.testing.assert_allclose(again.resultant, result.resultant, rtol=1e-10)
+    mesh.write_text(mesh.read_text()[: mesh.stat().st_size // 3])
+    with pytest.raises(InputError, match="cannot be read"):
+        main(["--mesh", str(mesh), "--output", str(tmp_path)])
 
 
-def test_saved_result_is_the_result(run) -> None:
-    folder, result, _ = run
-    again = ContactResult.load(folder / "contact_block.npz")
-    np.testing.assert_array_equal(again.u, result.u)
-    assert again.kkt == pytest.approx(result.kkt, abs=1e-15)
-
-
-def test_picture(run) -> None:
+def test_picture(run):
     image = matplotlib.image.imread(run[0] / "contact_block.png")
     assert image.shape[0] > 1000
     assert image[..., :3].std() > 0.1  # not blank

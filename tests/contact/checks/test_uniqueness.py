@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 from convergence import order
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pressed_pairs import pair
 from skfem import ElementHex1, ElementQuad1, ElementTriP1, MeshTri
 
 from contact import ContactProblem, ElasticBody, InputError, LoadStepper, SignedDistance, uniqueness
+from contact.checks.frozen_problem import TieElimination
 
 SHEAR = -0.11  # v_n / v_t without contact: the load lifts the point a little and drags it
 
@@ -112,7 +116,14 @@ def test_without_coulomb_the_solution_is_unique(make):
         assert str(report) == "unique: no friction depends on the pressure"
 
 
-def test_in_space_and_in_a_history(make):
+def test_in_space_in_a_history_and_of_floating_bodies(make):
+    floating = make.problem(4, 0.3, sides=())
+    report = uniqueness(floating, floating.solve(), starts=2)
+    assert report.coefficient == 0 or report.proven
+    several = pair(friction=0.3)
+    found = uniqueness(several, several.solve(), starts=2)
+    assert found.coefficient == 0.0
+    assert not found.others
     problem = make.dome(ElementHex1, 3, friction=0.1)
     stepper = LoadStepper(problem).load("top", (0.0, 0.0, 0.0))
     report = uniqueness(problem, stepper.run([1.0, 2.0]).results[-1], starts=2)
@@ -120,22 +131,64 @@ def test_in_space_and_in_a_history(make):
     assert not report.others
 
 
-def test_floating_body_has_no_proof(make):
-    problem = make.problem(4, 0.3, sides=())
-    report = uniqueness(problem, problem.solve(), starts=2)
-    assert report.coefficient == 0 or report.proven
+@settings(deadline=None, max_examples=60)
+@given(
+    st.integers(1, 8), st.integers(0, 8), st.integers(0, 3), st.floats(-4, 4), st.integers(0, 999)
+)
+def test_every_solution_and_the_forces(n, count, copies, decades, seed):
+    """Against the pseudo-inverse, in unknowns of several units, with dependent equations."""
+    rng = np.random.default_rng(seed)
+    unit = 10.0 ** rng.uniform(-abs(decades), abs(decades), n)
+    A = rng.standard_normal((count, n))
+    A = np.vstack((A, rng.standard_normal((copies, count)) @ A))
+    E, z = A / unit, unit * rng.standard_normal(n)
+    ties = TieElimination.of(E, E @ z, unit)
+    rank = min(count, n)
+    assert ties.free.shape == (n, n - rank)
+    np.testing.assert_allclose(A @ (ties.start / unit), A @ (z / unit), atol=1e-8)
+    np.testing.assert_allclose(A @ (ties.free / unit[:, None]), 0.0, atol=1e-10)
+    # All solutions are reached.
+    y = np.linalg.lstsq(ties.free / unit[:, None], (z - ties.start) / unit, rcond=None)[0]
+    np.testing.assert_allclose((ties.start + ties.free @ y) / unit, z / unit, atol=1e-6)
+    load = E.T @ rng.standard_normal(len(E))
+    forces = ties.forces(load, len(E))
+    np.testing.assert_allclose(unit * (E.T @ forces), unit * load, atol=1e-6)
+    assert np.count_nonzero(forces) <= rank
 
 
-def test_malformed(make):
-    problem, result = make.solved(n=4)
-    with pytest.raises(InputError, match="contact points"):
-        uniqueness(make.problem(5), result)
-    for starts in (-1, 2.0, True, None):
-        with pytest.raises(InputError, match="starts"):
-            uniqueness(problem, result, starts=starts)
-    with pytest.raises(InputError, match="seed"):
-        uniqueness(problem, result, seed="0")
-    with pytest.raises(InputError, match="result: expected a ContactResult, got dict"):
-        uniqueness(problem, {})
-    with pytest.raises(InputError, match="problem: expected a ContactProblem, got ContactResult"):
-        uniqueness(result, problem)
+def test_equations_alone_may_decide():
+    E = np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 0.0]])
+    ties = TieElimination.of(E, np.array([3.0, 4.0, 3.0]), np.ones(2))
+    assert ties.start == pytest.approx([3.0, 2.0])
+    assert ties.free.shape == (2, 0)
+    assert TieElimination.of(np.zeros((2, 3)), np.zeros(2), np.ones(3)).free.shape == (3, 3)
+
+
+def test_one_solution_of_two_bodies():
+    """Held on both sides; the proof holds below F*, which does not depend on units."""
+    limits = []
+    for size, E in ((1.0, 2.0), (1e-3, 2e11)):
+        problem = pair(friction=0.02, size=size, E=E)
+        problem.body.bodies[0].fix("top", "y", -0.01 * size)
+        found = uniqueness(problem, problem.solve(), starts=1)
+        assert found.proven
+        assert not found.others
+        limits.append(found.coefficient)
+    assert 0.02 < limits[0] < 1.0
+    assert abs(limits[1] / limits[0] - 1) < 1e-6
+
+
+def test_other_material_of_one_body_is_noticed():
+    problem, other = pair(), pair(E=3.0)
+    with pytest.raises(InputError, match="another material"):
+        uniqueness(problem, other.solve())
+
+
+def test_energy_is_that_of_all_bodies():
+    """Work of the loads against half of it in the bodies, each from its own stiffness."""
+    problem = pair()
+    result = problem.solve()
+    parts = [0.5 * result[b].u @ (b.stiffness @ result[b].u) for b in problem.body.bodies]
+    loads = result.system.load @ result.u
+    assert abs(result.system.energy(result.u) - (sum(parts) - loads)) < 1e-14 * abs(loads)
+    assert np.isfinite(loads)

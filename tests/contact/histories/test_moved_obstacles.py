@@ -57,10 +57,10 @@ def turned(angle):
     return np.array([[c, -s], [s, c]])
 
 
-def _place(v, c, R):
-    """Where a rigid motion, a turn about (0, 1) and a shift, takes a place."""
+def at(v, c, a):
+    """Where a turn by a about (0, 1) and a shift by c take a place."""
     pole = np.array([0.0, 1.0])
-    return R @ (np.asarray(v) - pole) + pole + c
+    return turned(a) @ (np.asarray(v) - pole) + pole + c
 
 
 WHEEL, MESH = Cylinder((0.0, 1.0), 1.0), SurfaceMesh(*disk())
@@ -68,26 +68,17 @@ BALL = SignedDistance(lambda x: np.hypot(x[0], x[1] - 1.0) - 1.0)
 FLOOR, WEDGE = Plane((0.0, 0.0), (0.0, -1.0)), Cone((0.0, 0.0), (0.0, 1.0), 1.4)
 ROUGH = Rough(WAVES, 2.0, normal=(0.0, -1.0))
 PARABOLA = Parabola((0.0, 0.0), 1.0)
-# From displacement and angle about (0, 1): the tool, and whether it may turn, by how much.
+
+
+# From displacement and angle about (0, 1): the tool, and by how much it may turn.
 TOOLS = {
-    "Plane": (
-        lambda c, a: Plane(_place((0, 0), c, turned(a)), turned(a) @ (0.0, -1.0)),
-        0.02,
-    ),
-    "Cylinder": (lambda c, a: Cylinder(_place((0, 1), c, turned(a)), 1.0), 0.0),
-    "Cone": (
-        lambda c, a: Cone(_place((0, 0), c, turned(a)), turned(a) @ (0.0, 1.0), 1.4),
-        0.05,
-    ),
+    "Plane": (lambda c, a: Plane(at((0, 0), c, a), turned(a) @ (0.0, -1.0)), 0.02),
+    "Cylinder": (lambda c, a: Cylinder(at((0, 1), c, a), 1.0), 0.0),
+    "Cone": (lambda c, a: Cone(at((0, 0), c, a), turned(a) @ (0.0, 1.0), 1.4), 0.05),
     "Parabola": (lambda c, a: Parabola((c[0], 0.0), 1.0, offset=c[1]), 0.0),
-    "Rough": (
-        lambda c, a: Rough(WAVES, 2.0, _place((0, 0), c, turned(a)), turned(a) @ (0.0, -1.0)),
-        0.0,
-    ),
+    "Rough": (lambda c, a: Rough(WAVES, 2.0, at((0, 0), c, a), turned(a) @ (0.0, -1.0)), 0.0),
     "SurfaceMesh": (
-        lambda c, a: SurfaceMesh(
-            np.transpose([_place(p, c, turned(a)) for p in MESH.points.T]), MESH.facets
-        ),
+        lambda c, a: SurfaceMesh(np.transpose([at(p, c, a) for p in MESH.points.T]), MESH.facets),
         2.0,
     ),
     "translated": (lambda c, a: MESH.translated(c), 0.0),
@@ -275,14 +266,28 @@ SHIFTED = {
 }
 
 
-@pytest.mark.parametrize("kind", SHIFTED)
+STILL = {
+    "number": lambda s, d: 0.01 - d,
+    "NumPy's number": lambda s, d: np.float64(0.01 - d),
+    "shape after a number": lambda s, d: Plane((0.0, 0.01 - d), (0, -1)) if d else 0.01,
+    "still": lambda s, d: lambda x: 0.01 * x[0] - 0.01,
+}
+
+
+@pytest.mark.parametrize("kind", [*SHIFTED, *STILL])
 def test_a_motion_that_no_shape_tells_is_asked_for(kind):
-    way = SHIFTED[kind]
-    stepper, times = dragged(way)
+    """Nothing is asked where nothing moves along, or nothing rubs."""
+    if kind in STILL:
+        stepper, times = dragged(STILL[kind])
+        last = stepper.run(times)[-1]
+        assert last.resultant[1] < 0
+        assert abs(last.resultant[0]) < 0.1 * abs(last.resultant[1])
+        return
+    stepper, times = dragged(SHIFTED[kind])
     with pytest.raises(InputError, match=r"^motion: .*motion=lambda t"):
         stepper.run(times)
-    stepper, _ = dragged(way, 0.0)
-    assert not np.any(stepper.run(times)[-1].t)  # nothing to ask where nothing rubs
+    stepper, _ = dragged(SHIFTED[kind], 0.0)
+    assert not np.any(stepper.run(times)[-1].t)
 
 
 def test_what_is_said_is_what_slips():
@@ -303,34 +308,18 @@ def test_what_is_said_is_what_slips():
             LoadStepper(silent.problem).obstacle(way, motion=wrong).run([1.0])
 
 
-@pytest.mark.parametrize(
-    "way",
-    [
-        lambda s, d: 0.01 - d,
-        lambda s, d: np.float64(0.01 - d),
-        lambda s, d: Plane((0.0, 0.01 - d), (0, -1)) if d else 0.01,
-        lambda s, d: lambda x: 0.01 * x[0] - 0.01,
-    ],
-    ids=["number", "NumPy's number", "shape after a number", "still"],
-)
-def test_nothing_is_asked_where_nothing_moves_along(way):
-    stepper, times = dragged(way)
-    last = stepper.run(times)[-1]
-    assert last.resultant[1] < 0
-    assert abs(last.resultant[0]) < 0.1 * abs(last.resultant[1])
-
-
 def test_by_hand_as_by_the_stepper(tmp_path):
-    """`solve(after=)` asks the obstacle of the step before; one from a file does not know it."""
+    """`solve(after=)` asks the obstacle of the step before; one from a file may not know it."""
     stepper, times = dragged(lambda s, d: Cylinder((s, 1 - d), 1.0))
     history = stepper.run(times)
     way = stepper._obstacle[0][1]
     problem = ContactProblem(block(), "contact", way(1.0), F)
     first = problem.solve(after=None)
+    loaded = ContactResult.load(first.save(tmp_path / "first.npz"))
+    problem.solve(after=loaded)
     problem.obstacle = way(2.0)
     second = problem.solve(after=first)
     assert second.resultant[0] == pytest.approx(-F * second.resultant[1], rel=1e-9)
-    loaded = ContactResult.load(first.save(tmp_path / "first.npz"))
     with pytest.raises(InputError, match=r"^motion: "):
         problem.solve(after=loaded)
     same(problem.solve(after=loaded, motion=(0.1, 0.0)), second)
@@ -340,25 +329,16 @@ def test_by_hand_as_by_the_stepper(tmp_path):
     again = ContactResult.load(history[-1].save(tmp_path / "last.npz"))
     np.testing.assert_array_equal(again.slip, history[-1].slip)
     assert again.kkt == history[-1].kkt
+    problem = ContactProblem(block(), "contact", Plane((0.0, -0.01), (0, -1)), F)
+    loaded = ContactResult.load(problem.solve().save(tmp_path / "plane.npz"))
+    with pytest.raises(InputError, match=r"^motion: .* file"):
+        problem.solve(after=loaded)
+    assert problem.solve(after=loaded, motion=0).resultant[1] < 0
 
 
-def test_a_history_is_kept_and_resumed(tmp_path):
-    def stepper():
-        return dragged(lambda s, d: Moved(MESH, (s, -d), s, (0, 1)))[0]
-
-    times = [1.0, 1.3, 1.6, 2.0]
-    whole = stepper().run(times, path=tmp_path / "run")
-    for one, other in zip(LoadHistory.load(tmp_path / "run"), whole, strict=True):
-        np.testing.assert_array_equal(one.slip, other.slip)
-    for k in (3, 4):
-        (tmp_path / "run" / f"step_{k:05d}.npz").unlink()
-    resumed = stepper().resume(tmp_path / "run")
-    assert len(resumed) == 4
-    same(resumed[-1], whole[-1])
-
-
-def test_halved_steps_know_where_the_obstacle_was(monkeypatch):
-    stepper, times = dragged(lambda s, d: Cylinder((s, 1 - d), 1.0), times=(1.0, 2.0))
+@pytest.fixture
+def halving(monkeypatch):
+    """Steps longer than .3 fail."""
     small = LoadStepper._small_step
 
     def reluctant(self, last, begin, end):
@@ -367,10 +347,20 @@ def test_halved_steps_know_where_the_obstacle_was(monkeypatch):
         return small(self, last, begin, end)
 
     monkeypatch.setattr(LoadStepper, "_small_step", reluctant)
-    halved = stepper.run(times)[-1]
-    monkeypatch.undo()
-    slow, _ = dragged(lambda s, d: Cylinder((s, 1 - d), 1.0))
-    same(halved, slow.run([1.0, 1.25, 1.5, 1.75, 2.0])[-1])
+    return monkeypatch
+
+
+def test_halved_steps_know_where_the_obstacle_was(halving, tmp_path):
+    def stepper(turn):
+        return dragged(lambda s, d: Moved(MESH, (np.sin(s), -d), turn * s, (0, 1)))[0]
+
+    halved = stepper(5).run([1.0, 2.0], path=tmp_path / "run")[-1]
+    halving.undo()
+    same(halved, stepper(5).run([1.0, 1.25, 1.5, 1.75, 2.0])[-1])
+    np.testing.assert_array_equal(LoadHistory.load(tmp_path / "run")[-1].slip, halved.slip)
+    assert len(stepper(5).resume(tmp_path / "run")) == 2
+    with pytest.raises(InputError, match="another problem"):
+        stepper(4).resume(tmp_path / "run")
 
 
 def test_several_boundaries():
@@ -462,31 +452,8 @@ def test_a_rigid_tool_among_pairs(sliding):
         LoadStepper(alone.problem).obstacle(tool, pair=0)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_shapes_tell_their_motion(seed):
-    """The field between two places, for small angles, is the difference of the places."""
-    rng = np.random.default_rng(seed)
-    from contact.obstacles.rigid_motion import motion_between
-
-    c, a = rng.uniform(-1, 1, 2), 1e-4 * rng.uniform(-1, 1)
-    for kind, (tool, most) in TOOLS.items():
-        if kind in ("Parabola", "ClosestPoint", "Rigid Moved"):
-            continue
-        angle = a if most or kind == "Rough" else 0.0
-        motion = motion_between(
-            tool(c, 0.3 if most else 0.0), tool(2 * c, (0.3 if most else 0.0) + angle)
-        )
-        x = rng.uniform(-1, 1, (2, 5))
-        away = x - motion.about[:, None]
-        found = motion.translation[:, None] + motion.rotation * np.array([-away[1], away[0]])
-        pole = (np.array([0.0, 1.0]) + 2 * c)[:, None]
-        back = turned(-angle) @ (x - pole) + pole - c[:, None]
-        np.testing.assert_allclose(found, x - back, atol=3 * abs(a), err_msg=kind)
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
+def test_what_cannot_be_moved():
+    for make in (
         lambda: Moved(0.1, (0.0, 0.0)),
         lambda: Moved(lambda x: x[0], (0.0, 0.0)),
         lambda: Moved(PARABOLA, (0.0, 0.0)),
@@ -497,11 +464,9 @@ def test_shapes_tell_their_motion(seed):
         lambda: Moved(WHEEL, (0.0, 0.0), np.nan),
         lambda: Moved(WHEEL, (0.0, 0.0), 0.1, (1.0, 2.0, 3.0)),
         lambda: Moved(Sphere((0, 0, 0), 1.0), (0.0, 0.0, 0.0), 0.1),
-    ],
-)
-def test_what_cannot_be_moved(make):
-    with pytest.raises(InputError):
-        make()
+    ):
+        with pytest.raises(InputError):
+            make()
 
 
 def test_a_moved_shape_is_that_shape_there():
@@ -525,54 +490,20 @@ def test_a_moved_shape_is_that_shape_there():
 def test_resume_refuses_another_way_along(sliding, tmp_path):
     """The gaps of a plane are the same wherever it slides, and the stored steps slid by 0.1."""
 
-    def stepper(way):
-        body = block()
-        if sliding == "small":
-            problem = ContactProblem(body, "contact", way(0.0), F)
-            return LoadStepper(problem).obstacle(way)
-        problem = ContactProblem([body], [Pair(body, "contact", way(0.0), friction=F)])
-        return LoadStepper(problem, sliding="finite").obstacle(way, pair=0)
+    def stepper(reach):
+        def way(t):
+            return Plane((reach * t, -0.02 * min(t, 1.0)), (0, -1))
 
-    def sideways(reach):
-        return lambda t: Plane((reach * t, -0.02 * min(t, 1.0)), (0, -1))
+        body, more = block(), {} if sliding == "small" else {"pair": 0}
+        problem = ContactProblem(body, "contact", way(0.0), F)
+        if more:
+            problem = ContactProblem([body], [Pair(body, "contact", way(0.0), friction=F)])
+        return LoadStepper(problem, sliding=sliding).obstacle(way, **more)
 
-    stepper(sideways(0.1)).run([1.0, 2.0, 3.0], path=tmp_path / "run")
+    whole = stepper(0.1).run([1.0, 2.0, 3.0], path=tmp_path / "run")
     (tmp_path / "run" / "step_00003.npz").unlink()
     with pytest.raises(InputError, match="another problem"):
-        stepper(sideways(-0.1)).resume(tmp_path / "run")
-    assert len(stepper(sideways(0.1)).resume(tmp_path / "run")) == 3
-
-
-def test_halved_steps_along_a_curve_are_resumed(monkeypatch, tmp_path):
-    def way(s, d):
-        return Moved(MESH, (np.sin(s), -d), 5 * s, (0, 1))
-
-    small = LoadStepper._small_step
-
-    def reluctant(self, last, begin, end):
-        if last is not None and end - begin > 0.3:
-            raise NotConverged("too long", ())
-        return small(self, last, begin, end)
-
-    monkeypatch.setattr(LoadStepper, "_small_step", reluctant)
-    dragged(way)[0].run([1.0, 2.0], path=tmp_path / "run")
-    monkeypatch.undo()
-    assert len(dragged(way)[0].resume(tmp_path / "run")) == 2
-    with pytest.raises(InputError, match="another problem"):
-        dragged(lambda s, d: Moved(MESH, (np.sin(s), -d), 4 * s, (0, 1)))[0].resume(
-            tmp_path / "run"
-        )
-
-
-def test_a_plane_from_a_file_may_have_slid(tmp_path):
-    """Its gaps do not tell; those of a ball do."""
-    body = block()
-    for shape, told in ((Plane((0.0, -0.01), (0, -1)), False), (Cylinder((0.0, 0.99), 1.0), True)):
-        problem = ContactProblem(body, "contact", shape, F)
-        loaded = ContactResult.load(problem.solve().save(tmp_path / "first.npz"))
-        if told:
-            problem.solve(after=loaded)
-            continue
-        with pytest.raises(InputError, match=r"^motion: .* file"):
-            problem.solve(after=loaded)
-        assert problem.solve(after=loaded, motion=0).resultant[1] < 0
+        stepper(-0.1).resume(tmp_path / "run")
+    resumed = stepper(0.1).resume(tmp_path / "run")
+    assert len(resumed) == 3
+    same(resumed[-1], whole[-1])

@@ -7,18 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 import skfem
+from families import SOLID
 
 from contact import ContactProblem, ElasticBody, InputError, LoadHistory, LoadStepper
-from skfem_adini import ElementHexAdini
 
-ELEMENTS = [
-    skfem.ElementTetP1,
-    skfem.ElementTetP2,
-    skfem.ElementHex1,
-    skfem.ElementHex2,
-    ElementHexAdini,
-]
-elements = pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
+elements = pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)
 DEPTH = 0.02
 
 
@@ -26,14 +19,14 @@ def slider(
     element: Any, friction: float = 0.3, unit: float = 1.0, sliding: str = "finite", E: float = 3.0
 ) -> tuple[Any, Any, LoadStepper]:
     """A block pressed on a larger one of other cells by t = 1, then pushed across it."""
-    tets = element in ELEMENTS[:2]
+    tets = element in SOLID[:2]
     kind: Any = skfem.MeshTet if tets else skfem.MeshHex
     named = {
         "low": lambda x: x[2] < x[2].min() + 1e-9 * unit,
         "high": lambda x: x[2] > x[2].max() - 1e-9 * unit,
     }
     above = [np.linspace(0.5, 1.5, 4), np.linspace(0.3, 1.1, 3), np.linspace(1.0, 1.6, 3)]
-    below = [np.linspace(0.0, 3.0, 8), np.linspace(0.0, 1.5, 5), np.linspace(0.0, 1.0, 3)]
+    below = [np.linspace(0.0, 3.0, 7), np.linspace(0.0, 1.5, 4), np.linspace(0.0, 1.0, 3)]
     bodies = [
         ElasticBody.from_mesh(
             kind.init_tensor(*[unit * ticks for ticks in sides]).with_boundaries(named),
@@ -59,7 +52,7 @@ def pushed(stepper: LoadStepper, upper: Any, x: float, y: float = 0.0) -> LoadSt
 def test_newton_is_quadratic_over_many_facets(element: Any) -> None:
     upper, _, stepper = slider(element)
     pushed(stepper, upper, 0.35, 0.1)
-    for time in (1.0, 2.0, 3.0):
+    for time in (1.0, 2.0):
         result = stepper.step(time)
         assert max(result.kkt.values()) <= 1e-10
         changes = [line.residual for line in result.history if line.phase == "projection"]
@@ -80,7 +73,7 @@ def test_newton_is_quadratic_over_many_facets(element: Any) -> None:
 def test_without_friction_the_path_does_not_matter(element: Any) -> None:
     there, _, one = slider(element, friction=0.0)
     pushed(one, there, 0.45, 0.15)
-    steps = [one.step(t) for t in (1.0, 1.4, 2.0)]
+    steps = [one.step(t) for t in (1.0, 2.0)]
     back, _, other = slider(element, friction=0.0)
     other.move("high", "x", 0.45, lambda t: [0.0, -0.5, 1.0][int(t) - 1], body=back)
     other.move("high", "y", 0.15, lambda t: [0.0, 2.0, 1.0][int(t) - 1], body=back)
@@ -100,19 +93,6 @@ def test_small_slips_are_those_of_small_sliding() -> None:
         stepper._motions = [(scale * moved, factor) for moved, factor in stepper._motions]
         forces.append(stepper.run([1.0, 2.0]).results[-1].resultant)
     assert np.abs(forces[0] - forces[1]).max() <= 1e-3 * np.abs(forces[0]).max()
-
-
-@pytest.mark.turns(4)
-def test_units_do_not_matter() -> None:
-    found = []
-    for unit in (1.0, 1e3, 1e-3):
-        upper, _, stepper = slider(skfem.ElementHex1, unit=unit)
-        pushed(stepper, upper, 0.35 * unit, 0.1 * unit)
-        found.append(stepper.run([1.0, 2.0]).results[-1])
-    for result in found[1:]:
-        assert np.abs(result.mu - found[0].mu).max() <= 1e-8 * found[0].mu.max()
-        assert np.abs(result.t - found[0].t).max() <= 1e-8 * found[0].mu.max()
-        assert (result.status == found[0].status).all()
 
 
 @pytest.mark.slow
@@ -172,15 +152,10 @@ def test_facets_leave_the_edge_and_then_the_body() -> None:
     assert forces[-1] < forces[-2] < forces[-3] < forces[0]
     with pytest.raises(InputError, match="no facet lies opposite"):
         stepper.step(4.5)
-
-
-@pytest.mark.turns(4)
-def test_a_body_that_turns_is_refused() -> None:
     upper, _, stepper = slider(skfem.ElementHex1)
     turn = lambda t: 0.2 * max(t - 1.0, 0.0)  # noqa: E731
     stepper.move("high", "x", lambda x: 0.7 - x[1], turn, body=upper)
     stepper.move("high", "y", lambda x: x[0] - 1.0, turn, body=upper)
-    stepper.step(1.0)
-    assert max(stepper.step(1.3).kkt.values()) <= 1e-10
+    stepper.run([1.0, 1.3])
     with pytest.raises(InputError, match="'upper' turns by"):
         stepper.step(2.0)

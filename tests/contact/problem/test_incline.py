@@ -29,10 +29,7 @@ def incline(dim):
 
 
 def bodies(make, element, p, tau):
-    """Block and ground in the uniform state of pressure p and shear tau along the incline.
-
-    Tractions of that state act on all sides but the bottom of the ground, which is held in it.
-    """
+    """Block and ground in the uniform state of pressure p and shear tau along the incline."""
     dim = 3 if element in SOLID else 2
     turn = incline(dim)
     sigma = np.zeros((dim, dim))
@@ -66,7 +63,7 @@ def acting(share, F, up):
 
 @pytest.mark.sampled(9)
 @pytest.mark.parametrize("up", [True, False])
-@pytest.mark.parametrize("F", [0.1, 0.2, 0.3])
+@pytest.mark.parametrize("F", [0.1, 0.3])
 @elements
 def test_held_below_the_limit_and_refused_above(element, F, up, make):
     p, tau = acting(0.999, F, up)
@@ -81,17 +78,11 @@ def test_held_below_the_limit_and_refused_above(element, F, up, make):
     assert set(result.status) == {Status.STICK}
     for body in (block, ground):
         assert np.abs(result[body].stress() - sigma[:, :, None, None]).max() <= 1e-9
-    block, ground, *_ = bodies(make, element, *acting(1.001, F, up))
-    with pytest.raises(Unbounded, match=r"translation along .* of 'block'"):
-        ContactProblem(block, "bottom", ground.surface("top"), friction=F).solve()
-
-
-@pytest.mark.sampled(4)
-@elements
-def test_without_friction_a_thousandth_along_the_incline_is_refused(element, make):
-    block, ground, *_ = bodies(make, element, WEIGHT, 1e-3)
-    with pytest.raises(Unbounded, match="of 'block'"):
-        ContactProblem(block, "bottom", ground.surface("top")).solve()
+    for acts, rubs in ((acting(1.001, F, up), F), ((WEIGHT, 1e-3), 0.0)):
+        block, ground, *_ = bodies(make, element, *acts)
+        words = r"translation along .* of 'block'" if rubs else "of 'block'"
+        with pytest.raises(Unbounded, match=words):
+            ContactProblem(block, "bottom", ground.surface("top"), friction=rubs).solve()
 
 
 STIFFNESS, STROKE = 10.0, 0.01

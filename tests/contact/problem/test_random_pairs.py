@@ -2,51 +2,57 @@
 
 import numpy as np
 import pytest
-from families import PLANE_AND_BFS
-from two_blocks import block, turned
+from families import PLANE_AND_BFS, SOLID
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from skfem import ElementQuad1
+from two_blocks import facing
 
-from contact import ContactProblem, Pair, Unbounded, cross_check
+from contact import ContactError, ContactProblem, ElasticBody, Pair, Tie, Unbounded, cross_check
 from skfem_adini import ElementQuadBFS
 
 pytestmark = pytest.mark.filterwarnings("ignore::contact.ContactWarning")
 
 
-def random_pair(seed):
-    """Elements, ratios, tilts, units, materials, supports, laws and partial cover at random."""
+def ticks(rng, low, n):
+    size = rng.uniform(1, 3, n)
+    return low + np.r_[0.0, np.cumsum(size) / size.sum()]
+
+
+def random_pair(seed, dim, make):
+    """Elements, cells, tilts, units, materials, supports, laws and partial cover at random."""
     rng = np.random.default_rng(seed)
-    one, two = (PLANE_AND_BFS[rng.integers(len(PLANE_AND_BFS))] for _ in range(2))
-    n, m = (int(2 ** rng.uniform(0, 4.3)) for _ in range(2))
-    angle = 0.0 if ElementQuadBFS in (one, two) else rng.uniform(-0.6, 0.6)
-    size, gap, shift = (
-        10 ** rng.uniform(-3, 3),
-        rng.choice([0.0, 0.01, -0.005]),
-        rng.uniform(-0.8, 0.8),
-    )
-    upper, lower = (
-        block(
-            element,
-            np.linspace(left, 1 + left, count + 1),
-            ys,
-            place=turned(angle),
-            size=size,
-            E=10 ** rng.uniform(-1, 1),
-            nu=rng.uniform(0, 0.45),
-        )
-        for element, left, count, ys in (
-            (one, 0.0, n, [gap, gap + 0.5, gap + 1.0]),
-            (two, shift, m, [-1.0, -0.5, 0.0]),
-        )
-    )
-    lower.fix("bottom", "xy")
-    kind, upright = rng.integers(4), angle == 0.0
-    if kind == 0:
-        upper.fix("top", "xy", lambda x: np.full(x.shape[1:], -0.02 * size))
-    elif kind == 1:
-        upper.fix("top", "x", 0.01 * size).fix("top", "y", -0.03 * size)
-    elif kind == 2:
-        upper.load("top", (0.01 * np.sin(angle), -0.01 * np.cos(angle)))
-    else:
-        upper.fix("left", "x" if upright else "xy").load("top", (0.01 * rng.normal(), -0.01))
+    known = PLANE_AND_BFS if dim == 2 else SOLID
+    one, two = (known[rng.integers(len(known))] for _ in range(2))
+    turn = Rotation.random(random_state=seed).as_matrix()
+    if dim == 2:
+        turn = Rotation.from_euler("z", rng.uniform(-0.6, 0.6)).as_matrix()[:2, :2]
+    if rng.random() < 0.3 or ElementQuadBFS in (one, two):
+        turn = np.eye(dim)
+    size, gap = 10 ** rng.uniform(-3, 3), rng.choice([0.0, 0.01, -0.005])
+    bodies = []
+    for element, at, heights in (
+        (one, np.zeros(dim - 1), (gap, gap + 0.5, gap + 1.0)),
+        (two, rng.uniform(-0.7, 0.7, dim - 1), (-1.0, -0.5, 0.0)),
+    ):
+        cells = (2 ** rng.uniform(0, 4.3 if dim == 2 else 2.3, dim - 1)).astype(int)
+        sides = [ticks(rng, low, n) for low, n in zip(at, cells, strict=True)]
+        mesh = make.box(element, *sides, np.array(heights))
+        mesh = make.remesh(mesh, size * (turn @ mesh.p))
+        E, nu = 10 ** rng.uniform(-1, 1), rng.uniform(0, 0.45)
+        bodies.append(ElasticBody.from_mesh(mesh, element(), E=E, nu=nu))
+    upper, lower = bodies
+    lower.fix("bottom")
+    kind = int(rng.integers(4))
+    push = turn @ np.array([*rng.uniform(-0.02, 0.02, dim - 1), -0.03])
+    for c in range(dim):
+        if kind == 0:
+            upper.fix("top", c, float(size * push[c]))
+        elif kind == 1:
+            upper.fix("left", c)
+    if kind:
+        upper.load("top", 0.3 * (-0.03 * turn[:, -1] if kind == 3 else push))
     law = str(rng.choice(["coulomb", "tresca"]))
     friction = float(rng.choice([0.0, rng.uniform(0, 1.5)])) * (1.0 if law == "coulomb" else 1e-3)
     functional = [None, "standard", "hat"][rng.integers(3)]
@@ -57,31 +63,62 @@ def random_pair(seed):
     return ContactProblem([upper, lower], [pair], law=law), kind, friction
 
 
-def check(seed, second_opinion):
-    problem, kind, friction = random_pair(seed)
+def check(seed, dim, make, second_opinion):
+    problem, kind, friction = random_pair(seed, dim, make)
     try:
         result = problem.solve()
     except Unbounded:  # of a body that friction alone may hold, or nothing
-        assert kind in (2, 3)
+        assert kind >= 2
         return
     assert max(result.kkt.values()) <= 1e-10
     size = np.abs(result.mu).sum() + np.abs(result.t).sum() + 1e-300
     assert np.abs(result[0].resultant + result[1].resultant).max() <= 1e-10 * size
     for k in (0, 1):
         assert np.abs(result[k].balance()["residual"]).max() <= 1e-8
-    if second_opinion and friction <= 0.5:
+    if second_opinion and friction <= (0.5 if dim == 2 else 0.0):
         assert cross_check(problem, result).verdict != "disagrees"
 
 
 @pytest.mark.sampled(3)
+@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("part", range(4))
-def test_twenty_random_pairs(part):
+def test_twenty_random_pairs(part, dim, make):
     for seed in range(5 * part, 5 * part + 5):
-        check(seed, second_opinion=True)
+        check(seed, dim, make, second_opinion=True)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("part", range(10))
-def test_two_hundred_random_pairs(part):
+def test_two_hundred_random_pairs(part, dim, make):
     for seed in range(20 + 20 * part, 40 + 20 * part):
-        check(seed, second_opinion=False)
+        check(seed, dim, make, second_opinion=False)
+
+
+@pytest.mark.turns(3)
+@settings(max_examples=40, deadline=None)
+@given(
+    ratio=st.sampled_from([1e-8, 1e-4, 1.0, 1e4, 1e8]),
+    kind=st.sampled_from([Pair, Tie]),
+    shift=st.floats(-1.2, 1.2),
+    gap=st.one_of(st.sampled_from([0.0, 1e-12, -1e-12]), st.floats(-0.6, 3.0)),
+    friction=st.floats(0.0, 1.5),
+    push=st.floats(-0.1, 0.1),
+)
+def test_certified_or_refused(ratio, kind, shift, gap, friction, push):
+    """Stiffness ratios, places and pushes of any kind: balanced forces, or a typed error."""
+    _, lower = facing(ElementQuad1, 3, 5, shift=shift, gap=gap)
+    stiff, _ = facing(ElementQuad1, 3, 5, shift=shift, gap=gap, E=ratio)
+    lower.fix("bottom", "xy")
+    stiff.fix("top", "x", 0.01).fix("top", "y", -push)
+    more = {} if kind is Tie else {"friction": friction}
+    try:
+        problem = ContactProblem([stiff, lower], [kind(stiff, "bottom", lower, "top", **more)])
+        result = problem.solve()
+    except ContactError:
+        return
+    assert max(result.kkt.values()) <= 1e-10
+    forces = np.array([own.resultant + own.tie_resultant for own in (result[0], result[1])])
+    if kind is Tie:
+        assert np.abs(forces).max() > 0
+    assert np.abs(forces.sum(axis=0)).max() <= 1e-9 * max(np.abs(forces).max(), 1e-300)

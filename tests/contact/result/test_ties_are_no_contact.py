@@ -1,9 +1,11 @@
-"""Contact forces, their statistics and pictures are those of contact; ties have their own."""
+"""Forces of contact, their statistics, words and pictures are its own; ties have theirs."""
+
+import re
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from pressed_pairs import stack
+from pressed_pairs import pair, stack
 from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTriP1, MeshHex, MeshQuad, MeshTri
 
 from contact import (
@@ -155,18 +157,53 @@ def test_what_is_said_drawn_and_written(tmp_path):
         np.testing.assert_array_equal(getattr(again, name), getattr(result, name))
 
 
-def test_history_of_the_load():
-    stepper = LoadStepper(pressed())
-    history = stepper.load("top", (0.0, -LOAD), lambda t: t, body="ball").run([1.0, 2.0])
-    assert history.resultant[:, 1] == pytest.approx([2 * LOAD, 3 * LOAD], rel=1e-9)
-
-
 def test_checks_know_both():
     problem = pressed()
     result = problem.solve()
     assert max(recheck(result).values()) < 1e-9
     assert uniqueness(problem, result).others == ()
+    history = LoadStepper(pressed()).load("top", (0.0, -LOAD), lambda t: t, body="ball")
+    forces = history.run([1.0, 2.0]).resultant[:, 1]
+    assert forces == pytest.approx([2 * LOAD, 3 * LOAD], rel=1e-9)
     stacked = stack().solve()
     each = [stacked[k].resultant + stacked[k].tie_resultant for k in range(3)]
     on_plane = stacked.resultants[2]
     assert sum(each) == pytest.approx(on_plane, abs=1e-10)
+
+
+def lines(result):
+    """Names and values of the summary."""
+    return dict(
+        re.split(r"  +", line.strip(), maxsplit=1) for line in result.summary().split("\n")[1:]
+    )
+
+
+def test_pairs_of_a_stack():
+    result = stack().solve()
+    said = lines(result)
+    assert [name for name in said if "block" in name or "body" in name] == [
+        *("top block", "body 1", "low/block")
+    ]
+    for k, whose in enumerate(("'top block'", "body 1", "'low/block'")):
+        line = said["tie 1" if k == 1 else f"contact {k}"]
+        assert line.endswith(f"on {whose}")
+        assert line.startswith(f"{np.sum(result.part == k)} points: ")
+        force = [float(v) for v in re.search(r"; \((.*)\)", line)[1].split(", ")]
+        # Six digits are printed.
+        assert force == pytest.approx(
+            (result.tie_resultants if k == 1 else result.resultants)[k], rel=1e-5, abs=1e-12
+        )
+    assert "15 bonded" in said["tie 1"]
+    assert "bonded" not in said["contact 0"]
+
+
+def test_table_has_the_same(make):
+    result = pair().solve()
+    worst = max(result.kkt.values())
+    assert lines(result)["certificate"].startswith(f"no residual above {worst:.1e}")
+    for value in ("upper", "lower", "contact 0", "on &#x27;upper&#x27;"):
+        assert value in result._repr_html_()
+    _, alone = make.solved()
+    assert list(lines(alone))[:1] == ["body"]
+    assert "resultant" in lines(alone)
+    assert "contact 0" not in lines(alone)

@@ -1,24 +1,17 @@
-"""Pictures of several bodies: all in one scale of colours, the pressure once, faces that touch."""
+"""Pictures of cut and of several bodies, and of whoever has the fields of `Drawn`."""
 
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from families import half_disk
 from matplotlib.collections import LineCollection, PolyCollection
 from pressed_pairs import pair, stack
-from skfem import ElementHex1, MeshHex, MeshQuad
+from skfem import ElementHex1, ElementHex2, ElementTetP1, MeshHex, MeshQuad
 
-from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, Pair
+from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, Pair, Plane
 from contact.output.pictures import on_deformed
-from contact.plot import (
-    draw_edges,
-    face_pressure,
-    plot_cells,
-    plot_field,
-    plot_pressure,
-)
-
-matplotlib.use("Agg")
+from contact.plot import draw_edges, face_pressure, plot_cells, plot_field, plot_pressure
+from skfem_adini import ElementHexAdini
 
 
 @pytest.fixture(autouse=True)
@@ -58,19 +51,15 @@ def test_one_body_alone(result, name):
     assert len(fields) == 1
     (cells,) = (p for p in plot_cells(own).collections if isinstance(p, PolyCollection))
     assert cells.get_array().size == own.body.mesh.nelements
-    low, high = cells.get_clim()
-    assert (low, high) == (cells.get_array().min(), cells.get_array().max())
+    assert cells.get_clim() == (cells.get_array().min(), cells.get_array().max())
     (edges,) = draw_edges(own, plt.figure().add_subplot(), outline=True).collections
     assert len(edges.get_segments()) == own.body.mesh.boundary_facets().size
-
-
-def test_edges_of_all_bodies(result):
     (edges,) = draw_edges(result, plt.figure().add_subplot()).collections
     assert len(edges.get_segments()) == sum(body.mesh.nfacets for body in result.solid.bodies)
 
 
 def test_plot_of_two_bodies(result):
-    """The pressure once above, and the bodies below; with given axes the pressure alone."""
+    """The pressure once above, and the bodies below in a window around the contact points."""
     ax = result.plot()
     above, below = ax.figure.axes
     assert ax is above
@@ -78,21 +67,20 @@ def test_plot_of_two_bodies(result):
     assert any(np.array_equal(line.get_ydata(), result.pressure) for line in drawn)
     names = [text.get_text() for text in below.get_legend().get_texts()]
     assert names[:2] == ["upper", "lower"]
-    outlines = [p for p in below.collections if isinstance(p, LineCollection)]
-    assert len(outlines) == 4
-    _, own = plt.subplots()
-    assert result.plot(own) is own
-    assert len(own.figure.axes) == 1
-
-
-def test_window_is_around_the_contact(result):
-    """The contact points are in it, and the far sides of the bodies are not."""
-    below = result.plot().figure.axes[1]
+    assert len([p for p in below.collections if isinstance(p, LineCollection)]) == 4
     x = on_deformed(result)
     low, high = np.array([below.get_xlim(), below.get_ylim()]).T
     assert np.all((x > low[:, None]) & (x < high[:, None]))
     assert low[1] > -0.9
     assert high[1] < 0.9
+    _, own = plt.subplots()
+    assert result.plot(own) is own
+    assert len(own.figure.axes) == 1
+    block = LayeredBlock(1.0, [(0.5, 4, 1.0, 0.3)], sides="x").fix("top", "y", -0.02)
+    below = MeshQuad().refined(2).translated((0.0, -1.0)).with_defaults()
+    lower = ElasticBody.from_mesh(below, E=1.0, nu=0.3).fix("bottom", "xy")
+    ax = ContactProblem(block, "bottom", lower.surface("top"), friction=0.3).solve().plot()
+    assert ax.figure.axes == [ax]
 
 
 def test_drawn_points_lie_on_both_bodies(result):
@@ -104,15 +92,6 @@ def test_drawn_points_lie_on_both_bodies(result):
     inner = np.abs(x[0]) < 0.4
     # Equal as means over some of a cell, which is .2 wide; the displacement is .03.
     assert np.abs(height - x[1])[inner].max() < 1e-3
-
-
-def test_layers_have_no_outline():
-    """A block without a mesh: the tractions are drawn all the same."""
-    block = LayeredBlock(1.0, [(0.5, 4, 1.0, 0.3)], sides="x").fix("top", "y", -0.02)
-    below = MeshQuad().refined(2).translated((0.0, -1.0)).with_defaults()
-    lower = ElasticBody.from_mesh(below, E=1.0, nu=0.3).fix("bottom", "xy")
-    ax = ContactProblem(block, "bottom", lower.surface("top"), friction=0.3).solve().plot()
-    assert ax.figure.axes == [ax]
 
 
 def test_parts_are_named():
@@ -152,3 +131,53 @@ def test_pressures_in_space():
         assert np.array_equal(np.sort(facets), np.sort(left.facets("bottom")))
         assert np.all(pressure > 0)
     np.testing.assert_allclose(face_pressure(result, right)[1], 2 * pressure, rtol=1e-9)
+
+
+@pytest.mark.parametrize("element", [ElementHex2, ElementTetP1, ElementHexAdini])
+def test_pressure_on_faces(element, make):
+    """All of the bottom and nothing else; a uniform pressure is uniform."""
+    ticks = np.linspace(0, 1, 4)
+    body = ElasticBody.from_mesh(make.box(element, ticks, ticks, ticks), element(), E=1.0, nu=0.0)
+    body.fix("left", "x").fix("front", "y").load("top", (0, 0, -0.1))
+    result = ContactProblem(body, "bottom", 0.0).solve()
+    facets, pressure = face_pressure(result)
+    assert np.array_equal(np.sort(facets), np.sort(body.facets("bottom")))
+    np.testing.assert_allclose(pressure, 0.1, rtol=1e-9)
+    assert result.plot().name == "3d"
+    with pytest.raises(InputError, match="projection"):
+        result.plot(plt.figure().add_subplot())
+    for ax in (3, "ax", [], object()):
+        with pytest.raises(InputError, match="ax: "):
+            result.plot(ax)
+
+
+@pytest.fixture(scope="module")
+def cut():
+    disk = half_disk().fix("top", "x").fix("top", "y", -0.05)
+    return ContactProblem(disk, disk.arc(), Plane((0.0, -1.02), (0.0, 1.0)), 0.3).solve()
+
+
+def test_cells(cut):
+    """Clipped cells have three or four corners; a bare ValueError of NumPy was raised."""
+    ax = plot_cells(cut, magnification=0.0)
+    (cells,) = (part for part in ax.collections if isinstance(part, PolyCollection))
+    outlines = [path.vertices[:-1] for path in cells.get_paths()]
+    assert {len(corners) for corners in outlines} == {3, 4}
+    assert cells.get_array().size == len(outlines)
+    x = np.vstack(outlines)
+    assert np.hypot(*x.T).max() <= 1 + 1e-2  # the level set is linear within a sub-cell
+    x, y = zip(*(corners.T for corners in outlines), strict=True)
+    area = sum(
+        abs(np.sum(a * np.roll(b, -1) - b * np.roll(a, -1))) / 2 for a, b in zip(x, y, strict=True)
+    )
+    assert area == pytest.approx(np.pi / 2, rel=2e-3)
+
+
+@pytest.mark.parametrize("nodal", [False, True])
+def test_fields(cut, nodal):
+    """What the extension gives outside is no displacement of the body, and was drawn."""
+    ax = plot_field(cut, 1, magnification=0.0, nodal=nodal)
+    drawn = ax.collections[0]
+    triangulation = drawn._triangulation
+    x = np.stack((triangulation.x, triangulation.y))[:, np.unique(triangulation.triangles)]
+    assert np.hypot(*x).max() <= 1 + 1e-2

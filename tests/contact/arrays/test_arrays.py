@@ -1,5 +1,6 @@
-"""Pairs of numbers against rational arithmetic, which is exact."""
+"""Pairs of numbers beside rational arithmetic, GMRES, work on ranges, threads of OpenBLAS."""
 
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 
 import numpy as np
@@ -8,6 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import sparse
 
+from contact import ContactProblem
+from contact.arrays import blas_threads, ranges
+from contact.arrays.blas_threads import one_blas_thread
+from contact.arrays.krylov import gmres
 from contact.arrays.paired_rows import blocks_times, rows_times
 from contact.arrays.pairs import Pairs, dot, two_product, two_sum
 
@@ -141,3 +146,119 @@ def test_matrices_of_cells():
         for k in range(3):
             terms = [Fraction(A[c, k, j]) * exact(x[c, j]) for j in range(5)]
             assert abs(exact(found[c, k]) - sum(terms)) <= 100 * CLOSE * sum(map(abs, terms))
+
+
+@pytest.mark.parametrize("unit", [1e-30, 1.0, 1e20])
+@pytest.mark.parametrize("n", [12, 60])
+def test_solutions_do_not_depend_on_units(unit, n):
+    """As many products in any unit: nothing is compared with the size of the right-hand side."""
+    rng = np.random.default_rng(n)
+    A = np.eye(n) + 0.1 * rng.standard_normal((n, n))
+    M = np.diag(rng.uniform(0.5, 2.0, n))
+    b = rng.standard_normal(n)
+    x, products = gmres(lambda v: A @ v, unit * b, lambda v: M @ v, 1e-12, 300)
+    assert np.linalg.norm(A @ x / unit - b) <= 1.1e-12 * np.linalg.norm(b)
+    assert products == gmres(lambda v: A @ v, b, lambda v: M @ v, 1e-12, 300)[1]
+    assert products < 120
+
+
+def test_a_space_that_is_exhausted_ends_the_basis():
+    """Two eigenvalues, two products, and one for the residual."""
+    A, b = np.diag([1.0, 1.0, 3.0, 3.0]), 1e15 * np.arange(1.0, 5.0)
+    x, products = gmres(lambda v: A @ v, b, lambda v: v, 1e-15, 50)
+    assert x == pytest.approx(b / np.diag(A), rel=1e-14)
+    assert products <= 6
+
+
+@pytest.mark.parametrize("entries", [1, 40, 10**9])
+@pytest.mark.parametrize("n", [1, 5, 203])
+def test_diagonal_is_that_of_scipy(monkeypatch, entries, n):
+    monkeypatch.setattr(ranges, "_OF_A_THREAD", entries)
+    monkeypatch.setattr(ranges, "cores", lambda: 3)
+    matrix = sparse.random_array((n, n), density=0.3, rng=np.random.default_rng(n), format="csr")
+    matrix = sparse.csr_array(matrix + sparse.diags_array((np.arange(n) % 3).astype(float)))
+    np.testing.assert_array_equal(ranges.diagonal(matrix), matrix.diagonal())
+
+
+@pytest.mark.parametrize("cores", [1, 3])
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 23])
+def test_ranges_cover_all_in_order(monkeypatch, cores, count):
+    monkeypatch.setattr(ranges, "cores", lambda: cores)
+    found = ranges.in_ranges(lambda some: list(range(count))[some], count, 7)
+    assert [number for part in found for number in part] == list(range(count))
+    assert all(0 < len(part) <= 7 for part in found)
+
+
+def test_an_error_of_a_range_is_raised(monkeypatch):
+    monkeypatch.setattr(ranges, "cores", lambda: 3)
+
+    def work(some):
+        if some.start == 14:
+            raise ZeroDivisionError
+        return some.start
+
+    with pytest.raises(ZeroDivisionError):
+        ranges.in_ranges(work, 23, 7)
+
+
+def test_ranges_of_ranges_do_not_wait_for_each_other(monkeypatch):
+    monkeypatch.setattr(ranges, "cores", lambda: 3)
+
+    def work(some):
+        return sum(ranges.in_ranges(lambda part: part.start, 23, 7))
+
+    assert ranges.in_ranges(work, 100, 2) == [42] * 50
+
+
+def threads():
+    """Number of threads of each OpenBLAS in the process."""
+    threadpoolctl = pytest.importorskip("threadpoolctl")
+    controller = threadpoolctl.ThreadpoolController().select(internal_api="openblas")
+    return [library["num_threads"] for library in controller.info()]
+
+
+@pytest.fixture
+def two_threads():
+    """Start from two threads, whatever the environment says; needs OpenBLAS."""
+    if not threads():
+        pytest.skip("NumPy and SciPy use no OpenBLAS here")
+    with pytest.importorskip("threadpoolctl").threadpool_limits(limits=2, user_api="blas"):
+        yield threads()
+
+
+def test_the_limit_on_threads_is_lifted_by_the_last_one_out(two_threads):
+    """Nested, after an error, and not set for large matrices."""
+    assert max(two_threads) == 2
+    with one_blas_thread(100):
+        with one_blas_thread(50):
+            assert set(threads()) == {1}
+        assert set(threads()) == {1}
+    assert threads() == two_threads
+    with pytest.raises(ZeroDivisionError), one_blas_thread(100):
+        _ = 1 / 0
+    assert threads() == two_threads
+    with one_blas_thread(5000):
+        assert threads() == two_threads
+
+
+def test_without_threadpoolctl_the_result_is_the_same(make, monkeypatch, two_threads):
+    body = make.block(6)
+    limited = ContactProblem(body, "bottom", make.foundation[2], 0.9).solve()
+    monkeypatch.setattr(blas_threads, "_openblas", lambda: None)
+    plain = ContactProblem(body, "bottom", make.foundation[2], 0.9).solve()
+    # Another split of the sums: round-off.
+    assert np.abs(limited.u - plain.u).max() < 1e-13
+
+
+def test_every_thread_can_limit(two_threads):
+    """One that was not the first to do so, too, and one that ends it for another."""
+    with one_blas_thread(100):
+        pass
+
+    def inside():
+        with one_blas_thread(100):
+            return threads()
+
+    with ThreadPoolExecutor(1) as pool:
+        assert set(pool.submit(inside).result()) == {1}
+    assert threads() == two_threads
