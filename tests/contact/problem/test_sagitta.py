@@ -1,6 +1,6 @@
 """A polygon that stands in for a curve, pressed on an exact obstacle: warned of where it matters.
 
-The rings of `test_curved_outlines` are shrunk into a bore or onto a shaft by a multiple of their
+The rings of `rows/test_rings.py` are shrunk into a bore or onto a shaft by a multiple of their
 facets' height h^2 / 8R beside the curve: Lame's pressure tells how far off the polygon's is.
 """
 
