@@ -345,7 +345,7 @@ def test_places_on_facets_without_a_search(element, curved, where):
         np.testing.assert_allclose(x, mapping.G(ours.X, find=inner), atol=1e-14)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize(("ratio", "moved"), [(1e2, 0.0), (1e6, 0.0), (1e5, 100.0)])
 @pytest.mark.parametrize(
     ("element", "curved"), [*CELLS, (ElementQuadAdini, False), (ElementHexAdini, False)]

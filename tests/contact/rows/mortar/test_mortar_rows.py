@@ -316,7 +316,7 @@ def imbalance(pair, boundaries, angle, size, covered, kind):
     return worst
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     st.sampled_from(PLANE_AND_BFS),
     st.sampled_from(PLANE),
@@ -411,7 +411,7 @@ def test_integrals_over_covered_parts(element, place, unit):
         assert abs(q.w @ (a**2 * b) - exact) <= 1e-12 * exact
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @elements
 @pytest.mark.parametrize("gap", [0.0, 0.02])
 def test_cells_of_second_order_are_covered_up_to_their_edges(element, gap):
@@ -511,7 +511,9 @@ def test_ties_pass_a_linear_displacement(element, n, m, multipliers, ends):
     K = sparse.block_array([[P.T @ S @ P, free.T], [free, None]], format="csc")
     solution = spsolve(K, np.concatenate((P.T @ (f - S @ u0), -B @ u0)))
     u, mu = u0 + P @ solution[: P.shape[1]], solution[P.shape[1] :].reshape(2, -1)
-    assert np.abs(u - np.concatenate([linear_dofs(b, GRADIENT) for b in bodies])).max() < 1e-10
+    units = np.concatenate([b.lengths[0] for b in bodies])
+    off = u - np.concatenate([linear_dofs(b, GRADIENT) for b in bodies])
+    assert np.abs(units * off).max() < 1e-11
     traction = -stress @ rows.normals
     assert np.abs(mu[0] / rows.weights - np.sum(rows.normals * traction, axis=0)).max() < 1e-8
     assert (

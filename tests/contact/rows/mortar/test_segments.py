@@ -75,7 +75,7 @@ def rays(one, two, q):
 
 
 def wavy(seed):
-    """Two sides of random waves, rough and graded, apart by up to twice their length."""
+    """Two sides of random waves, rough and graded, apart by up to .8 of their length."""
     rng = np.random.default_rng(seed)
     wave, height = rng.uniform(1, 9, 2), rng.uniform(0, 0.3, 2)
     ticks = [np.unique(np.append(rng.uniform(0, 1, 70) ** p, [0.0, 1.0])) for p in (1, 3)]
@@ -83,7 +83,7 @@ def wavy(seed):
     def place(k, lift):
         return lambda x: np.array([x[0], x[1] + height[k] * np.sin(wave[k] * x[0]) + lift])
 
-    one = block(ElementQuad1, ticks[0], [0, 2], place=place(0, seed % 3))
+    one = block(ElementQuad1, ticks[0], [0, 2], place=place(0, 0.4 * (seed % 3)))
     two = block(ElementQuad1, ticks[1], [-2, 0], place=place(1, 0.0))
     return curves(one, "bottom"), curves(two, "top")
 
