@@ -156,11 +156,6 @@ def test_loads_are_those_of_the_body_with_a_mesh():
 
 def test_edited_in_place_and_copied():
     body = loaded()
-    second, kept = copy.copy(body), body.loads.copy()
-    second.f[3] += 1.0
-    second.load("top", (0.0, -1.0))
-    assert second.f[3] == pytest.approx(kept[3] + 1.0)
-    assert np.array_equal(body.f, kept)
     problem = ContactProblem(body, "bottom", 0.03, 0.3)
     first = problem.solve()
     before = first.applied.copy()
@@ -172,6 +167,13 @@ def test_edited_in_place_and_copied():
     body.f[5] = np.nan
     with pytest.raises(InputError, match=r"^f: "):
         problem.solve()
+    body = loaded()
+    second, kept = copy.copy(body), body.loads.copy()
+    second.f[3] += 1.0
+    second.load("top", (0.0, -1.0))
+    body.load("bottom", (0.0, 0.5))
+    assert second.f[3] == pytest.approx(kept[3] + 1.0)
+    assert np.array_equal(body.f - kept, block().load("bottom", (0.0, 0.5)).f)
 
 
 def test_loads_that_overflow_change_nothing():

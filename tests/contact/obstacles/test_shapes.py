@@ -307,7 +307,7 @@ def first_inside(apex, axis, angle, x, n, reach=40.0, steps=400_001):
 def test_rays_to_a_cone(dim):
     rng = np.random.default_rng(7)
     seen = {"outside": 0, "inside": 0, "never": 0}
-    for k in range(150):
+    for k in range(60):
         apex, axis, x, n = rng.standard_normal((4, dim))
         n = axis if k % 5 == 0 else n  # steeper than the surface
         n, angle = n / np.linalg.norm(n), rng.uniform(0.1, 1.45)
@@ -319,7 +319,7 @@ def test_rays_to_a_cone(dim):
         if np.isfinite(wanted):
             assert found == pytest.approx(wanted, abs=3e-4)
         seen["never" if np.isinf(wanted) else "inside" if wanted < 0 else "outside"] += 1
-    assert min(seen.values()) >= 10
+    assert min(seen.values()) >= 5
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
