@@ -69,7 +69,7 @@ def rays(one, two, q):
     t, along = np.linalg.solve(
         np.stack(A, -1).reshape(*A[0].shape, 2, 2), np.moveaxis(a[:, None] - x, 0, -1)[..., None]
     )[..., 0].transpose(2, 0, 1)
-    met = (along >= -1e-12) & (along <= 1 + 1e-12) & (np.tensordot(q.n, outward, (0, 0)) <= -0.25)
+    met = (along >= -1e-8) & (along <= 1 + 1e-8) & (np.tensordot(q.n, outward, (0, 0)) <= -0.25)
     t = np.where(met, t, np.inf)
     return np.take_along_axis(t, np.abs(t).argmin(axis=1)[:, None], axis=1)[:, 0]
 
