@@ -91,7 +91,7 @@ def wavy(seed):
 POLYGONS = [
     *(lambda n=n, m=m: cylinders(ElementQuad1, n, m, False, height=0.1) for n, m in
       ((5, 5), (13, 4), (3, 17), (11, 30))),
-    *(lambda seed=seed: wavy(seed) for seed in range(6)),
+    *(lambda seed=seed: wavy(seed) for seed in range(5)),
 ]  # fmt: skip
 
 
