@@ -160,17 +160,6 @@ def test_arc_and_mesh_line_in_one_problem_and_a_graded_mesh():
     assert result.resultants[1][1] > 0
 
 
-def test_vtk_holds_the_part_inside():
-    mesh = MeshQuad.init_tensor(np.linspace(-1, 1, 12), np.linspace(0, 1, 6)).with_defaults()
-    body = CutBody(mesh, circle(0.02, 0, R), E=1.0, nu=0.3, q=5).fix("bottom")
-    arc = body.arc()
-    body.load(arc, lambda x: 0.01 * arc.normals)
-    result = ContactProblem(body, arc, 1e-3).solve()
-    solid = result.to_pyvista()
-    assert solid.compute_cell_sizes()["Area"].sum() == pytest.approx(np.pi * R**2 / 2, rel=2e-3)
-    assert result.boundary_to_pyvista().n_points == result.mu.size
-
-
 # Places crowd where cells are cut: forces that reduce over places are refused. The mean was that of
 # a batch of cells, points of weight zero counted: ``x - x.mean()`` was off by more than half of it.
 REDUCTIONS = {

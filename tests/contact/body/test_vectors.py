@@ -2,7 +2,6 @@
 
 import copy
 import gc
-from copy import deepcopy
 from types import SimpleNamespace
 
 import numpy as np
@@ -150,7 +149,7 @@ def test_loads_are_those_of_the_body_with_a_mesh():
     plain.load("top", lambda x: np.array([0 * x[0], x[0]]))
     assert whole.f == pytest.approx(plain.f, abs=1e-15)
     assert np.array_equal(loaded().f, loaded().loads)
-    for body in (loaded(), deepcopy(loaded())):
+    for body in (loaded(), copy.deepcopy(loaded())):
         assert np.array_equal(body.body_force((0.0, -1.0)).f, loaded().body_force((0.0, -1.0)).f)
 
 
