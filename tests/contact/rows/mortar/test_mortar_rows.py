@@ -316,7 +316,7 @@ def imbalance(pair, boundaries, angle, size, covered, kind):
     return worst
 
 
-@settings(max_examples=25)
+@settings(max_examples=20)
 @given(
     st.sampled_from(PLANE_AND_BFS),
     st.sampled_from(PLANE),
