@@ -1,9 +1,9 @@
 """Periodic and tied boundaries and multipoint constraints, against saddle-point solutions."""
 
-import pickle
-
 import numpy as np
 import pytest
+from families import PLANE_AND_BFS as PLANE
+from families import STRAIGHT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
@@ -14,36 +14,20 @@ from skfem import (
     ElementQuad2,
     ElementTetP1,
     ElementTetP2,
-    ElementTriP1,
-    ElementTriP2,
-    MeshHex,
     MeshQuad,
-    MeshTet,
-    MeshTri,
 )
 
-from contact import (
-    ContactProblem,
-    ContactResult,
-    CutBody,
-    ElasticBody,
-    LoadStepper,
-    Unbounded,
-    cross_check,
-)
+from contact import ContactProblem, ElasticBody, LoadStepper, Unbounded, cross_check
 from contact.body.free_motions import free_motions
 from contact.body.rigid_modes import describe_motion
 from contact.errors import InputError
-from skfem_adini import ElementQuadAdini, ElementQuadBFS
+from skfem_adini import ElementQuadAdini
 
-PLANE = [ElementTriP1, ElementTriP2, ElementQuad1, ElementQuad2, ElementQuadAdini, ElementQuadBFS]
 SPACE = [ElementTetP1, ElementTetP2, ElementHex1, ElementHex2]
 
 
 def mesh_of(element, unit=1.0, refine=1):
-    kinds = {"Tri": MeshTri, "Qua": MeshQuad, "Tet": MeshTet, "Hex": MeshHex}
-    kind = kinds[element.__name__.removeprefix("Element")[:3]]
-    return kind().refined(refine).scaled(unit).with_defaults()
+    return STRAIGHT[element]().refined(refine).scaled(unit).with_defaults()
 
 
 def sides_of(mesh):
@@ -75,8 +59,8 @@ def saddle(S, f, C, c):
 
 
 @pytest.mark.parametrize("element", PLANE + SPACE)
-@pytest.mark.parametrize("unit", [1.0, 1e-4])
-def test_a_periodic_cell_under_a_mean_strain_is_strained_uniformly(element, unit):
+def test_a_periodic_cell_under_a_mean_strain_is_strained_uniformly(element):
+    unit = 1e-4
     mesh = mesh_of(element, unit)
     body = ElasticBody.from_mesh(mesh, element(), E=2.0, nu=0.3)
     H = np.array([[1.0, 0.4, -0.2], [0.3, -0.5, 0.1], [0.2, 0.6, 0.7]])[: body.dim, : body.dim]
@@ -84,8 +68,7 @@ def test_a_periodic_cell_under_a_mean_strain_is_strained_uniformly(element, unit
         body.periodic(high, low, H[:, c] * unit * 1e-3)
     u = solved(body)
     points = unit * np.random.default_rng(0).uniform(0.1, 0.9, (body.dim, 5))
-    gradient = body.gradient(u, points)
-    assert np.abs(gradient - 1e-3 * H[:, :, None]).max() < 1e-14
+    assert np.abs(body.gradient(u, points) - 1e-3 * H[:, :, None]).max() < 1e-14
     assert body.support_error(u) < 1e-13 * unit
     P = body.constraint[0]
     assert abs(body.picked.T @ P - sparse.eye_array(P.shape[1])).max() < 1e-12
@@ -100,10 +83,8 @@ def test_a_periodic_body_is_one_half_of_a_body_of_two_periods(element):
     bodies = []
     for cells, length in ((4, 1.0), (8, 2.0)):
         x, y = np.linspace(0, length, cells + 1), np.linspace(0, 1, 4)
-        kind = MeshTri if "Tri" in element.__name__ else MeshQuad
-        body = ElasticBody.from_mesh(
-            kind.init_tensor(x, y).with_defaults(), element(), E=1.0, nu=0.25
-        )
+        mesh = STRAIGHT[element].init_tensor(x, y).with_defaults()
+        body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.25)
         body.fix("bottom", "xy").periodic("right", "left")
         body.load("top", lambda x: np.array([np.cos(2 * np.pi * x[0]), np.sin(2 * np.pi * x[0])]))
         bodies.append((body, solved(body)))
@@ -115,24 +96,22 @@ def test_a_periodic_body_is_one_half_of_a_body_of_two_periods(element):
 
 
 @pytest.mark.parametrize("element", [*PLANE, ElementHex1, ElementTetP2])
-@pytest.mark.parametrize("unit", [1.0, 1e-3])
-def test_a_rigid_side_is_a_rigid_motion_of_its_dofs(element, unit):
+def test_a_rigid_side_is_a_rigid_motion_of_its_dofs(element):
+    unit = 1e-3
     mesh = mesh_of(element, unit)
     high, low = sides_of(mesh)[0]
     traction = np.array([0.3, 0.2, -0.1])[: mesh.dim()]
     body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3).fix(low)
     body.load(high, lambda x: traction.reshape(-1, 1, 1) * (1 + x[1] / unit))
     u = solved(body.tie(high, rigid=True))
-    dofs = body.basis.get_dofs(high).flatten()
     where = mesh.p[:, np.unique(mesh.facets[:, high])]
-    v = body.displacement(u, where)
-    arm = where - where.mean(axis=1, keepdims=True)
-    spin = np.linalg.lstsq(arm.T, (v - v.mean(axis=1, keepdims=True)).T, rcond=None)[0].T
+    v, arm = body.displacement(u, where), where - where.mean(axis=1, keepdims=True)
+    off = v - v.mean(axis=1, keepdims=True)
+    spin = np.linalg.lstsq(arm.T, off.T, rcond=None)[0].T
     spin[:, 0] = -spin[0] * (np.arange(mesh.dim()) > 0)
     assert np.abs(spin + spin.T).max() < 1e-10 * np.abs(spin).max()
-    assert np.abs(v - v.mean(axis=1, keepdims=True) - spin @ arm).max() < 1e-11 * np.abs(v).max()
+    assert np.abs(off - spin @ arm).max() < 1e-11 * np.abs(v).max()
     assert np.abs(spin).max() * unit > 1e-3 * np.abs(v).max()
-    assert dofs.size > where.shape[1]
     # The work of the loads is twice the energy: forces within the rigid side do no work.
     assert body.f @ u == pytest.approx(u @ body.stiffness @ u, rel=1e-10)
 
@@ -193,36 +172,6 @@ def test_a_held_vertex_on_a_periodic_boundary_holds_its_partner():
     assert np.abs(body.constraint[1][x] - 0.75).max() < 1e-13
 
 
-def test_contradictions_and_bad_input_are_refused_by_name():
-    mesh = mesh_of(ElementQuad1, refine=2)
-    for wrong, message in (
-        (
-            lambda body: body.fix("left").fix("right").periodic("right", "left", 0.1).constraint,
-            "supports",
-        ),
-        (
-            lambda body: body.periodic("right", "left", 0.1).periodic("right", "left").constraint,
-            "contra",
-        ),
-        (lambda b: b.periodic("right", "left", 0.1).tie(["left", "right"]).constraint, "tie"),
-        (lambda body: body.periodic("right", "top"), "other: has no vertex"),
-        (lambda body: body.periodic("right", "right"), "same place"),
-        (lambda body: body.periodic("right", "left", np.nan), "jump"),
-        (lambda body: body.periodic("right", "left", (1.0, 2.0, 3.0)), "jump"),
-        (lambda body: body.periodic("right", "left", (None, None)), "jump"),
-        (lambda body: body.tie("right", "z"), "components"),
-        (lambda body: body.tie("right", "x", rigid=True), "components"),
-        (lambda body: body.tie("right", rigid=1), "rigid"),
-        (lambda body: body.constrain(np.ones((1, 3))), "C: expected the shape"),
-        (lambda body: body.constrain(np.zeros((1, body.basis.N))), "C: an equation"),
-        (lambda body: body.constrain(np.ones((2, body.basis.N)), [0.0, 1.0]).constraint, "contra"),
-        (lambda body: body.constrain(np.ones((1, body.basis.N)), [0.0, 1.0]), "c: expected"),
-        (lambda body: body.constrain(np.full((1, body.basis.N), np.inf)), "finite"),
-    ):
-        with pytest.raises(InputError, match=message):
-            wrong(ElasticBody.from_mesh(mesh, E=1.0, nu=0.3))
-
-
 def wavy(element, share, n=64, unit=1.0):
     """A periodic block on a wave of amplitude 0.01, and its mean pressure (Westergaard 1939)."""
     above = 0.25 + 1.25 * np.linspace(0, 1, n // 4 + 1)[1:] ** 1.3
@@ -254,21 +203,6 @@ def test_contact_with_a_wave_has_the_pressure_of_westergaard(element, unit):
     check = cross_check(problem, result)
     assert check.displacement < 1e-9
     assert check.multipliers < 1e-9
-
-
-def test_a_stored_and_a_pickled_result_of_a_periodic_rigid_body_is_the_same(tmp_path):
-    for element in (ElementQuad1, ElementQuadAdini):
-        problem, _ = wavy(element, 0.3, n=16)
-        problem.body.tie("top", rigid=True)
-        result = problem.solve()
-        result.save(tmp_path / "wave.npz")
-        again = ContactResult.load(tmp_path / "wave.npz")
-        assert np.array_equal(again.u, result.u)
-        assert max(again.kkt.values()) < 1e-9
-        body = pickle.loads(pickle.dumps(problem.body))
-        assert abs(body.constraint[0] - problem.body.constraint[0]).max() == 0.0
-        assert abs(body.picked - problem.body.picked).max() == 0.0
-        free_motions(body)
 
 
 def test_a_load_stepper_moves_the_supports_of_a_coupled_body():
@@ -306,15 +240,3 @@ def test_a_periodic_body_that_nothing_stops_is_free_to_be_translated():
     body.load("top", (0.001, -0.01))
     with pytest.raises(Unbounded, match="a translation along x"):
         ContactProblem(body, "bottom", 0.0).solve()
-
-
-def test_a_cut_body_links_no_dofs():
-    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 12), np.linspace(-1.1, 0, 7))
-    disk = CutBody(mesh.with_defaults(), lambda x: x[0] ** 2 + x[1] ** 2 - 1, E=1.0, nu=0.3)
-    for link in (
-        lambda: disk.periodic("right", "left"),
-        lambda: disk.tie("top", "y"),
-        lambda: disk.constrain(np.ones((1, disk.basis.N))),
-    ):
-        with pytest.raises(InputError, match="CutBody"):
-            link()

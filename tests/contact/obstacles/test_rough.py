@@ -1,10 +1,20 @@
-"""Rough obstacles: heights between grid points, rays, files, and contact beside a plain gap."""
+"""Rough obstacles: heights between grid points, rays, files, spectra, contact beside a gap."""
 
 import numpy as np
 import pytest
 import skfem
+from matplotlib.image import imsave
 
-from contact import ClosestPoint, ContactProblem, ElasticBody, InputError, Rough, self_affine
+from contact import (
+    ClosestPoint,
+    ContactProblem,
+    ElasticBody,
+    GridContact,
+    HalfSpace,
+    Rough,
+    self_affine,
+)
+from contact.obstacles.rough import read_heights
 
 L = (1.7, 0.9)
 
@@ -157,79 +167,139 @@ def test_contact_equals_that_of_the_gap(element, unit):
     assert one.pressure == pytest.approx(two.pressure, abs=1e-9 * two.pressure.max())
 
 
-def test_contact_in_space():
-    """Bricks on a rough plane and on a tilted copy of both."""
-    flat = skfem.MeshHex.init_tensor(*3 * [np.linspace(0, 1, 7)])
-    below, above = (flat.facets_satisfying(lambda x, z=z: np.isclose(x[2], z)) for z in (0, 1))
-    h = self_affine(16, 0.8, 0.01, (1, 4), 3)
-    results = []
-    for turn in (np.eye(3), np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])):
-        mesh = skfem.MeshHex(turn @ flat.p, flat.t).with_boundaries({"low": below, "high": above})
-        body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3)
-        for axis, value in zip("xyz", turn @ np.array([0.0, 0.0, -0.02]), strict=True):
-            body = body.fix("high", axis, value=value)
-        rough = Rough(h - h.max(), (1.0, 1.0), normal=turn @ np.array([0.0, 0.0, 1.0]))
-        results.append(ContactProblem(body, "low", rough).solve())
-    one, two = results
-    assert 0 < np.sum(one.pressure > 0) < one.pressure.size
-    assert two.pressure == pytest.approx(one.pressure, abs=1e-6 * one.pressure.max())
+# Gaps over a whole grid are those of its points, on the points of the heights and between.
+HEIGHTS = 1e-2 * self_affine((12, 10), hurst=0.8, rms=1.0, cutoffs=(1, 4), seed=3)
+
+
+@pytest.mark.parametrize("interpolation", ["cubic", "linear"])
+@pytest.mark.parametrize("shape", [(12, 10), (24, 5), (7, 9)])
+@pytest.mark.parametrize("point", [None, (0.25, -0.2, -0.3), (0.11, 0.0, 0.0)])
+def test_gaps_of_points(interpolation, shape, point):
+    rough = Rough(HEIGHTS, (3.0, 2.0), point=point, interpolation=interpolation)
+    axes = [length * np.arange(m) / m for length, m in zip((3.0, 2.0), shape, strict=True)]
+    n = np.array([0.0, 0.0, -1.0])
+    x = np.array([*np.meshgrid(*axes, indexing="ij"), np.zeros(shape)])
+    found = rough.gap_over(axes, n)
+    exact = rough(x, np.broadcast_to(n[:, None, None], x.shape))
+    np.testing.assert_allclose(found, exact, atol=1e-15)
+    contact = GridContact(HalfSpace((3.0, 2.0), shape, E=1.0, nu=0.3), rough)
+    np.testing.assert_allclose(contact.gap(), found, atol=1e-15)
+
+
+def test_surfaces_along_another_axis():
+    rough = Rough(HEIGHTS, (3.0, 2.0), normal=(0.0, 2.0, 0.0), point=(0.0, -0.1, 0.0))
+    axes = [np.arange(4) * 0.75, np.arange(5) * 0.4]
+    x = np.array(np.meshgrid(axes[0], [0.0], axes[1], indexing="ij"))[:, :, 0]
+    n = np.array([0.0, -1.0, 0.0])
+    exact = rough(x, np.broadcast_to(n[:, None, None], x.shape))
+    np.testing.assert_allclose(rough.gap_over(axes, n), exact, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("settings", "n"),
+    [
+        ({"periodic": False}, (0.0, 0.0, -1.0)),
+        ({"normal": (0.0, 0.1, 1.0)}, (0.0, 0.0, -1.0)),
+        ({}, (0.0, 0.0, 1.0)),
+        ({}, (-1.0, 0.0, 0.0)),
+    ],
+)
+def test_other_surfaces_are_left_to_points(settings, n):
+    rough = Rough(HEIGHTS, (3.0, 2.0), **settings)
+    assert rough.gap_over([np.arange(3.0), np.arange(2.0)], np.array(n)) is None
+
+
+def lines(heights, spacing=(0.25, 0.5), seed=0):
+    """Points in random order, with the rounding of decimal numbers."""
+    i, j = np.indices(heights.shape)
+    points = np.stack([i * spacing[0] - 3.0, j * spacing[1], heights], axis=-1).reshape(-1, 3)
+    return np.random.default_rng(seed).permutation(points)
 
 
 def test_files(tmp_path):
+    """Arrays, lines of text in any order, and grey values: the first axis right, the second up."""
     h = np.random.default_rng(5).uniform(0, 1, (5, 7))
     np.save(tmp_path / "a.npy", h)
     np.savetxt(tmp_path / "a.txt", h, header="nm")
     np.savetxt(tmp_path / "a.csv", h, delimiter=",")
-    for name in ("a.npy", "a.txt", "a.csv"):
-        rough = Rough.from_file(tmp_path / name, L, scale=1e-9)
-        assert rough.heights == pytest.approx(1e-9 * h, rel=1e-15)
+    np.savetxt(tmp_path / "a.xyz", lines(h), fmt="%.9g", header="x/um y/um z/nm")
+    for name in ("a.npy", "a.txt", "a.csv", "a.xyz"):
+        rough = Rough.from_file(tmp_path / name, (1.0, 3.0), scale=1e-9, periodic=False)
+        assert rough.heights == pytest.approx(1e-9 * h, rel=1e-15 if name != "a.xyz" else 1e-8)
     np.savetxt(tmp_path / "line.dat", h[0])
     assert Rough.from_file(tmp_path / "line.dat", 1.0).heights == pytest.approx(h[0])
-
-
-def test_image(tmp_path):
-    """The first axis runs to the right, the second up."""
-    from matplotlib.image import imsave
-
     grey = np.linspace(0, 1, 30).reshape(5, 6)
     imsave(tmp_path / "a.png", grey, cmap="gray", vmin=0, vmax=1)
     rough = Rough.from_file(tmp_path / "a.png", L, scale=2.0)
-    assert rough.heights == pytest.approx(
-        2 * grey[::-1].T, abs=2 / 128
-    )  # grey values have eight bits
+    assert rough.heights == pytest.approx(2 * grey[::-1].T, abs=2 / 128)  # of eight bits
 
 
 @pytest.mark.parametrize(
-    ("heights", "lengths", "settings", "words"),
-    [
-        (np.full((8, 8), np.nan), (1, 1), {}, "heights"),
-        (np.zeros((8, 3)), (1, 1), {}, "heights"),
-        (np.zeros((8, 8, 8)), (1, 1, 1), {}, "heights"),
-        (np.zeros((8, 8)), (1, -1), {}, "lengths"),
-        (np.zeros((8, 8)), 1.0, {}, "lengths"),
-        (np.zeros(8), 1.0, {"normal": (0, 0, 1)}, "normal"),
-        (np.zeros(8), 1.0, {"normal": (0, 0)}, "normal"),
-        (np.zeros(8), 1.0, {"point": (0, 0, 1)}, "point"),
-        (np.zeros(8), 1.0, {"interpolation": "spline"}, "interpolation"),
-        (np.zeros(8), 1.0, {"periodic": 1}, "periodic"),
-    ],
+    "text", ["0,5;-1,25\n3;4e-1", "0,5 -1,25\n3 0,4", "0,5\t-1,25\n3,0\t,4", "0.5,-1.25\n3,0.4"]
 )
-def test_refused(heights, lengths, settings, words):
-    with pytest.raises(InputError, match=f"^{words}"):
-        Rough(heights, lengths, **settings)
+def test_decimal_commas(tmp_path, text):
+    """They are known where other marks part the numbers, of which none has a point."""
+    (tmp_path / "map.csv").write_text(f"# x,y\n{text}\n")
+    found = read_heights(tmp_path / "map.csv")
+    assert np.array_equal(found, [[0.5, -1.25], [3.0, 0.4]])
 
 
-def test_refused_files(tmp_path):
-    (tmp_path / "a.txt").write_text("heights of nothing")
-    (tmp_path / "b.txt").write_text("# empty\n")
-    (tmp_path / "c.npy").write_text("no array")
-    for name in ("a.txt", "b.txt", "c.npy", "d.npy", "e.xlsx"):
-        with pytest.raises(InputError, match=r"^path"):
-            Rough.from_file(tmp_path / name, (1, 1))
-    with pytest.raises(InputError, match=r"^path"):
-        Rough.from_file(3, (1, 1))
+def wave_numbers(q, lengths):
+    """Waves along the first side, from wave vectors in radians a length."""
+    return (
+        np.linalg.norm(q.reshape(len(q), -1), axis=0).reshape(q.shape[1:])
+        * lengths[0]
+        / (2 * np.pi)
+    )
 
 
-def test_of_another_dimension():
-    with pytest.raises(InputError, match="dimension"):
-        Rough(np.zeros(8), 1.0)(np.zeros((3, 1)), np.array([[0.0], [0.0], [-1.0]]))
+@pytest.mark.parametrize("hurst", [0.0, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize(
+    ("n", "lengths"),
+    [((64, 64), (2.0, 2.0)), ((96, 48), (3.0, 1.5)), ((81,), (0.1,)), ((64, 32), (1.0, 2.0))],
+)
+def test_spectrum_is_the_prescribed_one(n, lengths, hurst):
+    low, high, flat = 2, 7.5, 4
+    h = self_affine(n, hurst, 3e-7, (low, high), 11, rolloff=flat, lengths=lengths)
+    q, C = Rough(h, lengths).spectrum()
+    k = wave_numbers(q, lengths)
+    inside = (k >= low) & (k <= high)
+    law = np.maximum(k[inside], flat) ** (-2 * hurst - len(n))
+    scale = 9e-14 * np.prod(lengths) / law.sum()
+    assert C[inside] == pytest.approx(scale * law, rel=1e-10)
+    assert np.all(C[~inside] <= 1e-25 * C.max())
+    assert abs(h.mean()) < 1e-20
+
+
+def test_parseval_height_and_slope():
+    """Sums over the spectrum beside sums over the surface, its slope by fine differences."""
+    lengths = (2.0, 1.0)
+    h = self_affine((64, 32), 0.7, 0.01, (1, 6), 3, lengths=lengths)
+    rough = Rough(h, lengths)
+    assert rough.rms_height == pytest.approx(0.01, rel=1e-13)
+    assert np.sqrt(np.mean(h**2)) == pytest.approx(0.01, rel=1e-13)
+    fine = self_affine((2048, 1024), 0.7, 0.01, (1, 6), 3, lengths=lengths)
+    step = [s / m for s, m in zip(lengths, fine.shape, strict=True)]
+    slopes = [(np.roll(fine, -1, a) - np.roll(fine, 1, a)) / (2 * step[a]) for a in (0, 1)]
+    assert rough.rms_slope == pytest.approx(
+        np.sqrt(np.mean(slopes[0] ** 2 + slopes[1] ** 2)), rel=1e-4
+    )
+
+
+@pytest.mark.parametrize("n", [(48, 48), (48,)])
+def test_same_surface_on_every_grid(n):
+    coarse = self_affine(n, 0.6, 1.0, (1, 20), 5)
+    for times in (2, 3):
+        fine = self_affine(tuple(times * m for m in n), 0.6, 1.0, (1, 20), 5)
+        assert fine[(slice(None, None, times),) * len(n)] == pytest.approx(coarse, abs=1e-12)
+    assert not np.allclose(coarse, self_affine(n, 0.6, 1.0, (1, 20), 6))
+
+
+def test_isotropic():
+    """No direction is preferred: both slopes have the same mean square, averaged over seeds."""
+    shares = []
+    for seed in range(20):
+        h = self_affine((64, 128), 0.8, 1.0, (2, 16), seed)  # square cells by default
+        q, C = Rough(h, (1.0, 2.0)).spectrum()
+        shares.append(np.sum(q[0] ** 2 * C) / np.sum((q[0] ** 2 + q[1] ** 2) * C))
+    assert np.mean(shares) == pytest.approx(0.5, abs=0.02)

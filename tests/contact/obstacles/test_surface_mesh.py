@@ -1,15 +1,35 @@
-"""Distances and gaps to surface meshes: every facet in turn, VTK, planes, circles and spheres."""
+"""Gaps to surface meshes: every facet in turn, VTK, planes, circles and spheres; files."""
+
+import sys
 
 import numpy as np
 import pytest
 import pyvista
 from convergence import order
+from families import PLANE_AND_BFS, SOLID
 from hypothesis import given
 from hypothesis import strategies as st
+from skfem import ElementQuad1, MeshQuad
 from surfaces import ball, brick, bumpy, lump, ring, rotation
 
-from contact import ClosestPoint, Cylinder, Plane, Sphere, SurfaceMesh
+from contact import (
+    ClosestPoint,
+    ContactProblem,
+    ContactWarning,
+    CutBody,
+    Cylinder,
+    ElasticBody,
+    InputError,
+    LayeredBlock,
+    MissingDependency,
+    Pair,
+    Plane,
+    Sphere,
+    SurfaceMesh,
+)
 from contact.obstacles import box_tree
+from contact.obstacles.box_tree import BoxTree
+from contact.obstacles.facets import gap_to_facets
 
 seeds = st.integers(0, 10**6)
 
@@ -17,6 +37,42 @@ seeds = st.integers(0, 10**6)
 def places(rng, dim, count=60, size=1.6):
     n = rng.standard_normal((dim, count))
     return rng.uniform(-size, size, (dim, count)), n / np.linalg.norm(n, axis=0)
+
+
+def met_one_by_one(corners, x, n):
+    """The meetings of one line with each facet by a linear solve."""
+    met = []
+    for c in corners:
+        edges = (c[1:] - c[0]).T
+        try:
+            *s, d = np.linalg.solve(np.column_stack((edges, -n)), x - c[0])
+        except np.linalg.LinAlgError:
+            continue
+        if min(s) >= 0 and sum(s) <= 1:
+            turn = np.linalg.det(np.column_stack((edges, n)))
+            met.append((d, (turn if len(n) == 3 else -turn) < 0))
+    ahead, behind = [m for m in met if m[0] >= 0], [m for m in met if m[0] < 0]
+    enters = [m[0] for m in (*sorted(ahead)[:1], *sorted(behind)[-1:]) if m[1]]
+    return min(enters, key=abs, default=np.inf)
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_gap_as_if_every_facet_were_tried(dim, unit):
+    @given(st.integers(0, 10**6), st.integers(1, 40))
+    def check(seed, facets):
+        rng = np.random.default_rng(seed)
+        corners = rng.uniform(-1, 1, (facets, dim, dim)) * unit
+        x, n = rng.uniform(-1, 1, (20, dim)) * unit, rng.standard_normal((20, dim))
+        n /= np.linalg.norm(n, axis=1)[:, None]
+        expected = [met_one_by_one(corners, *pair) for pair in zip(x, n, strict=True)]
+        # The oracle's solve loses the digits of facets seen edge on.
+        np.testing.assert_allclose(
+            gap_to_facets(corners, BoxTree(corners), x, n), expected, rtol=1e-7, atol=1e-9 * unit
+        )
+
+    check()
 
 
 def one_by_one(points, facets, x):
@@ -145,23 +201,6 @@ def test_moved_turned_scaled_renumbered(dim):
     check()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_translated_is_made_there(dim):
-    rng = np.random.default_rng(3)
-    points, facets = bumpy(rng, dim)
-    x, n = places(rng, dim)
-    move = np.arange(1.0, dim + 1)
-    surface = SurfaceMesh(points, facets)
-    moved = surface.translated(move).translated(move)
-    again = SurfaceMesh(points + 2 * move[:, None], facets)
-    np.testing.assert_allclose(moved.points, again.points, rtol=1e-15)
-    here = x + 2 * move[:, None]
-    np.testing.assert_allclose(moved(here, n), again(here, n), rtol=1e-9)
-    np.testing.assert_allclose(moved.closest(here), again.closest(here), atol=1e-12)
-    np.testing.assert_allclose(moved(here, n), surface(x, n), rtol=1e-9)
-    np.testing.assert_array_equal(surface.points, points)
-
-
 def test_triangles_without_shared_points_are_joined():
     points, facets = ball(2)
     rng = np.random.default_rng(4)
@@ -288,3 +327,177 @@ def test_inside_near_a_sharp_corner():
     inside = np.all(height < 0, axis=0)
     assert inside.any()
     assert np.array_equal(surface.distance(x)[0] < 0, inside)
+
+
+# Bodies pressed on surface meshes, beside the obstacles whose shape the meshes approach.
+def cube(make, element, cells=None, unit=1.0, E=1.0, push=0.02, drag=0.01):
+    """The unit square or cube in another unit, pushed down and dragged along x."""
+    dim = 3 if element in SOLID else 2
+    ticks = unit * np.linspace(0, 1, (cells or (4 if dim == 3 else 8)) + 1)
+    body = ElasticBody.from_mesh(make.box(element, *(ticks,) * dim), element(), E=E, nu=0.3)
+    body.fix("top", "x", drag * unit).fix("top", dim - 1, -push * unit)
+    return body.fix("top", "y") if dim == 3 else body
+
+
+def floor(dim, unit=1.0, slope=0.0):
+    """A box whose top is turned about its middle, and the plane of that top."""
+    low, high = np.full(dim, -3.0), np.full(dim, 4.0)
+    high[-1] = 0.0
+    points, facets = brick(low, high)
+    middle = np.zeros(dim)
+    middle[:-1] = 0.5
+    turn = np.eye(dim)
+    c, s = np.cos(slope), np.sin(slope)
+    turn[np.ix_([0, -1], [0, -1])] = [[c, -s], [s, c]]
+    points = unit * (turn @ (points - middle[:, None]) + middle[:, None])
+    return SurfaceMesh(points, facets), Plane(unit * middle, turn[:, -1])
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("unit", [1.0, 1e-3, 1e3])
+@pytest.mark.parametrize("element", [*PLANE_AND_BFS, *SOLID], ids=lambda e: e.__name__)
+def test_a_box_presses_as_its_plane(make, element, unit):
+    """Every family, along the body's normal and to the closest point, with friction."""
+    body = cube(make, element, 3, unit, E=2e5 / unit**2)
+    box, plane = floor(body.dim, unit, slope=0.01)
+    for how in (lambda o: o, ClosestPoint):
+        ours, theirs = (ContactProblem(body, "bottom", how(o), 0.3).solve() for o in (box, plane))
+        top = theirs.pressure.max()
+        assert top > 0
+        # Rounding of the gap times the condition of the body.
+        np.testing.assert_allclose(ours.pressure, theirs.pressure, rtol=0, atol=1e-9 * top)
+        np.testing.assert_allclose(ours.shear, theirs.shear, rtol=0, atol=1e-9 * top)
+        assert max(ours.kkt.values()) <= 1e-10
+
+
+def test_a_bore_and_its_cavity(make):
+    """An eighth of turn into a hole given by a polygon, beside the round one."""
+    angles = np.linspace(0, np.pi / 2, 17)
+    flat = make.box(ElementQuad1, np.linspace(1.0, 2.0, 9), angles)
+    r, angle = flat.p
+    mesh = make.remesh(flat, np.array([r * np.sin(angle), -r * np.cos(angle)]))
+    body = ElasticBody.from_mesh(mesh, ElementQuad1(), E=1.0, nu=0.3)
+    body.fix("bottom", "x").fix("top", "y")
+    exact = ContactProblem(body, "right", Cylinder((0.0, 0.0), 1.95, hollow=True), 0.2).solve()
+    hole = SurfaceMesh(*ring(2000, 1.95), hollow=True)
+    result = ContactProblem(body, "right", hole, 0.2).solve()
+    # The sagitta over the interference: (2 pi / 2000)^2 * 1.95 / 8 / .05.
+    np.testing.assert_allclose(result.pressure, exact.pressure, rtol=1e-3)
+    with pytest.warns(ContactWarning, match=r"SurfaceMesh\(\.\.\., hollow=True\)"):
+        ContactProblem(body, "right", SurfaceMesh(*ring(200, 2.05)), 0.2).condense()
+
+
+def test_layers_cut_bodies_and_pairs(make):
+    """Bodies that are discretised otherwise, and one pair among others."""
+    outline = SurfaceMesh(*brick((-3.0, -4.0), (3.0, -1.0)))
+    plane = Plane((0.0, -1.0), (0.0, 1.0))
+    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 13), np.linspace(-1.1, 0.0, 7))
+    mesh = mesh.with_boundaries({"flat": lambda x: np.abs(x[1]) < 1e-9})
+    disk = CutBody(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 1, 1.0, 0.3)
+    disk.fix("flat", "x").fix("flat", "y", -0.05)
+    low = disk.arc(where=lambda x: np.hypot(x[0], x[1] + 1) < 0.6)
+    layers = LayeredBlock(1.0, [(0.5, 4, 1.0, 0.3)], columns=8).fix("top", "x", 0.01)
+    layers.fix("top", "y", lambda x: -1.02 - 0.01 * x[0])
+    upper = make.block(4).named("upper")
+    lower_mesh = make.box(ElementQuad1, np.linspace(0, 1, 4), np.linspace(-1, 0, 4))
+    lower = ElasticBody.from_mesh(lower_mesh, ElementQuad1(), E=1.0, nu=0.3).named("lower")
+    lower.fix("left", "x")
+
+    def solved(case, floor):
+        if case == "cut":
+            return ContactProblem(disk, low, ClosestPoint(floor), 0.2).solve()
+        if case == "layers":
+            return ContactProblem(layers, "bottom", floor, 0.2).solve()
+        pairs = [
+            Pair(upper, "bottom", lower, "top", 0.2),
+            Pair(lower, "bottom", floor, friction=0.2),
+        ]
+        return ContactProblem([upper, lower], pairs).solve()
+
+    for case in ("cut", "layers", "pairs"):
+        ours, theirs = solved(case, outline), solved(case, plane)
+        top = theirs.pressure.max()
+        assert top > 0
+        np.testing.assert_allclose(ours.pressure, theirs.pressure, rtol=0, atol=1e-9 * top)
+
+
+# Files: what pyvista wrote is read again, in another unit.
+X = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 200))
+
+
+@pytest.mark.parametrize("ending", [".stl", ".ply", ".obj", ".vtp", ".STL"])
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 25.4])
+def test_formats(tmp_path, ending, scale):
+    surface = SurfaceMesh(*bumpy(np.random.default_rng(1), 3))
+    path = tmp_path / f"bumpy{ending}"
+    surface.to_pyvista().save(tmp_path / f"bumpy{ending.lower()}")
+    if not path.exists():
+        (tmp_path / f"bumpy{ending.lower()}").rename(path)
+    for name in (path, str(path)):
+        read = SurfaceMesh.from_file(name, scale)
+        assert read.facets.shape == surface.facets.shape
+        assert read.points.shape == surface.points.shape
+        # Files in single precision.
+        theirs = read.distance(scale * X)[0]
+        np.testing.assert_allclose(theirs, scale * surface.distance(X)[0], atol=1e-6 * scale)
+
+
+def test_text_of_an_stl_file(tmp_path):
+    """As programs of drawing write it: each triangle with its own corners."""
+    points, facets = ball(1)
+    lines = ["solid ball"]
+    for f in facets.T:
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += ["vertex " + " ".join(map(str, p)) for p in points[:, f].T]
+        lines += ["endloop", "endfacet"]
+    (tmp_path / "ball.stl").write_text("\n".join([*lines, "endsolid ball"]))
+    read = SurfaceMesh.from_file(tmp_path / "ball.stl")
+    assert repr(read) == "SurfaceMesh(18 points, 32 triangles)"
+    theirs = SurfaceMesh(points, facets).distance(X)[0]
+    np.testing.assert_allclose(read.distance(X)[0], theirs, atol=1e-6)
+
+
+def test_polygons_and_outlines(tmp_path):
+    """Lines without faces are an obstacle in the plane; one of many points, or of two each."""
+    pyvista.Cube().save(tmp_path / "cube.vtp")
+    assert SurfaceMesh.from_file(tmp_path / "cube.vtp").facets.shape == (3, 12)
+    outline = SurfaceMesh(*ring(30))
+    outline.to_pyvista().save(tmp_path / "ring.vtp")
+    points = np.pad(outline.points.T, ((0, 0), (0, 1)))
+    line = pyvista.PolyData(points, lines=np.r_[31, outline.facets[0], outline.facets[0, 0]])
+    line.save(tmp_path / "line.vtp")
+    for name in ("ring.vtp", "line.vtp"):
+        read = SurfaceMesh.from_file(tmp_path / name, 2.0)
+        found, own = read.distance(2 * X[:2])[0], outline.distance(X[:2])[0]
+        np.testing.assert_allclose(found, 2 * own, atol=1e-6)
+
+
+def test_what_a_sheet_or_a_hole_is(tmp_path):
+    surface = SurfaceMesh(*ball(1))
+    surface.to_pyvista().save(tmp_path / "ball.stl")
+    hole = SurfaceMesh.from_file(tmp_path / "ball.stl", hollow=True)
+    assert hole.distance(np.zeros((3, 1)))[0][0] > 0
+    pyvista.Plane().triangulate().save(tmp_path / "plane.stl")
+    with pytest.raises(InputError, match="sheet=True"):
+        SurfaceMesh.from_file(tmp_path / "plane.stl")
+    sheet = SurfaceMesh.from_file(tmp_path / "plane.stl", sheet=True)
+    np.testing.assert_allclose(np.abs(sheet.normals[2]), 1.0)
+
+
+def test_vtk_of_the_surface():
+    for surface in (SurfaceMesh(*ball(2)), SurfaceMesh(*ring(12))):
+        data = surface.to_pyvista()
+        dim = len(surface.points)
+        np.testing.assert_array_equal(np.asarray(data.points).T[:dim], surface.points)
+        np.testing.assert_array_equal(data.cell_data["normal"].T[:dim], surface.normals)
+        outwards = np.sum(data.cell_centers().points * data.cell_data["normal"], axis=1)
+        assert np.all(outwards > 0.9)
+
+
+def test_without_pyvista(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    (tmp_path / "ball.stl").write_text("solid")
+    with pytest.raises(MissingDependency, match="pip install"):
+        SurfaceMesh.from_file(tmp_path / "ball.stl")
+    with pytest.raises(MissingDependency, match="pip install"):
+        SurfaceMesh(*ball(1)).to_pyvista()

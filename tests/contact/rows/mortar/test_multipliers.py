@@ -5,12 +5,24 @@ import pytest
 from families import PLANE_AND_BFS
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from skfem import ElementQuad1, ElementQuad2, ElementTriP1, ElementTriP2
-from two_blocks import block, facing, ring, sides
+from skfem import (
+    ElementHex1,
+    ElementHex2,
+    ElementQuad1,
+    ElementQuad2,
+    ElementTetP1,
+    ElementTetP2,
+    ElementTriP1,
+    ElementTriP2,
+)
+from solid_boxes import pair as boxes
+from solid_boxes import rows
+from two_blocks import block, facing, sides
 
 from contact.rows.functionals import facet_functional
 from contact.rows.mortar.facet_curves import FacetCurves
 from contact.rows.mortar.facet_trace import facet_trace
+from contact.rows.mortar.mortar_rows import Interface
 from contact.rows.mortar.multipliers import LEAST_WEIGHT, Multipliers, PositiveBasis
 from contact.rows.outline import Outline
 from skfem_adini import ElementQuadAdini, ElementQuadBFS
@@ -44,21 +56,6 @@ def check(q, functions, kind, tolerance=1e-13):
         assert np.abs(products - np.diag(w)).max() < max(bound, tolerance) * w.max()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("element", PLANE_AND_BFS)
-@pytest.mark.parametrize(("n", "m", "shift"), [(7, 10, 0.0), (3, 30, 0.013), (30, 3, 0.3)])
-def test_on_straight_facets(element, kind, n, m, shift):
-    outline, basis, q, functions = interface(sides(*facing(element, n, m, shift=shift)), kind)
-    check(q, functions, kind)
-    degree = 1 if kind == "hat" else DEGREE.get(element, 3)
-    # A vertex between two facets on a line has no coefficient where the trace is C1.
-    full = 2 * n + 2 if degree == 3 else degree * n + 1
-    assert basis.size == full
-    assert np.all(
-        np.diff(outline.body.mesh.p[0, outline.corners].min(axis=1)[basis.nominal[0]]) >= 0
-    )
-
-
 @settings(max_examples=60)
 @given(
     st.sampled_from(PLANE_AND_BFS),
@@ -79,28 +76,6 @@ def test_partial_coverage(element, kind, n, m, part, k, size):
     assert abs(functions.weights.sum() - q.w.sum()) < 1e-13 * q.w.sum()
     # Bounded, however narrow the part: the pressure of a uniform displacement does not grow.
     assert np.abs(functions.psi.data).max() < 60
-
-
-@pytest.mark.parametrize("curved", [False, True])
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("element", [*DEGREE, ElementQuadAdini])
-def test_on_a_curve(element, kind, curved):
-    """One number a vertex, as for one body; second-order facets likewise."""
-    if curved and element is ElementQuadAdini:
-        curved = False
-    upper = block(element, [0.5, 1.0], np.linspace(-1, 1, 9), place=ring(1.0, (0, 1), -np.pi / 2))
-    lower = block(
-        element,
-        [0.5, 1.0],
-        np.linspace(-0.5, 0.47, 8),
-        place=ring(2.0, (0, -2), np.pi / 2),
-        curved=curved,
-    )
-    for one, two in ((upper, lower), (lower, upper)):
-        pair = one, one.facets("right"), two, two.facets("right")
-        _, basis, q, functions = interface(pair, kind)
-        check(q, functions, kind)
-        assert basis.size == pair[1].size + 1
 
 
 @pytest.mark.parametrize("element", CUBIC)
@@ -150,24 +125,20 @@ def test_one_facet_held_at_both_ends(element):
     check(q, functions, "standard")
 
 
-def test_narrow_coverage_keeps_its_digits():
-    """A part 1e-3 of a facet: dual functions against rational arithmetic."""
-    import sympy
-
-    upper, lower = facing(ElementTriP2, 1, 1, shift=1 - 1 / 1024)
-    _, _, q, functions = interface(sides(upper, lower), "dual")
-    s = sympy.symbols("s")
-    N = [(1 - s) ** 2, 2 * s * (1 - s), s**2]
-    low = 1 - sympy.Rational(1, 1024)
-    mass = sympy.Matrix(3, 3, lambda i, j: sympy.integrate(sympy.expand(N[i] * N[j]), (s, low, 1)))
-    D = [sympy.integrate(sympy.expand(n), (s, low, 1)) for n in N]
-    psi = sympy.diag(*D) * mass.inv() * sympy.Matrix(N)
-    first, facets, *_ = sides(upper, lower)
-    backwards = first.mesh.p[0, first.mesh.facets[0, facets[0]]] > 0.5
-    assert not backwards
-    at = [sympy.Rational(float(x)) for x in q.X[0]]
-    exact = np.array([[float(f.subs(s, x)) for f in psi] for x in at])
-    # The point of weight (1e-3)^3 / 3 has joined that of the vertex.
-    joined = exact[:, 1:] + np.array([[0.0, 1.0]]) * exact[:, :1]
-    assert functions.weights.size == 2
-    assert np.abs(functions.psi.toarray() - joined).max() < 1e-11
+@pytest.mark.parametrize("element", [ElementHex1, ElementHex2, ElementTetP1, ElementTetP2])
+def test_dual_functions_have_the_trace_as_their_partner(element):
+    upper, lower = boxes(element, shift=(0.25, 0.0))
+    found = rows(upper, lower)
+    interface = Interface.of(upper, upper.facets("bottom"), lower, lower.facets("top"))
+    q = found.quadrature
+    N = interface.basis.values(q.facet, q.X)
+    number = interface.basis.number[q.facet]
+    mixed = np.zeros((found.P.shape[0], interface.basis.size))
+    P = found.P.tocoo()
+    for k in range(N.shape[1]):
+        np.add.at(mixed, (P.row, number[P.col, k]), P.data * N[P.col, k])
+    own = mixed.argmax(axis=1)
+    rest = mixed.copy()
+    rest[np.arange(own.size), own] -= 1.0
+    assert np.abs(rest).max() <= 1e-9
+    assert np.unique(own).size == own.size

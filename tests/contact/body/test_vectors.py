@@ -1,15 +1,18 @@
-"""Forces and sums of a body are those of its matrices, wherever and in whatever copy."""
+"""Where vectors of bodies lie, loads without a mesh, back ends of distributed bodies."""
 
 import copy
 import gc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from skfem import ElementQuad1, ElementTriP2, MeshQuad, MeshTri
 
-from contact import ElasticBody
+from contact import ContactProblem, DistributedBody, ElasticBody, InputError, LayeredBlock
 from contact.arrays.dense_arrays import HostArrays
 from contact.arrays.sparse_rows import DeviceRows, SparseRows
+from contact.body import distributed_body
+from contact.body.distributed_body import choose_backend, factor_memory
 from contact.body.space import Space
 from skfem_adini import ElementQuadAdini
 
@@ -65,12 +68,6 @@ def test_rigid_motions_are_no_deformation(body):
     modes = lengths[:, None] * body.rigid
     left = lengths * bent - modes @ np.linalg.lstsq(modes, lengths * bent, rcond=None)[0]
     assert np.isclose(both[0], np.abs(left).max(), rtol=1e-10)
-
-
-def test_translations_meet_no_force():
-    body = square(ElementQuadAdini)
-    u = np.where(body.are_values, 1e6, 0.0)
-    assert np.abs(body.internal(u)).max() < 1e-20
 
 
 def test_a_device_is_left_with_what_was_condensed_there():
@@ -135,3 +132,114 @@ def test_products_on_a_device():
     ):
         assert np.allclose(ours, theirs.get(), rtol=0, atol=1e-14 * np.abs(host.moduli(x)).max())
     assert bool((device @ cupy.asarray(x) == device @ cupy.asarray(x)).all())
+
+
+def block():
+    return LayeredBlock(1.0, [(1.0, 4, 2.0, 0.3)], sides="y", top="x")
+
+
+def loaded():
+    body = block().load(["top", "left"], (0.1, -1.0))
+    return body.load("top", lambda x: np.array([0 * x[0], x[0]]))
+
+
+def test_loads_are_those_of_the_body_with_a_mesh():
+    whole = loaded().elastic()
+    plain = block().elastic().load(["top", "left"], (0.1, -1.0))
+    plain.load("top", lambda x: np.array([0 * x[0], x[0]]))
+    assert whole.f == pytest.approx(plain.f, abs=1e-15)
+    assert np.array_equal(loaded().f, loaded().loads)
+    for body in (loaded(), copy.deepcopy(loaded())):
+        assert np.array_equal(body.body_force((0.0, -1.0)).f, loaded().body_force((0.0, -1.0)).f)
+
+
+def test_edited_in_place_and_copied():
+    body = loaded()
+    problem = ContactProblem(body, "bottom", 0.03, 0.3)
+    first = problem.solve()
+    before = first.applied.copy()
+    body.f *= 2.0
+    assert problem.solve().applied == pytest.approx(2.0 * before)
+    assert np.array_equal(first.applied, before)
+    with pytest.raises(ValueError, match="read-only"):
+        first.applied[0] = 1.0
+    body.f[5] = np.nan
+    with pytest.raises(InputError, match=r"^f: "):
+        problem.solve()
+    body = loaded()
+    second, kept = copy.copy(body), body.loads.copy()
+    second.f[3] += 1.0
+    second.load("top", (0.0, -1.0))
+    body.load("bottom", (0.0, 0.5))
+    assert second.f[3] == pytest.approx(kept[3] + 1.0)
+    assert np.array_equal(body.f - kept, block().load("bottom", (0.0, 0.5)).f)
+
+
+def test_loads_that_overflow_change_nothing():
+    body = block()
+    for _ in range(4):  # a node takes a fourth of each
+        body.load("top", (0.0, 1.7e308))
+    kept = body.loads
+    with pytest.raises(InputError, match=r"^f: "):
+        body.load(["bottom", "top"], (0.0, 1.7e308))
+    assert body.loads is kept
+
+
+def test_only_what_acts_goes_to_a_device():
+    copied = []
+
+    def asarray(values):
+        copied.append(np.size(values))
+        return np.array(values)
+
+    body = loaded()
+    arrays = HostArrays()
+    arrays.xp = SimpleNamespace(zeros=np.zeros, asarray=asarray)
+    body.compute_with(arrays)
+    snapshot = body.snapshot()
+    assert np.array_equal(body.placed(snapshot.loads), body.loads)
+    assert max(copied) < body.ndofs
+    assert np.array_equal(body.placed(2.0 * body.loads), 2.0 * body.loads)
+    assert max(copied) == body.ndofs
+
+
+@pytest.mark.parametrize(
+    ("unknowns", "rows", "dim", "processes", "petsc", "found", "why"),
+    [
+        (396_294, 1028, 2, 2, True, "mumps", "of 16.0 GB"),
+        (50_000, 3_000, 3, 2, True, "mumps", "of 16.0 GB"),
+        (107_811, 3_267, 3, 2, True, "krylov", "faster by multigrid"),
+        (1_000_000, 14_700, 3, 2, True, "krylov", "of 16.0 GB"),
+        (20_000_000, 4_000, 2, 2, True, "krylov", "of 16.0 GB"),
+        (200_000, 30_000, 2, 2, True, "krylov", "of 16.0 GB"),
+        (10**7, 10**5, 3, 1, False, "mumps", ""),
+    ],
+)
+def test_back_end_and_its_reason(unknowns, rows, dim, processes, petsc, found, why, monkeypatch):
+    monkeypatch.setattr(distributed_body, "has_petsc", lambda: petsc)
+    monkeypatch.setattr(distributed_body, "physical_memory", lambda: 16e9)
+    chosen, reason = choose_backend(unknowns, rows, dim, processes)
+    assert chosen == found
+    assert why in reason
+
+
+def test_memory_grows_with_unknowns_rows_and_processes():
+    least = factor_memory(1000, 100, 3, 1)
+    assert (
+        min(factor_memory(*n) for n in ((2000, 100, 3, 1), (1000, 200, 3, 1), (1000, 100, 3, 2)))
+        > least
+    )
+    # What was measured.
+    assert factor_memory(396_294, 0, 2, 1) == pytest.approx(1.0e9, rel=0.05)
+    assert factor_memory(107_811, 0, 3, 2) == pytest.approx(1.8e9, rel=0.05)
+
+
+def test_the_body_logs_why(caplog, monkeypatch):
+    monkeypatch.setattr(distributed_body, "has_petsc", lambda: True)
+    mesh = MeshQuad().refined(2).with_defaults()
+    body = DistributedBody(mesh, contact="bottom", E=1.0, nu=0.3)
+    with caplog.at_level("INFO"):
+        assert body.chosen_backend(10) == "mumps"
+    assert "the factor would take about" in caplog.text
+    other = DistributedBody(mesh, contact="bottom", E=1.0, nu=0.3, backend="krylov")
+    assert other.chosen_backend(10) == "krylov"
