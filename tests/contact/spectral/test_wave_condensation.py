@@ -107,7 +107,7 @@ def test_blocks_of_waves_make_no_difference(monkeypatch):
     np.testing.assert_array_equal(condensed(own, steps(3)), once)
 
 
-@pytest.mark.parametrize("turns", [(0,), (1, 0), (1, 1, 0), (0, 2, 2), (1, 3, 0)])
+@pytest.mark.parametrize("turns", [(1, 0), (1, 1, 0), (0, 2, 2), (1, 3, 0)])
 def test_symbols_are_multiplied_and_inverted_wave_by_wave(turns):
     rng, n = np.random.default_rng(2), len(turns)
     root = rng.standard_normal((6, n, n))
@@ -216,31 +216,17 @@ def device(monkeypatch):
     return module
 
 
-@pytest.mark.parametrize(
-    ("lengths", "sides", "top"),
-    [
-        (1.3, "x", None),
-        (1.3, "y", "x"),
-        (1.3, "x", "x"),
-        (1.3, "periodic", "x"),
-        ((1.0, 1.2), ("x", "y"), "xy"),
-        ((1.0, 1.2), ("periodic", "y"), "xy"),
-    ],
-)
-def test_a_whole_solve_on_the_device(device, monkeypatch, lengths, sides, top):
+@pytest.mark.parametrize(("sides", "top"), [("x", None), ("y", "x"), ("x", "x")])
+def test_a_whole_solve_on_the_device(device, monkeypatch, sides, top):
     """Loads and displacements of all unknowns stay there until the result is made."""
 
     def pose():
-        plane = lengths == 1.3
-        cells = {"columns": 30} if plane and sides in "xy" else {"cells": 30 if plane else (4, 5)}
         parts = [(0.1, 2, 50.0, 0.2), (0.5, 5, 1.0, 0.4)]
-        block = LayeredBlock(lengths, parts, sides, top, path="fourier", **cells)
-        lateral = (0.0,) * (block.dim - 1)
-        block.body_force((*lateral, -0.1)).load("top", (*lateral, -0.2))
-        if top and sides != "y":
-            block.fix("top", "xyz"[block.dim - 1], -0.03)
-        bowl = lambda x: 0.01 + 0.2 * (x[0] - 0.6) ** 2  # noqa: E731
-        return ContactProblem(block, "bottom", bowl, 0.3)
+        block = LayeredBlock(1.3, parts, sides, top, columns=30, path="fourier")
+        block.body_force((0.0, -0.1)).load("top", (0.0, -0.2))
+        if (sides, top) == ("x", "x"):
+            block.fix("top", "y", -0.03)
+        return ContactProblem(block, "bottom", lambda x: 0.01 + 0.2 * (x[0] - 0.6) ** 2, 0.3)
 
     host = pose().solve()
     there = DeviceArrays(device)
