@@ -8,9 +8,6 @@ from contact import ContactProblem, InputError, Plane, Rigid, cross_check
 from contact.condensation.boundary_problem import BoundaryProblem
 from contact.laws import methods
 from contact.laws.active_set import signorini
-from contact.laws.condensed_newton import Condensed
-from contact.laws.newton import newton
-from contact.problem.nested_start import start_forces
 from gpu import NotConverged
 from skfem_adini import ElementQuadAdini
 
@@ -262,18 +259,3 @@ def test_driven_stamp_takes_few_steps(n, friction, make):
     assert len(result.history) <= 14
     assert result.history[-1].residual <= 1e-12
     assert len(problem.solve(start=result).history) <= 3
-
-
-@pytest.mark.parametrize("force", [1e-4, 1e-2, 0.2])
-def test_tolerance_below_rounding(force, make):
-    """What no step can meet costs no hundred steps, and is not taken for convergence elsewhere."""
-    problem = stamped(make, 12, 0.4, force)
-    condensed, system = problem.condense(), problem.system
-    boundary = condensed.boundary_problem(system.load, system.rows.gap, None, system.motion)
-    law, scale = system.scaled_friction(condensed.point_scale), condensed.point_scale
-    start = start_forces(problem.solve(), system, boundary, scale)
-    lines, laws = [], Condensed(boundary, law)
-    forces = newton(laws, start, tol=1e-17, report=lines.append)
-    assert len(lines) <= 20
-    # Rounding of displacements of five, over what the forces of the step cause.
-    assert laws.residual(laws.state(forces)) <= 1e-14 * 5.0 / force
