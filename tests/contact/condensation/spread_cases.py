@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import skfem
 
-from contact import Sphere
+from contact import ContactProblem, DistributedBody, ElasticBody, Sphere
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 
@@ -68,3 +68,38 @@ def cases() -> Iterator[tuple[str, Case]]:
     yield "Tet2 floating", Case(tets, P2, "bottom", lambda b: b.load("top", (0, -1.0, 0)), 0.01)
     brick = Case(bricks, ElementHexAdini(), "front", lambda b: b.fix("back", "xyz", -0.02))
     yield "Adini brick", brick
+
+
+ADINI = ElementQuadAdini()
+PAIRS = {  # dimension, element, whether the upper and the lower body are spread
+    "pair of Adini": (2, ADINI, (True, True)),
+    "pair of Q2": (2, skfem.ElementQuad2(), (True, True)),
+    "pair of Hex1": (3, skfem.ElementHex1(), (True, True)),
+    "upper alone": (2, ADINI, (True, False)),
+    "lower alone": (2, ADINI, (False, True)),
+}
+
+
+def pair(dim: int, element: Any, spread: tuple[bool, bool]) -> tuple[Any, Any, ContactProblem]:
+    """A body pressed and pushed on a larger one whose cells do not match."""
+    fine, coarse = (np.linspace(0, 1, n) for n in ((13, 17) if dim == 2 else (5, 6)))
+    last = dim - 1
+    named = {
+        "low": lambda x: x[last] < x[last].min() + 1e-9,
+        "high": lambda x: x[last] > x[last].max() - 1e-9,
+    }
+    kind = skfem.MeshQuad if dim == 2 else skfem.MeshHex
+    above = kind.init_tensor(*[fine] * last, 1 + fine).with_boundaries(named)
+    below = kind.init_tensor(*[-0.25 + 1.5 * coarse] * last, coarse).with_boundaries(named)
+
+    def body(mesh: Any, name: str, E: float, on_all: bool) -> Any:
+        if on_all:
+            return DistributedBody(mesh, element, contact=name, E=E, nu=0.3)
+        return ElasticBody.from_mesh(mesh, element, E=E, nu=0.3)
+
+    upper, lower = body(above, "low", 1.0, spread[0]), body(below, "high", 3.0, spread[1])
+    upper.fix("high", "xyz"[last], -0.02).fix("high", "x", 0.01)
+    if dim == 3:
+        upper.fix("high", "y")
+    lower.fix("low", "xyz"[:dim]).body_force((0.0,) * last + (-1e-3,))
+    return upper, lower, ContactProblem(upper, "low", lower.surface("high"), friction=0.3)

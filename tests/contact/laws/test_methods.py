@@ -2,26 +2,31 @@
 
 import numpy as np
 import pytest
-from skfem import ElementQuad1, ElementTriP2, MeshQuad
+from skfem import ElementQuad1, ElementTriP2
 
-from contact import ContactProblem, ElasticBody, InputError
+from contact import ContactProblem, InputError, Plane, Rigid, cross_check
+from contact.condensation.boundary_problem import BoundaryProblem
 from contact.laws import methods
+from contact.laws.active_set import signorini
+from gpu import NotConverged
 from skfem_adini import ElementQuadAdini
 
-# Relative difference of u to the default method: certificates at 1e-10, 1e-7 for QP solvers.
+# Relative difference of u to the default method and the violation of the law: certificates at
+# 1e-10, 1e-7 for QP solvers; the fixed point is regularised by 1e-5 of the displacement.
 OFFERED = {
-    (None, "pdas"): 1e-12,
-    (None, "qp:osqp"): 1e-6,
-    (None, "qp:proxqp"): 1e-6,
-    ("tresca", "pdas"): 1e-10,
-    ("tresca", "qp:osqp"): 1e-6,
-    ("tresca", "qp:proxqp"): 1e-6,
-    ("coulomb", "pdas"): 1e-10,
-    ("coulomb", "tresca_loop"): 1e-10,
-    ("coulomb", "qp:osqp"): 1e-6,
+    (None, "pdas"): (1e-12, 1e-10),
+    (None, "qp:osqp"): (1e-6, 1e-7),
+    (None, "qp:proxqp"): (1e-6, 1e-7),
+    ("tresca", "pdas"): (1e-10, 1e-10),
+    ("tresca", "fixed_point"): (1e-4, 1.0),
+    ("tresca", "qp:osqp"): (1e-6, 1e-7),
+    ("tresca", "qp:proxqp"): (1e-6, 1e-7),
+    ("coulomb", "pdas"): (1e-10, 1e-10),
+    ("coulomb", "tresca_loop"): (1e-10, 1e-10),
+    ("coulomb", "fixed_point"): (1e-4, 1.0),
+    ("coulomb", "qp:osqp"): (1e-6, 1e-7),
 }
 FRICTION = {None: 0.0, "tresca": 0.05, "coulomb": 0.9}
-LAWS = ["tresca", "coulomb"]
 ROWS = [
     (ElementQuadAdini, "bernstein"),
     (ElementQuadAdini, "gauss"),
@@ -44,9 +49,9 @@ def test_agreement(law, method, element, functional, make):
     _, reference = make.solved(**keys)
     _, result = make.solved(method, **keys)
     assert make.law_error(reference) < 1e-12
-    tol = OFFERED[law, method]
-    assert make.law_error(result) < 1e-7 if tol > 1e-8 else 1e-10
-    assert difference(result, reference) < tol
+    away, violation = OFFERED[law, method]
+    assert make.law_error(result) < violation
+    assert difference(result, reference) < away
 
 
 @pytest.mark.sampled(2)
@@ -62,15 +67,6 @@ def test_fixed_point_falls_to_the_solution_with_eps(law, friction, make):
     assert errors[-1] < 1e-4
     # Order one, over three widths.
     assert 0.85 < np.polyfit(np.log(widths), np.log(errors), 1)[0] < 1.15
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_fixed_point_by_default(law, make):
-    """The default eps is 1e-5 of the largest displacement."""
-    _, reference = make.solved(law=law, friction=FRICTION[law])
-    _, result = make.solved("fixed_point", law=law, friction=FRICTION[law])
-    # A few eps.
-    assert difference(result, reference) < 1e-4
 
 
 @pytest.mark.sampled(4)
@@ -160,28 +156,23 @@ def test_three_digits_in_less_than_ten_steps(E, functional, iterates, make):
 
 @pytest.mark.parametrize("functional", ["bernstein", "gauss"])
 @pytest.mark.parametrize(
-    "n", [10, 20, 40, *(pytest.param(n, marks=pytest.mark.slow) for n in (64, 128))]
+    "n", [10, 40, *(pytest.param(n, marks=pytest.mark.slow) for n in (20, 64, 128))]
 )
 def test_monolithic_newton_steps(n, functional, make):
     """At most 8 steps after the frictionless start, or one on fewer points, whatever the mesh."""
-    _, result = make.solved(n=n, functional=functional)
+    problem, seen = make.problem(n=n, functional=functional), []
+    result = problem.solve(callback=seen.append)
+    assert tuple(seen) == result.history
     phases = [line.phase for line in result.history]
     assert {phase.removeprefix("coarse ") for phase in phases} == {"frictionless", "newton"}
     assert phases.count("newton") <= 8
     assert phases == sorted(phases)  # the start comes first
+    steps = [line.step for line in seen if line.phase == "newton"]
+    assert steps == list(range(1, len(steps) + 1))
     assert result.history[-1].residual < 1e-12
 
 
-def test_callback_sees_the_history(make):
-    problem, _ = make.solved()
-    seen = []
-    result = problem.solve(callback=seen.append)
-    assert tuple(seen) == result.history
-    steps = [line.step for line in seen if line.phase == "newton"]
-    assert steps == list(range(1, len(steps) + 1))
-
-
-@pytest.mark.parametrize("law", [None, *LAWS])
+@pytest.mark.parametrize("law", FRICTION)
 @pytest.mark.parametrize("method", ["newton", "pdas"])
 def test_warm_start(law, method, make):
     """From its own solution a method needs one step, and gives the same."""
@@ -195,31 +186,13 @@ def test_warm_start(law, method, make):
 @pytest.mark.parametrize("method", ["newton", "pdas"])
 def test_friction_without_contact(method, make):
     """(4.9): no obstacle, a given bound; agrees with its smoothed energy minimum."""
-    body = make.block(8)
-    problem = ContactProblem(body, "bottom", None, 0.03, "tresca")
+    problem = ContactProblem(make.block(8), "bottom", None, 0.03, "tresca")
     result = problem.solve(method)
     assert np.all(result.mu == 0)
     assert make.law_error(result) < 1e-11
     regularised = problem.solve("fixed_point", eps=1e-6, tol=1e-9)
     # A few eps against the largest displacement of order one.
     assert difference(regularised, result) < 1e-5
-
-
-def test_large_friction_sticks(make):
-    """With F = 1e3 nothing slips: the solution with the tangential displacement held."""
-    _, result = make.solved(friction=1e3)
-    assert np.abs(result.slip[result.mu > 0]).max() < 1e-13
-    assert make.law_error(result) < 1e-11
-
-
-def test_solutions_are_reproducible(make):
-    """Bit-identical on the SciPy path."""
-    twice = [
-        ContactProblem(make.block(8), "bottom", make.foundation[2], 0.9, solver="superlu").solve()
-        for _ in range(2)
-    ]
-    assert np.array_equal(twice[0].u, twice[1].u)
-    assert np.array_equal(twice[0].mu, twice[1].mu)
 
 
 @pytest.mark.parametrize(
@@ -231,10 +204,58 @@ def test_methods_that_make_no_sense(law, method, make):
         problem.solve(method)
 
 
-def test_fixed_point_where_a_support_prescribes_the_slip():
-    """Friction of that point acts on the support: no method balances it."""
-    body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
-    body.fix("left", "x", 0.01).load("top", (0.0, -0.1))
-    problem = ContactProblem(body, "bottom", 0.0, 0.3)
-    ours, theirs = problem.solve(), problem.solve("fixed_point")
-    assert np.abs(ours.u - theirs.u).max() < 1e-4 * np.abs(ours.u).max()
+@pytest.mark.parametrize(
+    ("friction", "law"), [(0.0, "coulomb"), (0.01, "tresca"), (0.3, "coulomb")]
+)
+def test_rows_that_depend_on_each_other(friction, law, make):
+    """Two Gauss points an edge are one row too many where both ends are held along the normal.
+
+    Forces are not unique, what they do to the body is.
+    """
+    body = make.block(4, ElementTriP2)
+    problem = ContactProblem(body, "bottom", make.foundation[2], friction, law, functional="gauss")
+    least = np.linalg.eigvalsh(problem.condense()._W)[:2]
+    assert abs(least[0]) < 1e-14
+    assert least[1] > 1e-3
+    one, two = problem.solve(), problem.solve("pdas")
+    for result in (one, two):
+        assert make.law_error(result) < 1e-10
+        assert max(result.kkt.values()) < 1e-10
+    np.testing.assert_allclose(one.u, two.u, atol=1e-9 * np.abs(one.u).max())
+    np.testing.assert_allclose(one.resultant, two.resultant, atol=1e-9 * one.contact_force)
+    if friction < 0.3:
+        other = cross_check(problem, one)
+        # OSQP's polished accuracy.
+        assert other.displacement < 1e-7
+        assert other.objective < 1e-9
+
+
+def test_rows_that_exclude_each_other():
+    """A point between two obstacles that leave no room: u <= -1 and -u <= 0."""
+    rows, none = np.array([[1.0], [-1.0]]), np.full((2, 1), -1)
+    problem = BoundaryProblem(
+        rows @ rows.T, np.zeros(2), np.zeros((2, 0)), np.zeros(0), np.array([-1.0, 0.0]),
+        np.arange(2), none, np.zeros((2, 1)),
+    )  # fmt: skip
+    with pytest.raises(NotConverged, match="dependent contact rows"):
+        signorini(problem)
+
+
+def stamped(make, n, friction, force):
+    """A plane five units away, driven against a block by a force and a moment."""
+    stamp = Rigid(Plane((0, -5), (0, 1)), force=(None, force), moment=0.05 * force, centre=(0.5, 0))
+    body = make.block(n, sides=())
+    body.f[:] = 0.0
+    return ContactProblem(body.fix("top"), "bottom", stamp, friction)
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("friction", [0.1, 0.25, 0.4, 0.9])
+@pytest.mark.parametrize("n", [6, 12, 20])
+def test_driven_stamp_takes_few_steps(n, friction, make):
+    """Displacements of five cancel in gaps of 1e-2: the floor is near the tolerance of 1e-12."""
+    problem = stamped(make, n, friction, 0.2)
+    result = problem.solve()
+    assert len(result.history) <= 14
+    assert result.history[-1].residual <= 1e-12
+    assert len(problem.solve(start=result).history) <= 3

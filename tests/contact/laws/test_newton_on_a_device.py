@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTetP2
 
-from contact import ContactProblem, ElasticBody, Plane
+from contact import ContactProblem, ElasticBody, LayeredBlock, Plane
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
 from contact.laws.condensed_newton import Condensed
-from contact.laws.methods import device_newton, solve_boundary
+from contact.laws.methods import INNER, device_newton, solve_boundary
 from contact.laws.newton import proximal_point
 from contact.laws.options import Options
 from gpu import Infeasible
@@ -24,9 +24,6 @@ class Elsewhere(HostArrays):
 
     def __init__(self):
         self.definite = 0
-
-    def matrix(self, W):
-        return Kept(self, W)
 
     def values(self, W):
         return W.values
@@ -77,10 +74,14 @@ def wedged(make, element, unit=1.0):
     return body, ["bottom", "top"], (below, above)
 
 
+def layered(make, element, unit=1.0):
+    block = LayeredBlock(1.0, [(1.0, 16, 2.0, 0.3)]).fix("top", "xy", -0.05)
+    return block, "bottom", lambda x: 0.3 * (x[0] - 0.4) ** 2
+
+
 CASES = {
     "held Quad1": (held, ElementQuad1, 1.0),
     "held Hex1": (held, ElementHex1, 1.0),
-    "held TetP1": (held, ElementTetP1, 1.0),
     "held TetP2": (held, ElementTetP2, 1.0),
     "held Adini": (held, ElementHexAdini, 1.0),
     "soft": (held, ElementHex1, 1e-6),
@@ -89,6 +90,7 @@ CASES = {
     "floating Hex1": (floating, ElementHex1, 1.0),
     "floating TetP1": (floating, ElementTetP1, 1.0),
     "wedged": (wedged, ElementHex1, 1.0),
+    "layered": (layered, None, 1.0),
 }
 LAWS = {"coulomb": 0.4, "tresca": 0.03, None: 0.0}
 
@@ -97,8 +99,20 @@ def moved(problem):
     """The boundary problem on the host and with W elsewhere, and the scaled law."""
     condensed, system = problem.condense(), problem.system
     here = condensed.boundary_problem(system.load, system.rows.gap, motion=system.motion)
-    there = replace(here, W=Elsewhere().matrix(here.W))
+    there = replace(here, W=Kept(Elsewhere(), here.W))
     return here, there, system.scaled_friction(condensed.point_scale)
+
+
+def solved(problem, law, name, method="newton", limit=None):
+    options = Options.checked(name, problem.tangent.shape[1] + 1, method, None, limit, None)
+    lines = []
+    forces, _ = solve_boundary(problem, law, options, None, np.ones(problem.gap.size), lines.append)
+    return forces, list(map(str, lines))
+
+
+def same(forces, host, tol):
+    assert np.abs(forces.mu - host.mu).max() <= tol * host.mu.max()
+    assert np.abs(forces.t - host.t).max() <= tol * host.mu.max()
 
 
 @pytest.mark.sampled(4)
@@ -107,44 +121,44 @@ def moved(problem):
 def test_the_host_finds_the_same_forces(make, case, law):
     pose, element, unit = CASES[case]
     friction = LAWS[law] * (unit if law == "tresca" else 1.0)
-    problem = ContactProblem(*pose(make, element, unit), friction, law=law)
-    here, there, scaled = moved(problem)
-    options = Options.checked(law, here.tangent.shape[1] + 1, "newton", None, None, None)
-    ones = np.ones(here.gap.size)
+    here, there, scaled = moved(ContactProblem(*pose(make, element, unit), friction, law=law))
     if law is None and here.s.size:  # nothing holds the body along the ground
         for one in (here, there):
             with pytest.raises(Infeasible):
-                solve_boundary(one, scaled, options, None, ones, lambda line: None)
+                solved(one, scaled, law)
         return
-    host, forces = (
-        solve_boundary(one, scaled, options, None, ones, lambda line: None)[0]
-        for one in (here, there)
-    )
+    host, forces = (solved(one, scaled, law)[0] for one in (here, there))
     assert host.mu.max() > 0
-    assert np.abs(forces.mu - host.mu).max() <= 1e-10 * host.mu.max()
-    assert np.abs(forces.t - host.t).max() <= 1e-10 * host.mu.max()
+    same(forces, host, 1e-10)
     assert law is not None or there.W.arrays.definite > 0
 
 
-def test_a_warm_start_takes_few_steps(make):
-    problem = ContactProblem(*held(make, ElementHex1), 0.4)
-    _, there, law = moved(problem)
+def test_newton_runs_where_the_matrix_lies_and_starts_warm(make):
+    _, there, law = moved(ContactProblem(*held(make, ElementHex1), 0.4))
     cold, warm = [], []
-    options = {"tol": 1e-12, "max_iterations": 50}
+    options = {"tol": INNER * 1e-10, "max_iterations": 100}
     forces = device_newton(there, law, None, report=cold.append, **options)
+    found, lines = solved(there, law, "coulomb")
+    np.testing.assert_array_equal(found.mu, forces.mu)
+    np.testing.assert_array_equal(found.t, forces.t)
+    assert lines == list(map(str, cold))
     again = device_newton(there, law, forces, report=warm.append, **options)
     assert len(warm) < 3 < len(cold)
-    assert np.abs(again.mu - forces.mu).max() <= 1e-12 * forces.mu.max()
+    same(again, forces, 1e-12)
 
 
 def test_proximal_points_leave_the_matrix_where_it_lies(make):
-    problem = ContactProblem(*held(make, ElementHex1), 0.03, law="tresca")
-    here, there, law = moved(problem)
-    host = solve_boundary(
-        here, law, Options.checked("tresca", 3, "newton", None, None, None), None,
-        np.ones(here.gap.size), lambda line: None,
-    )[0]  # fmt: skip
+    here, there, law = moved(ContactProblem(*held(make, ElementHex1), 0.03, law="tresca"))
+    host, _ = solved(here, law, "tresca")
     start = replace(host, mu=0.5 * host.mu)
-    forces = proximal_point(Condensed(there, law), start, tol=1e-12)
-    assert np.abs(forces.mu - host.mu).max() <= 1e-9 * host.mu.max()
-    assert np.abs(forces.t - host.t).max() <= 1e-9 * host.mu.max()
+    same(proximal_point(Condensed(there, law), start, tol=1e-12), host, 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("method", "limit"), [("newton", 1), ("pdas", None), ("tresca_loop", None)]
+)
+def test_the_host_solves_what_stalls_and_all_other_methods(make, method, limit):
+    here, _, law = moved(ContactProblem(*layered(make, None), 0.4))
+    there = replace(here, W=DeviceMatrix(Elsewhere(), here.W))
+    forces, _ = solved(there, law, "coulomb", method, limit)
+    same(forces, solved(here, law, "coulomb", method, limit)[0], 1e-10)

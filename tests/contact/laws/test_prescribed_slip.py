@@ -2,18 +2,10 @@
 
 import numpy as np
 import pytest
+from families import PLANE_AND_BFS, STRAIGHT
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from skfem import (
-    ElementHex1,
-    ElementQuad1,
-    ElementQuad2,
-    ElementTriP1,
-    ElementTriP2,
-    MeshHex,
-    MeshQuad,
-    MeshTri,
-)
+from skfem import ElementHex1, ElementQuad1, MeshHex
 
 from contact import (
     ContactProblem,
@@ -29,22 +21,18 @@ from contact import (
     uniqueness,
 )
 from contact.result.certify import certify
-from skfem_adini import ElementQuadAdini, ElementQuadBFS
 
 F = 0.3
 METHODS = ["newton", "pdas", "fixed_point", "tresca_loop", "qp:osqp"]
-ELEMENTS = [
-    ElementQuad1(), ElementQuad2(), ElementTriP1(), ElementTriP2(), ElementQuadAdini(),
-    ElementQuadBFS(),
-]  # fmt: skip
+LAWS = {"coulomb": F, "tresca": 0.01}
 
 
-def block(n=4, element=None, push=0.1, press=0.05):
+def block(n=4, element=ElementQuad1, push=0.1):
     """A block of unit width, pushed to the right at its left end and pressed from above."""
-    kind = MeshTri if isinstance(element, ElementTriP1 | ElementTriP2) else MeshQuad
-    mesh = kind.init_tensor(np.linspace(0, 1, n + 1), np.linspace(0, 1, 5)).with_defaults()
-    body = ElasticBody.from_mesh(mesh, element, E=1.0, nu=0.3)
-    return body.fix("left", "x", push).fix("top", "y", -press)
+    ticks = np.linspace(0, 1, n + 1), np.linspace(0, 1, 5)
+    mesh = STRAIGHT[element].init_tensor(*ticks).with_defaults()
+    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3)
+    return body.fix("left", "x", push).fix("top", "y", -0.05)
 
 
 def cube(n=3):
@@ -59,30 +47,29 @@ def cube(n=3):
     return ElasticBody.from_mesh(mesh, ElementHex1(), E=1.0, nu=0.3)
 
 
-def reaction(result):
-    """Sum of the forces of the supports."""
-    return result.body.total(result.reactions)
+def balanced(result):
+    """Contact forces and those of the supports; the certificate."""
+    reactions = result.body.total(result.reactions)
+    np.testing.assert_allclose(reactions, -result.resultant, atol=1e-12)
+    assert max(result.kkt.values()) < 1e-10
 
 
-@pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: type(e).__name__)
+@pytest.mark.parametrize("element", PLANE_AND_BFS)
 @pytest.mark.parametrize("n", [4, 8])
 def test_a_block_pushed_along_a_wall_has_all_of_its_friction(element, n) -> None:
     result = ContactProblem(block(n, element), "bottom", 0.0, F).solve()
     assert np.all(result.status == Status.SLIP)
     assert result.resultant[0] == pytest.approx(-F * result.resultant[1], rel=1e-10)
     np.testing.assert_allclose(result.shear[:, 0], -F * result.pressure, rtol=1e-9)
-    np.testing.assert_allclose(reaction(result), -result.resultant, atol=1e-12)
-    assert max(result.kkt.values()) < 1e-10
+    balanced(result)
 
 
-@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+@pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_and_law(method, law) -> None:
     if (law, method) == ("tresca", "tresca_loop"):
         pytest.skip("given friction needs no loop")
-    problem = ContactProblem(
-        block(push=-0.1), "bottom", 0.0, F if law == "coulomb" else 0.01, law=law
-    )
+    problem = ContactProblem(block(push=-0.1), "bottom", 0.0, LAWS[law], law=law)
     result = problem.solve(method=method)
     bound = F * result.resultant[1] if law == "coulomb" else 0.01
     rel = {"fixed_point": 1e-4, "qp:osqp": 1e-6}.get(method, 1e-9)
@@ -93,25 +80,19 @@ def test_every_method_and_law(method, law) -> None:
     np.testing.assert_allclose(result.shear[corner, 0], expected, rtol=1e-9)
 
 
-def test_a_contact_boundary_that_is_moved_as_a_whole() -> None:
+def test_a_boundary_moved_as_a_whole_is_the_frictionless_one_with_other_reactions() -> None:
+    smooth = ContactProblem(block().fix("bottom", "x", 0.1), "bottom", 0.0).solve()
     result = ContactProblem(block().fix("bottom", "x", 0.1), "bottom", 0.0, F).solve()
     assert result.resultant[0] == pytest.approx(-F * result.resultant[1], rel=1e-12)
-    np.testing.assert_allclose(reaction(result), -result.resultant, atol=1e-12)
-
-
-def test_friction_of_held_points_leaves_the_free_ones_alone() -> None:
-    """The boundary held along x is the frictionless problem with other reactions."""
-    smooth = ContactProblem(block().fix("bottom", "x", 0.1), "bottom", 0.0).solve()
-    rough = ContactProblem(block().fix("bottom", "x", 0.1), "bottom", 0.0, F).solve()
-    np.testing.assert_allclose(rough.u, smooth.u, atol=1e-13)
+    balanced(result)
+    np.testing.assert_allclose(result.u, smooth.u, atol=1e-13)
 
 
 def test_points_held_at_rest_are_undetermined() -> None:
     result = ContactProblem(block(push=0.0), "bottom", 0.0, F).solve()
     corner = result.x_nominal[0] < 1e-9
-    assert np.all(result.status[corner] == Status.UNDETERMINED)
+    assert np.array_equal(result.status == Status.UNDETERMINED, corner)
     assert np.all(result.shear[corner] == 0.0)
-    assert not np.any(result.status[~corner] == Status.UNDETERMINED)
     assert "1 undetermined" in result.summary()
     smooth = ContactProblem(block(push=0.0), "bottom", 0.0).solve()
     assert not np.any(smooth.status == Status.UNDETERMINED)
@@ -124,20 +105,7 @@ def test_a_direction_in_space(turn) -> None:
     result = ContactProblem(body, "bottom", 0.0, F).solve()
     expected = -F * result.resultant[2] * np.array([np.cos(turn), np.sin(turn)])
     np.testing.assert_allclose(result.resultant[:2], expected, atol=1e-12)
-    np.testing.assert_allclose(reaction(result), -result.resultant, atol=1e-12)
-
-
-@pytest.mark.parametrize("law", ["coulomb", "tresca"])
-def test_one_component_is_given_and_the_law_couples_the_other(law) -> None:
-    body = cube().fix("bottom", "x", 0.02).fix("top", "z", -0.05).fix("top", "y", 0.01)
-    body = body.fix("top", "x")
-    result = ContactProblem(body, "bottom", 0.0, F if law == "coulomb" else 0.01, law=law).solve()
-    slip, force = result.slip, -result.t
-    size = F * result.mu if law == "coulomb" else 0.01 * result.system.rows.weights
-    expected = -slip / np.linalg.norm(slip, axis=1)[:, None] * size[:, None]
-    np.testing.assert_allclose(force, expected, atol=1e-9 * size.max())
-    assert np.abs(slip[:, 1]).max() > 1e-3
-    np.testing.assert_allclose(reaction(result), -result.resultant, atol=1e-12)
+    balanced(result)
 
 
 @pytest.mark.parametrize("moves", ["body", "obstacle", "both"])
@@ -189,11 +157,9 @@ def test_the_certificate_misses_the_shear() -> None:
 
 
 @pytest.mark.parametrize("push", [0.0, 0.1])
-@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+@pytest.mark.parametrize("law", LAWS)
 def test_checks_agree_and_files_keep_it(law, push, tmp_path) -> None:
-    problem = ContactProblem(
-        block(push=push), "bottom", 0.0, F if law == "coulomb" else 0.01, law=law
-    )
+    problem = ContactProblem(block(push=push), "bottom", 0.0, LAWS[law], law=law)
     result = problem.solve()
     assert max(recheck(result).values()) < 1e-10
     for condensed in (True, False):
@@ -218,7 +184,7 @@ SLIPS = st.floats(-5.0, -1.0).flatmap(lambda e: st.sampled_from((-(10.0**e), 10.
 
 
 @settings(max_examples=15, deadline=None)
-@given(push=SLIPS, friction=st.floats(0.05, 0.9), law=st.sampled_from(("coulomb", "tresca")))
+@given(push=SLIPS, friction=st.floats(0.05, 0.9), law=st.sampled_from(tuple(LAWS)))
 def test_any_push_in_the_plane(make, push, friction, law) -> None:
     given_bound = friction if law == "coulomb" else 0.02 * friction
     result = ContactProblem(block(push=push), "bottom", 0.0, given_bound, law=law).solve()
@@ -226,7 +192,7 @@ def test_any_push_in_the_plane(make, push, friction, law) -> None:
     corner = result.x_nominal[0] < 1e-9
     bound = friction * result.pressure[corner] if law == "coulomb" else given_bound
     np.testing.assert_allclose(result.shear[corner, 0], -np.sign(push) * bound, rtol=1e-9)
-    np.testing.assert_allclose(reaction(result), -result.resultant, atol=1e-12)
+    balanced(result)
 
 
 @settings(max_examples=10, deadline=None)
@@ -235,11 +201,11 @@ def test_any_push_in_the_plane(make, push, friction, law) -> None:
     drag=st.floats(-0.1, 0.1),
     where=st.sampled_from(("bottom", "left")),
     friction=st.floats(0.05, 1.0),
-    law=st.sampled_from(("coulomb", "tresca")),
+    law=st.sampled_from(tuple(LAWS)),
 )
 def test_any_slip_of_one_component_in_space(make, slip, drag, where, friction, law) -> None:
     body = cube(2).fix(where, "x", slip).fix("top", "z", -0.05).fix("top", "y", drag)
     bound = friction if law == "coulomb" else 0.02 * friction
     result = ContactProblem(body, "bottom", 0.0, bound, law=law).solve()
     assert make.law_error(result) < 1e-9
-    np.testing.assert_allclose(reaction(result), -result.resultant, atol=1e-12)
+    balanced(result)

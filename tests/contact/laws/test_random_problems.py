@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 
+from contact import PressureOverclosure
 from contact.condensation.boundary_problem import BoundaryProblem
 from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError
 from contact.laws.friction import Coulomb, Tresca
 from contact.laws.methods import solve_boundary
 from contact.laws.options import Options
+from contact.laws.surface_compliance import SurfaceCompliance
 from gpu import GpuError
 
-# What `solve` promises by default: the solvers aim a hundred times lower.
-TOLERANCE = 1e-10
+TOLERANCE = 1e-10  # what `solve` promises by default: the solvers aim a hundred times lower
 
 
 def random_problem(seed):
@@ -121,24 +122,21 @@ def solve(problem, friction, method):
 
 def unsolved(seeds, method):
     """Seeds of the problems that are given up; fails on an answer that is wrong."""
-    given_up, wrong = [], []
+    given_up = []
     for seed in seeds:
         problem, friction = random_problem(seed)
         try:
-            size = error(problem, friction, solve(problem, friction, method))
+            forces = solve(problem, friction, method)
         except (ContactError, GpuError, LinAlgError):
             given_up.append(seed)
             continue
-        if not size <= TOLERANCE:
-            wrong.append((seed, size))
-    assert not wrong
-    print(f"{method}: of {len(seeds)} problems given up: {given_up}")
+        assert error(problem, friction, forces) <= TOLERANCE, seed
     return given_up
 
 
 @pytest.mark.turns(3)
 def test_no_wrong_answer():
-    assert len(unsolved(range(500), "newton")) <= 0.001 * 500
+    assert not unsolved(range(500), "newton")
 
 
 @pytest.mark.slow
@@ -154,20 +152,6 @@ def test_no_wrong_answer_among_ten_thousand(part):
 def test_damped_form_alone(count):
     """It stalls at times, on Coulomb's law with coefficients up to 3 and rough gaps."""
     assert len(unsolved(range(count), "pdas")) <= 0.1 * count
-
-
-def test_error_sees_a_wrong_answer():
-    """The measure above is zero at a solution and is not after a small change."""
-    problem, friction = next(
-        pair
-        for pair in map(random_problem, range(20))
-        if isinstance(pair[1], Coulomb) and pair[0].gap.size > 5
-    )
-    forces = solve(problem, friction, "newton")
-    assert error(problem, friction, forces) < TOLERANCE
-    for field in ("mu", "t"):
-        spoiled = type(forces)(**{**vars(forces), field: 1.001 * getattr(forces, field)})
-        assert error(problem, friction, spoiled) > 1e-5
 
 
 class Rows:
@@ -210,3 +194,48 @@ def test_rows_as_unknowns_of_the_body(law):
         assert error(problem, friction, forces) < 1e-9
         compared += 1
     assert compared >= 3
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("seed", range(80))
+def test_ties_and_compliant_surfaces(seed):
+    """Bonded points stay, the others obey the curve: by the definition of the laws."""
+    rng = np.random.default_rng([seed, 7])
+    m, dim_t = int(rng.integers(1, 60)), int(rng.choice([1, 2]))
+    n, unit = m * (1 + dim_t), 10.0 ** rng.uniform(-9, 9)
+    root = rng.standard_normal((n, n))
+    W = root @ root.T / n + 0.1 * np.eye(n)
+    W /= np.sqrt(np.outer(np.diag(W), np.diag(W)))
+    gap, v0 = rng.uniform(-0.2, 1.0, m) * unit, rng.standard_normal(n) * unit
+    bonded = (rng.random(m) < 0.2) & (rng.random() < 0.5 + (seed % 4 == 3))
+    law = [
+        PressureOverclosure([0.0, 1.0], [0.0, 10.0 ** rng.uniform(-3, 3)]),
+        PressureOverclosure([0.0, 0.1 * unit, unit], [-0.1 * unit, 0.05 * unit, 0.1 * unit]),
+        PressureOverclosure.exponential(unit * 10.0 ** rng.uniform(-2, 1), 0.1 * unit),
+        None,
+    ][seed % 4]
+    laws = law and SurfaceCompliance((law,), np.where(bonded, -1, 0), np.ones(m), np.ones(m))
+    problem = BoundaryProblem(
+        W, v0, np.zeros((n, 0)), np.zeros(0), gap, np.arange(m),
+        m + np.arange(m * dim_t).reshape(dim_t, m).T, np.zeros((m, dim_t)),
+        bonded=bonded, compliance=laws,
+    )  # fmt: skip
+    F = rng.uniform(0.0, 0.5)
+    forces = solve(problem, Coulomb(np.full(m, F)), "newton")
+    u_n, u_t = problem.displacements(forces.mu, forces.t, forces.a)
+    size, free = max(np.abs(forces.mu).max(), np.abs(forces.t).max(), 1e-9 * unit), ~bonded
+    if law is None:
+        off = np.minimum(forces.mu, gap - u_n)
+        assert np.abs(off[free]).max(initial=0.0) <= 1e-9 * size
+    else:
+        slope = laws.closest(forces.mu + u_n - gap)[2]
+        off = np.abs(law.pressure(u_n - gap) - forces.mu) * np.minimum(slope, 1.0)
+        assert np.max(off[free & (slope > 0)], initial=0.0) <= 1e-9 * size
+        assert np.all((u_n - gap - law.start)[free & (slope == 0)] <= 1e-9 * size)
+    assert np.all(forces.mu[free] >= -1e-10 * size)
+    length = np.linalg.norm(forces.t, axis=1)
+    assert np.all((length - F * forces.mu)[free] <= 1e-10 * size)
+    power = np.sum(forces.t * u_t, axis=1) - F * forces.mu * np.linalg.norm(u_t, axis=1)
+    assert np.abs(power[free]).max(initial=0.0) <= 1e-9 * size * max(size, np.abs(u_t).max())
+    assert np.abs((u_n - gap)[bonded]).max(initial=0.0) <= 1e-9 * size
+    assert np.abs(u_t[bonded]).max(initial=0.0) <= 1e-9 * size

@@ -1,4 +1,4 @@
-"""The benchmark of rough layers fits growth as it says, and solves 2-D Adini as well as bricks."""
+"""The benchmark of rough layers solves 2-D Adini as well as bricks."""
 
 import sys
 from pathlib import Path
@@ -16,24 +16,6 @@ def benchmark():
 
     yield rough_layers
     sys.path.remove(str(BENCHMARKS))
-
-
-def test_growth_is_recovered(benchmark):
-    sizes = {n: n**2 * np.log2(n) for n in (256, 512, 1024)}
-    rows = [
-        {"n": n, "dim": 3, "friction": 0.0, "products": n, "contact": n * m**0.9, "condense": m}
-        for n, m in sizes.items()
-    ]
-    depths = [{"rows": 2**k, "condense": 0.5 + 0.01 * k} for k in (4, 8, 12)]
-    found = benchmark.growth([*rows, rows[0] | {"dim": 2, "contact": 1e9}], depths)
-    assert found.pop("off the line") < 1e-12
-    assert 0 < found.pop("power of depth") < 0.03
-    wanted = {"product": 0.9, "condense": 1.0, "doubling": 0.01, "no_doubling": 0.5}
-    wanted |= {f"{name} of all sizes": wanted[name] for name in ("product", "condense")}
-    assert found == pytest.approx(wanted, rel=1e-9)
-    bent = [row | {"condense": row["condense"] + 0.1 * (k == 1)} for k, row in enumerate(depths)]
-    assert benchmark.growth([], bent)["off the line"] > 0.05
-    assert benchmark.growth(rows[:1], depths[:1]) == {}
 
 
 @pytest.mark.parametrize("directions", [1, 2])

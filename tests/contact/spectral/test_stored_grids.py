@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from skfem import ElementHex1, ElementQuad1
+from skfem import ElementQuad1
 
 from contact import (
     ContactProblem,
@@ -76,11 +76,16 @@ def contact(body, law="coulomb", unit=1.0, xp=np):
 
 
 @pytest.mark.sampled(8)
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("body", BODIES)
-def test_what_is_loaded_is_what_was_saved(body, law, tmp_path):
-    problem = contact(body, law)
-    result = problem.solve()
+@pytest.mark.parametrize(
+    ("body", "law", "unit"),
+    [
+        *((body, law, 1.0) for body in BODIES for law in LAWS),
+        ("layers", "coulomb", 1e-9),
+        ("layers", "coulomb", 1e6),
+    ],
+)
+def test_what_is_loaded_is_what_was_saved(body, law, unit, tmp_path):
+    result = contact(body, law, unit).solve()
     path = result.save(tmp_path / "step.1")
     assert path.name == "step.1.npz"
     again = GridResult.load(path)
@@ -93,11 +98,10 @@ def test_what_is_loaded_is_what_was_saved(body, law, tmp_path):
     np.testing.assert_array_equal(again.resultant, result.resultant)
     if hasattr(result.compliance, "layers"):
         dim = len(again.compliance.shape) + 1
-        inside = np.tile(np.linspace(0.1, 0.4, 5), (dim, 1))
+        inside = np.tile(np.linspace(0.1, 0.4, 5), (dim, 1)) * unit
         np.testing.assert_array_equal(again.sample(inside), result.sample(inside))
         np.testing.assert_array_equal(again.stress(inside), result.stress(inside))
-    assert again.save(tmp_path / "twice").read_bytes()
-    twice = GridResult.load(tmp_path / "twice")
+    twice = GridResult.load(again.save(tmp_path / "twice"))
     np.testing.assert_array_equal(twice.pressure, result.pressure)
 
 
@@ -122,13 +126,6 @@ def test_a_history_goes_on_from_a_file(body, tmp_path):
     np.testing.assert_array_equal(later.slip, expected.slip)
 
 
-@pytest.mark.parametrize("unit", [1e-9, 1e6])
-def test_units(unit, tmp_path):
-    result = contact("layers", "coulomb", unit).solve()
-    again = GridResult.load(result.save(tmp_path / "units"))
-    np.testing.assert_array_equal(again.pressure, result.pressure)
-
-
 def edited(path, change, words=None):
     """The file with one array changed, or a word, and a checksum that is right again."""
     arrays, _ = read_arrays(path)
@@ -147,44 +144,47 @@ def times(name, factor):
 
 
 @pytest.mark.parametrize("body", ["half space", "rollers", "Adini"])
-@pytest.mark.parametrize("name", ["gap", "friction", "motion", "force", "forces", "a", "slip_from"])
-def test_an_edited_number_is_not_believed(body, name, tmp_path):
+def test_an_edited_number_is_not_believed(body, tmp_path):
     problem = contact(body)
-    first = problem.solve()
-    result = dragged_on(problem).solve(after=first)
-    path = result.save(tmp_path / "result")
+    path = dragged_on(problem).solve(after=problem.solve()).save(tmp_path / "result")
     GridResult.load(edited(path, lambda arrays: None))
     arrays, _ = read_arrays(path)
-    if not np.any(np.nan_to_num(arrays[name])):
-        pytest.skip("all of it is zero or not given")
-    with pytest.raises(InputError, match="does not solve the problem beside it"):
-        GridResult.load(edited(path, times(name, 1.01)))
+    names = ["gap", "friction", "motion", "force", "forces", "a", "slip_from"]
+    names = [name for name in names if np.any(np.nan_to_num(arrays[name]))]
+    assert len(names) >= 5
+    for name in names:
+        with pytest.raises(InputError, match="does not solve the problem beside it"):
+            GridResult.load(edited(path, times(name, 1.01)))
 
 
 @pytest.mark.parametrize(
-    ("body", "name", "value"),
+    ("body", "edits"),
     [
-        ("half space", "E", 2.1),
-        ("half space", "nu", 0.2),
-        ("half space", "lengths", [1.1, 0.7]),
-        ("layers", "layers", [[0.2, 3, 1.1, 0.3], [0.3, 2, 5.0, 0.2]]),
-        ("rollers", "sides", "y"),
-        ("layers", "element", "ElementQuadBFS"),
-        ("Adini", "interfaces", "smooth"),
-        ("on a half plane", "base", [4.0, 0.25]),
-        ("plane stress", "plane", "strain"),
-        ("moved top", "motion", [0.0, 0.001, -0.003]),
+        ("half space", {"E": 2.1, "nu": 0.2, "lengths": [1.1, 0.7]}),
+        (
+            "layers",
+            {
+                "layers": [[0.2, 3, 1.1, 0.3], [0.3, 2, 5.0, 0.2]],
+                "element": "ElementQuadBFS",
+            },
+        ),
+        ("rollers", {"sides": "y"}),
+        ("Adini", {"interfaces": "smooth"}),
+        ("on a half plane", {"base": [4.0, 0.25]}),
+        ("plane stress", {"plane": "strain"}),
+        ("moved top", {"motion": [0.0, 0.001, -0.003]}),
     ],
 )
-def test_an_edited_body_is_not_believed(body, name, value, tmp_path):
+def test_an_edited_body_is_not_believed(body, edits, tmp_path):
     path = contact(body).solve().save(tmp_path / "result")
+    for name, value in edits.items():
 
-    def change(about):
-        assert about["compliance"][name] != value
-        about["compliance"][name] = value
+        def change(about, name=name, value=value):
+            assert about["compliance"][name] != value
+            about["compliance"][name] = value
 
-    with pytest.raises(InputError, match="does not solve the problem beside it"):
-        GridResult.load(edited(path, lambda arrays: None, change))
+        with pytest.raises(InputError, match="does not solve the problem beside it"):
+            GridResult.load(edited(path, lambda arrays: None, change))
 
 
 def shorter(arrays):
@@ -199,6 +199,11 @@ def spoiled(name, value):
     return change
 
 
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    return contact("half plane above").solve().save(tmp_path_factory.mktemp("grids") / "result")
+
+
 @pytest.mark.parametrize(
     ("change", "words", "message"),
     [
@@ -209,49 +214,40 @@ def spoiled(name, value):
         (spoiled("gap", np.nan), None, "hold NaN"),
         (spoiled("motion", np.nan), None, "one of the two must be NaN"),
         (lambda arrays: arrays.pop("forces"), None, "cannot be read"),
-        (lambda arrays: None, lambda about: about.update(format=7), "it has format 7"),
-        (lambda arrays: None, lambda about: about.update(tol=2.0), "tolerance 2.0"),
-        (lambda arrays: None, lambda about: about.update(law="glue"), "law 'glue'"),
-        (lambda arrays: None, lambda about: about.pop("kind"), "it holds no GridResult"),
+        (None, lambda about: about.update(format=7), "it has format 7"),
+        (None, lambda about: about.update(tol=2.0), "tolerance 2.0"),
+        (None, lambda about: about.update(law="glue"), "law 'glue'"),
+        (None, lambda about: about.pop("kind"), "it holds no GridResult"),
+        (None, lambda about: about["compliance"].update(E=-1.0), "E=-1.0: expected a positive"),
         (
-            lambda arrays: None,
-            lambda about: about["compliance"].update(E=-1.0),
-            "E=-1.0: expected a positive number",
-        ),
-        (
-            lambda arrays: None,
+            None,
             lambda about: about["compliance"].update({"class": "Sponge"}),
             "expected HalfSpace or PeriodicLayers",
         ),
     ],
 )
-def test_files_that_contradict_themselves(change, words, message, tmp_path):
-    path = contact("half plane above").solve().save(tmp_path / "result")
+def test_files_that_contradict_themselves(change, words, message, stored):
     with pytest.raises(InputError, match=message):
-        GridResult.load(edited(path, change, words))
+        GridResult.load(edited(stored, change or (lambda arrays: None), words))
 
 
-def test_damaged_and_missing_files(tmp_path):
-    path = contact("layers").solve().save(tmp_path / "result")
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
+def test_damaged_and_missing_files_and_those_of_the_other_kind(make, tmp_path):
+    result = contact("layers").solve()
+    path = result.save(tmp_path / "result")
+    with pytest.raises(InputError, match=r"a GridResult; GridResult\.load"):
+        ContactResult.load(path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(InputError, match="cannot be read"):
         GridResult.load(path)
     with pytest.raises(InputError, match="does not exist"):
         GridResult.load(tmp_path / "nothing")
     with pytest.raises(InputError, match="an archive of NumPy"):
-        contact("layers").solve().save(tmp_path / "result.vtu")
-
-
-def test_files_of_the_other_kind(make, tmp_path):
+        result.save(tmp_path / "result.vtu")
     mesh = make.box(ElementQuad1, *[np.linspace(0, 1, 4)] * 2)
     body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("top", value=-0.01)
     of_body = ContactProblem(body, "bottom", 0.0).solve().save(tmp_path / "body")
     with pytest.raises(InputError, match=r"no GridResult; ContactResult\.load"):
         GridResult.load(of_body)
-    of_grid = contact("layers").solve().save(tmp_path / "grid")
-    with pytest.raises(InputError, match=r"a GridResult; GridResult\.load"):
-        ContactResult.load(of_grid)
 
 
 def test_what_no_file_holds(tmp_path):
@@ -285,8 +281,3 @@ def test_files_are_exchanged_with_a_device(body, tmp_path):
         assert np.abs(one.pressure - there.pressure).max() <= 1e-12 * size
         assert np.abs(one.u - there.u).max() <= 1e-12 * np.abs(there.u).max()
     assert isinstance(again.compliance.initial, cupy.ndarray)
-
-
-def test_default_bricks_are_told_from_others():
-    block = BODIES["bricks"](1.0)
-    assert type(block.element) is ElementHex1

@@ -1,40 +1,55 @@
-"""Real condensation wave by wave is the complex one of all levels, to the rounding of the data."""
+"""Condensation wave by wave: the one of all levels with pivots, on a device too."""
+
+import sys
+import types
 
 import numpy as np
 import pytest
+import scipy.fft
+import scipy.linalg
 from skfem import ElementHex1, ElementQuad1
 
+from contact import ContactProblem, LayeredBlock
+from contact.arrays import dense_arrays
+from contact.body.layers import block_vectors
 from contact.spectral import wave_condensation, wave_kernel
+from contact.spectral.layer_arguments import node_kinds
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import Slab, Stack, cell
-from contact.spectral.wave_cells import Column, cell_table, functions, parities
-from contact.spectral.wave_condensation import condensed, eliminated, inverse
+from contact.spectral.wave_cells import Column, cell_table, parities
+from contact.spectral.wave_condensation import condensed
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
-from tests.contact.spectral.test_periodic_layers import COATED
+from tests.cip.host_device import Array, HostCupy, _wrapped
 
 ELEMENTS = [ElementQuad1(), ElementQuadAdini(), ElementQuadBFS(), ElementHex1(), ElementHexAdini()]
-NAMES = [type(element).__name__ for element in ELEMENTS]
-STIFF = [(1e-3, 1, 1e6, 0.3), (1.0, 8, 1.0, 0.3)]  # a contrast of 1e6 in cells 100 times as flat
-DEEP = [(1.0, 4096, 1.0, 0.45)]
+LAYERS = {
+    "coated": [(0.1, 2, 100.0, 0.2), (0.5, 3, 1.0, 0.4)],
+    "stiff": [(1e-3, 1, 1e6, 0.3), (1.0, 8, 1.0, 0.3)],  # in cells 100 times as flat
+    "deep": [(1.0, 4096, 1.0, 0.45)],
+}
+cases = [
+    pytest.mark.parametrize("layers", LAYERS.values(), ids=LAYERS),
+    pytest.mark.parametrize("element", ELEMENTS, ids=lambda element: type(element).__name__),
+]
 
 
-def bodies(element, layers, sizes):
-    """A cell of each layer, with the kinds and lengths of a node's unknowns."""
-    from contact.spectral.layer_arguments import node_kinds
+def of_all(test):
+    for case in cases:
+        test = case(test)
+    return test
 
+
+def column(element, layers):
+    """The cells, the kinds and lengths of a node's unknowns, and the column to be condensed."""
+    sizes = (0.17, 0.125)[: element.dim - 1]
     cells = [cell((*sizes, h / m), element, E=E, nu=nu) for h, m, E, nu in layers]
     kinds = node_kinds(cells[0])
     size = np.array([*sizes, min(h / m for h, m, *_ in layers)])
     lengths = [1.0 if k == -1 else np.prod(size[:2]) if k < 0 else size[k] for k in kinds]
-    return cells, kinds, np.array(lengths)
-
-
-def column(element, layers, sizes, free=()):
-    cells, kinds, lengths = bodies(element, layers, sizes)
-    dim = cells[0].mesh.dim()
-    parity = parities(kinds, dim)
+    lengths, parity = np.array(lengths), parities(kinds, element.dim)
     tables = np.array([cell_table(body, lengths, parity) for body in cells])
-    return Column(tables, [m for _, m, *_ in layers], np.array(free, dtype=int), dim)
+    none = np.zeros(0, dtype=int)
+    return cells, lengths, parity, Column(tables, [m for _, m, *_ in layers], none, element.dim)
 
 
 def steps(dim):
@@ -63,132 +78,52 @@ def cell_slab(body, lengths, phases):
     return Slab(blocks[0, 0], blocks[0, 1], blocks[1, 1])
 
 
-@pytest.mark.parametrize("element", ELEMENTS, ids=NAMES)
-def test_a_layer_is_the_complex_one_turned(element):
-    """Each wave of a cell of three different sizes, whose sines and cosines are all there."""
-    dim = element.dim
-    cells, kinds, lengths = bodies(element, COATED[:1], (0.3, 0.2)[: dim - 1])
-    phases = [part.ravel() for part in np.meshgrid(*steps(dim), indexing="ij")]
-    parity = parities(kinds, dim)
-    table = cell_table(cells[0], lengths, parity)
-    real = np.moveaxis(np.tensordot(table, functions(phases), axes=1), 2, 0)
-    slab, turn = cell_slab(cells[0], lengths, phases), 1j**parity
-    r = lengths.size
-    for block, rows, columns in (
-        (slab.P, slice(r), slice(r)), (slab.Q, slice(r), slice(r, 2 * r)),
-        (slab.R, slice(r, 2 * r), slice(r, 2 * r)),
-    ):  # fmt: skip
-        turned = np.conj(turn)[:, None] * block * turn
-        assert abs(turned - real[:, rows, columns]).max() < 1e-13 * abs(real).max()
-
-
-@pytest.mark.parametrize("layers", [COATED, STIFF, DEEP], ids=["coated", "stiff", "deep"])
-@pytest.mark.parametrize("element", ELEMENTS, ids=NAMES)
+@of_all
 def test_condensation_is_that_of_all_levels(element, layers):
     """With pivots in each solve, and to the digits that rounding of the cells leaves.
 
     Rounding of a layer is as good as springs to the ground, eps times its own stiffness, in each.
     """
     dim = element.dim
-    sizes = (0.17, 0.125)[: dim - 1]
-    cells, kinds, lengths = bodies(element, layers, sizes)
-    stiffness, compliance = condensed(column(element, layers, sizes), steps(dim))
+    cells, lengths, parity, own = column(element, layers)
+    stiffness, compliance = condensed(own, steps(dim))
     phases = [part.ravel() for part in np.meshgrid(*steps(dim), indexing="ij")]
     slabs = [cell_slab(body, lengths, phases) for body in cells]
-    whole = Stack.of(list(zip(slabs, [m for _, m, *_ in layers], strict=True))).whole
+    whole = Stack.of(list(zip(slabs, own.counts, strict=True))).whole
     exact = np.linalg.inv(whole.P)[:, :dim, :dim]
-    turn = 1j ** parities(kinds, dim)[:dim]
+    turn = 1j ** parity[:dim]
     found = turn[:, None] * full(compliance, dim) * np.conj(turn)
-    ground = sum(m * abs(slab.P).max() for slab, (_, m, *_) in zip(slabs, layers, strict=True))
+    ground = sum(m * abs(slab.P).max() for slab, m in zip(slabs, own.counts, strict=True))
     lost = np.finfo(float).eps * ground * abs(exact).max()
     assert abs(found - exact).max() < 4 * lost * abs(exact).max()
     product = full(stiffness, dim) @ full(compliance, dim)
     assert abs(product - np.eye(dim)).max() < 1e-11
 
 
-@pytest.mark.parametrize("layers", [STIFF, DEEP], ids=["stiff", "deep"])
-@pytest.mark.parametrize("element", ELEMENTS, ids=NAMES)
-def test_pivots_would_win_no_digits(element, layers):
-    """The same steps in the longest numbers of the machine, from the same cells."""
-    if np.finfo(np.longdouble).eps > 1e-18:
-        pytest.skip("no numbers longer than double")
-    dim = element.dim
-    body = column(element, layers, (0.17, 0.125)[: dim - 1])
-    phases = [part.ravel() for part in np.meshgrid(*steps(dim), indexing="ij")]
-    cells = [np.tensordot(table, functions(phases), axes=1) for table in body.tables]
-    r = len(cells[0]) // 2
-
-    def face(kind):
-        whole = None
-        for power, count in zip(cells, body.counts, strict=True):
-            power = power.astype(kind)
-            for bit in range(count.bit_length()):
-                power = wave_condensation.joined(power, power) if bit else power
-                if count >> bit & 1:
-                    whole = power if whole is None else wave_condensation.joined(whole, power)
-        return whole[:r, :r]
-
-    error = abs(face(float) - face(np.longdouble))[np.triu_indices(r)].max()
-    ground = sum(m * abs(power).max() for m, power in zip(body.counts, cells, strict=True))
-    assert 0 < error < 2 * np.finfo(float).eps * ground
-
-
 def test_blocks_of_waves_make_no_difference(monkeypatch):
-    body = column(ElementHexAdini(), COATED, (0.3, 0.2))
-    once = condensed(body, steps(3))
+    *_, own = column(ElementHexAdini(), LAYERS["coated"])
+    once = condensed(own, steps(3))
     monkeypatch.setattr(wave_condensation, "_NUMBERS", 9 * 12**2 * 7)
-    np.testing.assert_array_equal(condensed(body, steps(3)), once)
+    np.testing.assert_array_equal(condensed(own, steps(3)), once)
 
 
-@pytest.mark.parametrize("element", [ElementHex1(), ElementQuadAdini()], ids=["Q1", "Adini"])
-def test_a_free_top_and_what_it_rests_on(element):
-    """The upper side is free and springs of random stiffness hold its values."""
-    dim = element.dim
-    sizes, r = (0.3, 0.2)[: dim - 1], 3 if dim == 3 else 6
-    body = column(element, COATED, sizes, range(r))
-    count = int(np.prod([s.size for s in steps(dim)]))
-    springs = np.random.default_rng(0).standard_normal((count, dim, 4))
-    springs = springs @ springs.transpose(0, 2, 1)
-    base = np.array([springs[:, i, j] for i, j in zip(*np.triu_indices(dim), strict=True)])
-    stiffness, _ = condensed(body, steps(dim), base)
-    both = Column(body.tables, body.counts, np.zeros(0, dtype=int), r)
-    here = [part.ravel() for part in np.meshgrid(*steps(dim), indexing="ij")]
-    whole = wave_condensation._slab(both.tables, both, here)
-    whole = full(whole[np.triu_indices(2 * r)], 2 * r)
-    whole[:, r : r + dim, r : r + dim] += springs
-    kept, rest = np.arange(dim), np.arange(dim, 2 * r)
-    inner = np.linalg.solve(whole[:, rest[:, None], rest], whole[:, rest][:, :, kept])
-    exact = whole[:, :dim, :dim] - whole[:, :dim][:, :, rest] @ inner
-    assert abs(full(stiffness, dim) - exact).max() < 1e-12 * abs(exact).max()
-
-
-def test_schur_complements_and_inverses():
-    A = np.random.default_rng(1).standard_normal((5, 9, 7))
-    A = np.einsum("ikw,jkw->ijw", A, A)
-    by_wave = np.moveaxis(A, 2, 0)
-    found = np.moveaxis(inverse(A.copy()), 2, 0)
-    np.testing.assert_allclose(np.triu(found), np.triu(np.linalg.inv(by_wave)), atol=1e-10)
-    rest = np.linalg.inv(np.linalg.inv(by_wave)[:, 2:, 2:])
-    found = np.moveaxis(eliminated(A.copy(), 2), 2, 0)
-    np.testing.assert_allclose(np.triu(found), np.triu(rest), atol=1e-10)
-
-
-@pytest.mark.parametrize("real", [False, True])
-def test_products_of_symbols(real):
-    rng = np.random.default_rng(2)
-    turns = (0, 2, 2) if real else (1, 3, 0)
-    N = full(rng.standard_normal((6, 4)), 3)
+@pytest.mark.parametrize("turns", [(1, 0), (1, 1, 0), (0, 2, 2), (1, 3, 0)])
+def test_symbols_are_multiplied_and_inverted_wave_by_wave(turns):
+    rng, n = np.random.default_rng(2), len(turns)
+    root = rng.standard_normal((6, n, n))
+    N = np.einsum("wij,wlj->wil", root, root) + np.eye(n)
     d = np.array([1, 1j, -1, -1j])[list(turns)]
-    S = np.moveaxis(d[:, None] * N * np.conj(d), 0, 2)
-    symbol = RealSymbol.of(S, turns)
-    waves = rng.standard_normal((3, 4)) + 0j
-    if not real:
-        waves += 1j * rng.standard_normal((3, 4))
-    exact = np.einsum("ijw,jw->iw", S, waves)
-    found = symbol.times(waves.real.copy() if real else waves.copy())
-    np.testing.assert_allclose(found, exact, atol=1e-14)
+    S = d[:, None] * N * np.conj(d)
+    symbol = RealSymbol.of(np.moveaxis(S, 0, 2), turns)
+    assert symbol.full() == pytest.approx(np.moveaxis(S, 0, 2), abs=1e-14)
+    inverse = np.moveaxis(np.linalg.inv(S), 0, 2)
+    assert np.abs(symbol.inverse().full() - inverse).max() < 1e-12 * np.abs(inverse).max()
+    np.testing.assert_array_equal(symbol[0, n - 1], N[:, 0, n - 1])
+    real = all(turn % 2 == 0 for turn in turns)
+    waves = rng.standard_normal((n, 6)) + (0 if real else 1j) * rng.standard_normal((n, 6))
+    found = symbol.times(waves.copy())
+    np.testing.assert_allclose(found, np.einsum("wij,jw->iw", S, waves), atol=1e-13)
     assert np.isrealobj(found) == real
-    np.testing.assert_array_equal(symbol[2, 1], N[:, 1, 2])
 
 
 @pytest.mark.sampled(2)
@@ -204,8 +139,7 @@ def test_the_kernel_compiles(compile_cuda, unknowns, dim, inner):
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("layers", [COATED, STIFF, DEEP], ids=["coated", "stiff", "deep"])
-@pytest.mark.parametrize("element", ELEMENTS, ids=NAMES)
+@of_all
 def test_a_device_condenses_as_the_host(element, layers):
     """To the digits that rounding of the cells leaves: springs to the ground, as above.
 
@@ -213,15 +147,97 @@ def test_a_device_condenses_as_the_host(element, layers):
     random move the stiffness by up to 1.4 r such springs on the host, with r unknowns a node.
     """
     cupy = pytest.importorskip("cupy")
-    dim = element.dim
-    body = column(element, layers, (0.17, 0.125)[: dim - 1])
-    ours = condensed(body, steps(dim))
-    theirs = condensed(body, [cupy.asarray(step) for step in steps(dim)])
-    sizes = [abs(table).max() for table in body.tables]
-    ground = sum(m * size for m, size in zip(body.counts, sizes, strict=True))
-    lost = 4 * (len(body.tables[0]) // 2) * np.finfo(float).eps * ground
+    *_, own = column(element, layers)
+    ours = condensed(own, steps(element.dim))
+    theirs = condensed(own, [cupy.asarray(step) for step in steps(element.dim)])
+    ground = sum(m * abs(table).max() for m, table in zip(own.counts, own.tables, strict=True))
+    lost = 4 * (len(own.tables[0]) // 2) * np.finfo(float).eps * ground
     stiffness, compliance = (
         abs(one - other.get()).max() for one, other in zip(ours, theirs, strict=True)
     )
     assert stiffness < lost
     assert compliance < lost * abs(ours[1]).max() ** 2
+
+
+class _Module:
+    """A module whose functions see into arrays."""
+
+    def __init__(self, module):
+        self._module = module
+
+    def __getattr__(self, name):
+        found = getattr(self._module, name)
+        return _wrapped(found) if callable(found) else _Module(found)
+
+
+class Device(HostCupy):
+    """`HostCupy` with the modules that transforms and small systems need."""
+
+    linalg, fft, lib, pi = (*map(_Module, (np.linalg, np.fft, np.lib)), np.pi)
+
+    def array(self, values):
+        """A copy."""
+        return self.asarray(values).copy()
+
+    def unravel_index(self, index, shape):
+        """Several arrays at once."""
+        return tuple(map(Array, np.unravel_index(index.get(), shape)))
+
+
+class DeviceArrays(dense_arrays.DeviceArrays):
+    """Those of CuPy, with a device that the host plays."""
+
+    def __init__(self, module):
+        self.xp, self._solve = module, _wrapped(scipy.linalg.solve_triangular)
+
+    def room(self):
+        return None
+
+    def get(self, x):
+        return x.get() if isinstance(x, Array) else x
+
+    def put(self, x):
+        return self.xp.asarray(x, dtype=float).copy()
+
+    def congruent(self, B, A):
+        return self.put(dense_arrays.HostArrays().congruent(B, A.get()))
+
+
+@pytest.fixture
+def device(monkeypatch):
+    module, transforms = Device(), _Module(scipy.fft)
+    monkeypatch.setattr(Array, "__module__", "cupy")
+    monkeypatch.setitem(sys.modules, "cupy", module)
+    for name in ("cupyx", "cupyx.scipy"):
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    monkeypatch.setitem(sys.modules, "cupyx.scipy.fft", transforms)
+    sys.modules["cupyx"].scipy = sys.modules["cupyx.scipy"]
+    sys.modules["cupyx.scipy"].fft = transforms
+    return module
+
+
+@pytest.mark.parametrize(("sides", "top"), [("x", None), ("y", "x"), ("x", "x")])
+def test_a_whole_solve_on_the_device(device, monkeypatch, sides, top):
+    """Loads and displacements of all unknowns stay there until the result is made."""
+
+    def pose():
+        parts = [(0.1, 2, 50.0, 0.2), (0.5, 5, 1.0, 0.4)]
+        block = LayeredBlock(1.3, parts, sides, top, columns=30, path="fourier")
+        block.body_force((0.0, -0.1)).load("top", (0.0, -0.2))
+        if (sides, top) == ("x", "x"):
+            block.fix("top", "y", -0.03)
+        return ContactProblem(block, "bottom", lambda x: 0.01 + 0.2 * (x[0] - 0.6) ** 2, 0.3)
+
+    host = pose().solve()
+    there = DeviceArrays(device)
+    monkeypatch.setattr(block_vectors, "arrays_on", lambda name: there)
+    problem = pose()
+    placed = problem.condense("cuda")
+    assert isinstance(placed.placed(problem.body.f), Array)
+    result = problem.solve()
+    assert isinstance(result.u, np.ndarray)
+    size = abs(host.mu).max()
+    assert abs(result.mu - host.mu).max() < 1e-11 * size
+    assert abs(result.t - host.t).max() < 1e-11 * size
+    assert abs(result.u - host.u).max() < 1e-10 * abs(host.u).max()
+    assert max(result.kkt.values()) < 1e-11
