@@ -51,10 +51,7 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_finish(session):
-    """A limited lane counts from here, however long collection took.
-
-    What was collected stays: the garbage collector need not go through it at every test.
-    """
+    """A limited lane counts from here; the garbage collector leaves what was collected alone."""
     session.config.started = time.monotonic()
     gc.collect()
     gc.freeze()

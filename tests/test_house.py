@@ -1,8 +1,11 @@
 """The house: which package may import what, and when."""
 
 import ast
+import importlib
+import subprocess
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,6 +27,11 @@ LAZY = {
     *("numba", "cupy", "pyvista", "meshio", "matplotlib", "qpsolvers", "pypardiso", "osqp"),
     *("pyamg", "xarray", "threadpoolctl"),
 }
+
+
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
 
 
 def _owner(module: str) -> str:
@@ -52,7 +60,7 @@ def _imports(tree: ast.AST, top_level_only: bool) -> set[str]:
 def _beyond(package: str, found: Callable[[ast.AST], set[str]]) -> dict[str, set[str]]:
     """What files of a package import that they may not: file -> names."""
     beyond = {
-        str(path.relative_to(ROOT)): found(ast.parse(path.read_text())) - ALLOWED[package]
+        str(path.relative_to(ROOT)): found(_tree(path)) - ALLOWED[package]
         for path in ROOT.joinpath(*package.split(".")).glob("**/*.py")
     }
     return {path: names for path, names in beyond.items() if names}
@@ -72,8 +80,6 @@ def test_arrows_go_one_way(package: str) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_import_leaves_optional_packages_alone(package: str) -> None:
-    import subprocess
-
     code = f"import sys; from {package} import *; print(*sys.modules)"
     output = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
@@ -88,8 +94,6 @@ def test_import_leaves_optional_packages_alone(package: str) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_package_is_typed_and_exports_what_it_says(package: str) -> None:
-    import importlib
-
     assert (ROOT / package / "py.typed").is_file()
     module = importlib.import_module(package)
     for name in getattr(module, "__all__", []):
@@ -106,7 +110,7 @@ def test_functions_fit_on_a_page() -> None:
     """At most 60 lines of body, what stands in them and comments included, the docstring not."""
     longer = {}
     for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(_tree(path)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 body = node.body[ast.get_docstring(node) is not None :] or node.body
                 lines = (body[-1].end_lineno or 0) - body[0].lineno + 1

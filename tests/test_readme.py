@@ -66,29 +66,21 @@ def test_tutorials_run(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     run(name, LESSONS[name], capsys)
 
 
-def test_first_result_is_as_long_as_promised() -> None:
+def test_readme_is_short_and_its_first_result_as_long_as_promised() -> None:
+    assert len(README.splitlines()) <= 120
+    assert len(blocks(PAGES[0])) == 3
     assert len([line for line in blocks(PAGES[0])[0].splitlines() if line.strip()]) <= 15
 
 
-def test_readme_is_short() -> None:
-    assert len(README.splitlines()) <= 120
-    assert len(blocks(PAGES[0])) == 3
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_links_lead_somewhere(page: Path) -> None:
-    for link in re.findall(r"\]\(([^)#:]+)[^):]*\)", page.read_text()):
+def test_links_and_files_that_pages_name_exist(page: Path) -> None:
+    text = page.read_text()
+    for link in re.findall(r"\]\(([^)#:]+)[^):]*\)", text):
         if "/out/" not in link:  # drawn while the site is built
             assert (page.parent / link).exists(), link
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_files_that_pages_name_exist(page: Path) -> None:
-    for name in re.findall(
-        r"`((?:examples|benchmarks|tests)/[\w/.]+?\.(?:py|json))", page.read_text()
-    ):
+    for name in re.findall(r"`((?:examples|benchmarks|tests)/[\w/.]+?\.(?:py|json))`", text):
         assert (ROOT / name).exists(), name
-    for name in re.findall(r"`(test_\w+\.py)`", page.read_text()):
+    for name in re.findall(r"`(test_\w+\.py)`", text):
         assert list((ROOT / "tests").rglob(name)), name
 
 
@@ -98,17 +90,11 @@ def tables(monkeypatch: pytest.MonkeyPatch):
     return importlib.import_module("performance_tables")
 
 
-def test_tables_come_from_the_results(tables) -> None:
+def test_tables_stand_on_a_page_and_come_from_the_results(tables) -> None:
     for page in tables.PAGES:
         assert tables.regenerated(page.read_text()) == page.read_text(), page
-
-
-def test_every_table_stands_on_a_page(tables) -> None:
     pages = "".join(page.read_text() for page in tables.PAGES)
     assert set(re.findall(r"<!-- (\w+): begin -->", pages)) == set(tables.TABLES)
-
-
-def test_a_table_follows_its_results(tables) -> None:
     record = json.loads((tables.RESULTS / "contact_block.json").read_text())
     record["rows"][0]["total"] = 1234.56
     assert "1234.56 s" in tables.contact_block(record)

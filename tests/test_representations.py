@@ -74,14 +74,18 @@ def test_every_public_object_fits_in_a_few_lines(objects):
     assert not long
 
 
+def first(kind):
+    return next(each for each in contact_objects() if isinstance(each, kind))
+
+
 def test_a_contact_problem_names_its_body_and_law():
-    problem = next(each for each in contact_objects() if isinstance(each, contact.ContactProblem))
+    problem = first(contact.ContactProblem)
     body = "ElasticBody(2-D, 486 unknowns of ElementQuadAdini)"
     assert repr(problem) == f"ContactProblem({body}, {problem.rows.gap.size} points, law='coulomb')"
 
 
 def test_a_contact_result_sums_itself_up():
-    result = next(each for each in contact_objects() if isinstance(each, contact.ContactResult))
+    result = first(contact.ContactResult)
     text, html = result.summary(), result._repr_html_()
     slip = np.count_nonzero(result.status == contact.Status.SLIP)
     for fact in (f"{slip} slip", f"{result.pressure.max():.6g}", "coulomb, friction 0.9"):
@@ -94,7 +98,7 @@ def test_a_contact_result_sums_itself_up():
 
 
 def test_numbers_that_are_none_are_not_shown_as_zero():
-    result = next(each for each in contact_objects() if isinstance(each, contact.ContactResult))
+    result = first(contact.ContactResult)
     spoilt = dataclasses.replace(result, mu=np.full_like(result.mu, np.nan))
     assert "resultant (nan, nan)" in repr(spoilt)
     with pytest.raises(contact.InputError, match="NaN"):

@@ -1,73 +1,31 @@
-"""Meshes shared by the tests of this folder."""
-
-import importlib.util
-from pathlib import Path
+"""Meshes and elements shared by the tests of this folder."""
 
 import numpy as np
 import pytest
 from skfem import MeshHex, MeshQuad
 
-from skfem_adini import ElementHexAdini, ElementQuadAdini
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 
 def _deformed(mesh, f):
-    return MeshQuad(np.array(f(*mesh.p)), mesh.t)
+    return type(mesh)(np.array(f(*mesh.p)), mesh.t)
 
 
 def _graded():
     return MeshQuad.init_tensor(np.array([0, 0.2, 0.5, 1.4]), np.array([0, 0.3, 1.0, 1.1]))
 
 
-def _rotated():
-    c, s = np.cos(0.3), np.sin(0.3)
-    return _deformed(_graded(), lambda x, y: (c * x - s * y, s * x + c * y))
-
-
-def _sheared():
-    return _deformed(_graded(), lambda x, y: (x + 0.7 * y, y - 0.1 * x))
-
-
-def _diamond():
-    c = np.sqrt(0.5)
-    return _deformed(MeshQuad().refined(2), lambda x, y: (c * (x - y), c * (x + y)))
-
-
-def _convex():
-    mesh = MeshQuad().refined(2)
-    p = mesh.p + 0.05 * np.random.default_rng(1).uniform(-1, 1, mesh.p.shape)
-    return MeshQuad(p, mesh.t)
-
-
-def _mixed_orientation():
+def _mixed_orientation(turned=False):
     mesh = MeshQuad().refined(2)
     t = mesh.t.copy()
     t[:, ::2] = t[::-1, ::2]
+    if turned:
+        t[:, ::3] = np.roll(t[:, ::3], 1, axis=0)
     return MeshQuad(mesh.p, t)
 
 
-PARALLELOGRAMS = {
-    "anticlockwise": lambda: MeshQuad().refined(2),
-    "clockwise-graded": _graded,
-    "mixed-orientation": _mixed_orientation,
-    "rotated": _rotated,
-    "sheared": _sheared,
-    "diamond": _diamond,
-}
-
-
-@pytest.fixture(params=PARALLELOGRAMS)
-def parallelograms(request):
-    return PARALLELOGRAMS[request.param]()
-
-
-@pytest.fixture
-def convex_quads():
-    return _convex()
-
-
-@pytest.fixture(params=[*PARALLELOGRAMS, "convex"])
-def any_quads(request):
-    return (PARALLELOGRAMS | {"convex": _convex})[request.param]()
+def _moved(mesh, by):
+    return type(mesh)(mesh.p + by * np.random.default_rng(1).uniform(-1, 1, mesh.p.shape), mesh.t)
 
 
 def _bricks():
@@ -83,11 +41,6 @@ def _turned_bricks():
     return MeshHex(R @ _bricks().p, _bricks().t)
 
 
-def _sheared_bricks():
-    x, y, z = _bricks().p
-    return MeshHex(np.array([x + 0.7 * y - 0.2 * z, y - 0.1 * x, z + 0.3 * x]), _bricks().t)
-
-
 def _mixed_bricks():
     """Swap two reference axes, or turn them cyclically, in some of the cells."""
     mesh = MeshHex().refined(1)
@@ -97,19 +50,59 @@ def _mixed_bricks():
     return MeshHex(mesh.p, t)
 
 
-def _warped_bricks():
-    mesh = MeshHex().refined(1)
-    p = mesh.p + 0.1 * np.random.default_rng(1).uniform(-1, 1, mesh.p.shape)
-    return MeshHex(p, mesh.t)
-
-
+COS, SIN, HALF = np.cos(0.3), np.sin(0.3), np.sqrt(0.5)
+PARALLELOGRAMS = {
+    "anticlockwise": lambda: MeshQuad().refined(2),
+    "clockwise-graded": _graded,
+    "mixed-orientation": _mixed_orientation,
+    "rotated": lambda: _deformed(_graded(), lambda x, y: (COS * x - SIN * y, SIN * x + COS * y)),
+    "sheared": lambda: _deformed(_graded(), lambda x, y: (x + 0.7 * y, y - 0.1 * x)),
+    "diamond": lambda: _deformed(
+        MeshQuad().refined(2), lambda x, y: (HALF * (x - y), HALF * (x + y))
+    ),
+}
+RECTANGLES = {
+    "refined": lambda: MeshQuad().refined(2),
+    "graded": _graded,
+    "mixed": lambda: _mixed_orientation(turned=True),
+}
 PARALLELEPIPEDS = {
     "refined": lambda: MeshHex().refined(1),
     "graded": _bricks,
     "mixed-axes": _mixed_bricks,
     "turned": _turned_bricks,
-    "sheared": _sheared_bricks,
+    "sheared": lambda: _deformed(
+        _bricks(), lambda x, y, z: (x + 0.7 * y - 0.2 * z, y - 0.1 * x, z + 0.3 * x)
+    ),
 }
+QUADS = PARALLELOGRAMS | {"convex": lambda: _moved(MeshQuad().refined(2), 0.05)}
+HEXES = PARALLELEPIPEDS | {"warped": lambda: _moved(MeshHex().refined(1), 0.1)}
+SPACES = {
+    f"{kind.__name__}-{name}": (make, kind)
+    for meshes, kind in (
+        (QUADS, ElementQuadAdini),
+        (HEXES, ElementHexAdini),
+        (RECTANGLES, ElementQuadBFS),
+    )
+    for name, make in meshes.items()
+}
+
+
+@pytest.fixture(params=SPACES)
+def space(request):
+    """A mesh, and the kind of element that takes its cells."""
+    make, kind = SPACES[request.param]
+    return make(), kind
+
+
+@pytest.fixture(params=PARALLELOGRAMS)
+def parallelograms(request):
+    return PARALLELOGRAMS[request.param]()
+
+
+@pytest.fixture(params=QUADS)
+def any_quads(request):
+    return QUADS[request.param]()
 
 
 @pytest.fixture(params=PARALLELEPIPEDS)
@@ -119,42 +112,12 @@ def parallelepipeds(request):
 
 @pytest.fixture
 def warped_hexes():
-    return _warped_bricks()
+    return HEXES["warped"]()
 
 
-@pytest.fixture(params=[*PARALLELEPIPEDS, "warped"])
+@pytest.fixture(params=HEXES)
 def any_hexes(request):
-    return (PARALLELEPIPEDS | {"warped": _warped_bricks})[request.param]()
-
-
-_CELLS = {f"quads-{name}": make for name, make in (PARALLELOGRAMS | {"convex": _convex}).items()}
-_CELLS |= {f"hexes-{name}": make for name, make in PARALLELEPIPEDS.items()}
-_CELLS["hexes-warped"] = _warped_bricks
-
-
-@pytest.fixture(params=_CELLS)
-def any_cells(request):
-    return _CELLS[request.param]()
-
-
-@pytest.fixture
-def adini():
-    """Return a function that gives Adini's element for the cells of a mesh."""
-    elements = {2: ElementQuadAdini, 3: ElementHexAdini}
-    return lambda mesh, **keys: elements[mesh.dim()](**keys)
-
-
-@pytest.fixture
-def interpolate():
-    """Return a function that gives the dofs of u from u and the derivatives that are dofs."""
-
-    def dofs(basis, *functions):
-        x = basis.zeros()
-        for row, f in zip(basis.nodal_dofs, functions, strict=True):
-            x[row] = f(*basis.mesh.p)
-        return x
-
-    return dofs
+    return HEXES[request.param]()
 
 
 @pytest.fixture
@@ -166,23 +129,3 @@ def convergence_order():
         return -np.polyfit(np.log(cells), np.log(errors), 1)[0]
 
     return fit
-
-
-@pytest.fixture(scope="session")
-def cut_problems():
-    """Return the module of domains with known eigenvalues."""
-    return _module("cut_problems")
-
-
-@pytest.fixture(scope="session")
-def boundary_integrals():
-    """Return the module of eigenvalues by boundary integrals."""
-    return _module("boundary_integrals")
-
-
-def _module(name):
-    path = Path(__file__).with_name(f"{name}.py")
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module

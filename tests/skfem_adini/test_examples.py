@@ -1,4 +1,4 @@
-"""The examples run headless and return the numbers they print."""
+"""The examples of this package run headless and return the numbers they print."""
 
 import numpy as np
 import pytest
@@ -77,3 +77,57 @@ def test_open_vtk_renders_off_screen(tmp_path, monkeypatch):
     assert picture.n_points > 10_000
     low, high = picture.get_data_range()
     assert high - low > 100
+
+
+# examples/plate.py: order 2 for deflections and frequencies, and a certified contact problem.
+
+
+PLATE = load("plate")
+CLASSICAL = PLATE.CLASSICAL
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plate")
+    found = PLATE.main(["--floor-cells", "24", "--output", str(folder)])
+    assert (folder / "plate.png").stat().st_size > 20_000
+    return found
+
+
+@pytest.mark.parametrize("support", CLASSICAL)
+def test_orders_and_frequencies_of_plates(results, support):
+    """Frequencies come from below; independent runs of the same discretisation gave the numbers."""
+    np.testing.assert_allclose(results[f"{support}, orders"], 2, atol=0.1)
+    deflections, omega = results[support][:, 0], results[support][:, 1]
+    assert (np.diff(omega) > 0).all()
+    assert omega[-1] < CLASSICAL[support][1]
+    if support == "clamped":
+        np.testing.assert_allclose(omega, [35.45374, 35.84428, 35.94943], rtol=1e-5)
+        errors = np.abs(deflections / CLASSICAL[support][0] - 1)
+        np.testing.assert_allclose(errors, [3.05e-2, 7.79e-3, 1.96e-3], rtol=1e-2)
+    else:
+        assert omega[0] == pytest.approx(19.57898, rel=1e-5)
+
+
+def test_floor_of_a_plate(results):
+    """The deflections obey the floor and solve the program; the picture is symmetric.
+
+    Inside the zone of contact a force of q h^2, and more than that on the rim. The residual of
+    every free dof is the contact force, and nothing else.
+    """
+    basis, x, forces, qp = results["floor"]
+    gap, w = 1e-4, x[basis.nodal_dofs[0]]
+    assert qp.kkt.worst < 1e-10
+    assert w.max() <= gap
+    assert forces.min() >= 0
+    np.testing.assert_array_equal(w[forces > 0], gap)
+    square = forces.reshape(25, 25) * 24**2
+    for image in (square.T, square[::-1], square[:, ::-1]):
+        np.testing.assert_allclose(image, square, atol=1e-9 * square.max())
+    np.testing.assert_allclose(square[10:15, 10:15], 1, atol=0.03)
+    assert square.max() > 2.5
+    assert forces.sum() == pytest.approx(0.364, abs=0.002)
+    residual = PLATE.unit_load.assemble(basis) - PLATE.bending.assemble(basis) @ x
+    residual[basis.nodal_dofs[0]] -= forces
+    free = basis.complement_dofs(PLATE.supports(basis, "clamped"))
+    np.testing.assert_allclose(residual[free], 0, atol=1e-12)

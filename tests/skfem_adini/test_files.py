@@ -6,10 +6,16 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from textwrap import dedent
+from unittest.mock import Mock
 
 import pytest
 
 from skfem_adini.ground.files import complete_file, remove_unfinished
+
+
+def only(folder, name="one"):
+    """Whether this file alone lies in a folder."""
+    return [path.name for path in folder.iterdir()] == [name]
 
 
 def write(path, content, **options):
@@ -25,7 +31,7 @@ def test_threads_under_one_name(tmp_path):
         for done in [pool.submit(write, tmp_path / "one", content) for content in contents]:
             done.result()
     assert (tmp_path / "one").read_bytes() in contents
-    assert [p.name for p in tmp_path.iterdir()] == ["one"]
+    assert only(tmp_path)
 
 
 def test_containers_with_one_process_number(tmp_path, monkeypatch):
@@ -35,7 +41,7 @@ def test_containers_with_one_process_number(tmp_path, monkeypatch):
         first.write(b"first")
         second.write(b"second")
     assert (tmp_path / "one").read_bytes() == b"first"  # left last
-    assert [p.name for p in tmp_path.iterdir()] == ["one"]
+    assert only(tmp_path)
 
 
 def test_exclusive(tmp_path):
@@ -51,19 +57,16 @@ def test_exclusive(tmp_path):
     with ThreadPoolExecutor(8) as pool:
         (winner,) = [k for k in pool.map(attempt, range(40)) if k is not None]
     assert (tmp_path / "one").read_text() == str(winner)
-    assert [p.name for p in tmp_path.iterdir()] == ["one"]
+    assert only(tmp_path)
 
 
 def test_exclusive_without_hard_links(tmp_path, monkeypatch):
-    def refuse(*args):
-        raise OSError(95, "Operation not supported")
-
-    monkeypatch.setattr(os, "link", refuse)
+    monkeypatch.setattr(os, "link", Mock(side_effect=OSError(95, "Operation not supported")))
     write(tmp_path / "one", b"first", exclusive=True)
     with pytest.raises(FileExistsError):
         write(tmp_path / "one", b"second", exclusive=True)
     assert (tmp_path / "one").read_bytes() == b"first"
-    assert [p.name for p in tmp_path.iterdir()] == ["one"]
+    assert only(tmp_path)
 
 
 def test_symbolic_links_are_not_followed(tmp_path, monkeypatch):
@@ -84,30 +87,23 @@ def test_symbolic_links_are_not_followed(tmp_path, monkeypatch):
     assert not (folder / "one").is_symlink()
 
 
-@pytest.mark.parametrize("length", [250, 255])
-def test_long_names(length, tmp_path):
-    write(tmp_path / ("x" * length), b"whole")
-    assert (tmp_path / ("x" * length)).read_bytes() == b"whole"
-
-
-def test_name_too_long(tmp_path):
+def test_long_names(tmp_path):
+    for length in (250, 255):
+        write(tmp_path / ("x" * length), b"whole")
+        assert (tmp_path / ("x" * length)).read_bytes() == b"whole"
     with pytest.raises(OSError, match="too long"):
         write(tmp_path / ("x" * 256), b"whole")
-    assert not list(tmp_path.iterdir())
+    assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_permissions_are_those_of_a_new_file(tmp_path):
-    write(tmp_path / "ours", b"")
-    (tmp_path / "plain").write_bytes(b"")
-    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
-
-
-def test_file_and_folder_reach_the_disk(tmp_path, monkeypatch):
+def test_file_and_folder_reach_the_disk_with_the_permissions_of_a_new_file(tmp_path, monkeypatch):
     synced = []
     real = os.fsync
     monkeypatch.setattr(os, "fsync", lambda fd: (synced.append(os.fstat(fd).st_ino), real(fd)))
     write(tmp_path / "one", b"whole")
     assert synced == [(tmp_path / "one").stat().st_ino, tmp_path.stat().st_ino]
+    (tmp_path / "plain").write_bytes(b"")
+    assert (tmp_path / "one").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
 KILLED = """
@@ -138,11 +134,8 @@ def test_remnants_of_a_kill_are_removed(tmp_path):
 
 def test_interrupted_before_the_file_is_written(tmp_path, monkeypatch):
     """Ctrl-C when the temporary file has just been made, and nothing was handed out yet."""
-
-    def interrupt(descriptor):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("skfem_adini.ground.files.try_lock", interrupt)
+    lock = Mock(side_effect=KeyboardInterrupt)
+    monkeypatch.setattr("skfem_adini.ground.files.try_lock", lock)
     with pytest.raises(KeyboardInterrupt), complete_file(tmp_path / "one"):
         pass
     assert not list(tmp_path.iterdir())

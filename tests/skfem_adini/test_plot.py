@@ -5,14 +5,14 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from scipy import sparse
-from skfem import Basis, ElementQuad1, ElementQuad2, ElementTriP1, ElementVector, MeshQuad
+from skfem import Basis, ElementQuad1, ElementVector, MeshQuad
 from skfem.models.elasticity import linear_elasticity
 from skfem.models.poisson import laplace
 
-from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS, InputError
+from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, ElementQuadBFS
 from skfem_adini.errors import MissingDependency
-from skfem_adini.plot import plot_matrix, plot_shape_function
+from skfem_adini.plot import plot_cut_domain, plot_cut_field, plot_matrix, plot_shape_function
+from tests.skfem_adini.cut_problems import LEVEL_SETS, unit_square
 
 
 @pytest.fixture(autouse=True)
@@ -77,26 +77,6 @@ def test_matrix_of_a_vector_field():
     assert len(ax.get_xticklabels()) == 6
 
 
-LARGE = Basis(MeshQuad().refined(5), ElementQuadAdini())
-QUADRATIC = BASIS.with_element(ElementQuad2())
-CASES = {
-    "element of triangles": (lambda: plot_shape_function(ElementTriP1(), 0), "quadrilaterals"),
-    "element of bricks": (lambda: plot_shape_function(ElementHexAdini(), 0), "quadrilaterals"),
-    "flat axes": (lambda: plot_shape_function(ElementQuadAdini(), 0, plt.gca()), "projection"),
-    "wrong shape": (lambda: plot_matrix(LAPLACE[1:], BASIS), "A: expected shape"),
-    "too many": (lambda: plot_matrix(sparse.eye_array(LARGE.N), LARGE), "coarser mesh"),
-    "dofs on edges": (lambda: plot_matrix(sparse.eye_array(QUADRATIC.N), QUADRATIC), "elsewhere"),
-    "zero diagonal": (lambda: plot_matrix(0 * LAPLACE, BASIS), "not positive"),
-}
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_error(case):
-    attempt, message = CASES[case]
-    with pytest.raises(InputError, match=message):
-        attempt()
-
-
 def test_no_such_function():
     with pytest.raises(ValueError, match="Index larger"):
         plot_shape_function(ElementQuadAdini(), 12)
@@ -106,3 +86,39 @@ def test_without_matplotlib_the_install_line_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     with pytest.raises(MissingDependency, match="pip install"):
         plot_matrix(LAPLACE, BASIS)
+
+
+# Pictures of cut domains show every kind of cell.
+
+
+@pytest.fixture
+def domain():
+    return CutDomain(unit_square(8), LEVEL_SETS["disk"], q=3)
+
+
+def test_cells_of_cut_domains(domain):
+    basis = Basis(domain.mesh, ElementQuadAdini(), intorder=1)
+    extension = AdiniExtension(basis, domain)
+    ax = plot_cut_domain(domain, extension)
+    drawn = {c.get_label(): len(c.get_paths()) for c in ax.collections}
+    assert drawn["full"] == domain.full.size
+    assert drawn["cut"] + drawn["aggregated"] == domain.cut.size
+    assert drawn["ghost facets"] == domain.ghost_facets.size
+    assert "extension" in drawn
+    plain = plot_cut_domain(domain, ax=plt.figure().add_subplot())
+    assert {c.get_label() for c in plain.collections} == {"full", "cut", "ghost facets"}
+
+
+def test_field_and_error_on_cut_domains(domain):
+    element = ElementQuadAdini()
+    x = Basis(domain.mesh, element).project(lambda x: x[0] ** 3)
+    whole, dots = plot_cut_field(domain, element, x).collections
+    assert 0 < dots.get_array().min() < dots.get_array().max() < 1
+    assert whole.get_clim() == dots.get_clim()
+    # The surfaces are x^3 at the corners of the full cells and between.
+    assert 0 < whole.get_array().min() < whole.get_array().max() < 1
+    assert whole.get_array().size == 36 * domain.full.size
+    whole, dots = plot_cut_field(domain, element, x, exact=lambda x: x[0] ** 3).collections
+    assert max(whole.get_array().max(), dots.get_array().max()) < -10
+    (inside,) = [np.hypot(*(dots.get_offsets() - 0.5).T)]
+    assert inside.max() < 0.411

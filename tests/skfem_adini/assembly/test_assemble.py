@@ -11,6 +11,8 @@ from skfem.models.elasticity import linear_elasticity
 from skfem.models.poisson import laplace, mass
 
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS, assemble
+from skfem_adini.assembly import csr_scatter
+from skfem_adini.assembly.dof_blocks import DofBlocks
 
 # Sums of up to 64 quadrature points and 8 cells, of terms no larger than the largest entry.
 CLOSE = 1e-14
@@ -42,87 +44,103 @@ def permuted(mesh, seed=3):
     return type(mesh)(mesh.p, mesh.t[:, order])
 
 
-SCALAR_QUADS = [ElementQuadAdini(), ElementQuadAdini(derivatives=2), skfem.ElementQuad0()]
-SCALAR_QUADS += [skfem.ElementQuad1(), skfem.ElementQuad2(), skfem.ElementQuadP(4)]
+def same(form, mesh, element, fields=(), **options):
+    """The fast path gives scikit-fem's matrix."""
+    fields = dict(fields)
+    found = assemble(form, mesh, element, fallback=False, **options, **fields)
+    assert agrees(found, asm(form, Basis(mesh, element, **options), **fields))
+
+
+hessians = BilinearForm(lambda u, v, w: ddot(u.hess, v.hess))
+SCALAR_QUADS = {
+    "Adini": (ElementQuadAdini(), laplace),
+    "Adini's Hessian": (ElementQuadAdini(derivatives=2), hessians),
+    "Quad0": (skfem.ElementQuad0(), mass),
+    "Quad1": (skfem.ElementQuad1(), laplace),
+    "Quad2": (skfem.ElementQuad2(), laplace),
+    "QuadP": (skfem.ElementQuadP(4), laplace),
+}
 
 
 @pytest.mark.sampled(3)
-@pytest.mark.parametrize("element", SCALAR_QUADS, ids=lambda e: type(e).__name__)
-def test_scalar_elements_on_any_quadrilaterals(any_quads, element):
-    form = mass if isinstance(element, skfem.ElementQuad0) else laplace
-    if isinstance(element, ElementQuadAdini) and element.derivatives == 2:
-        form = BilinearForm(lambda u, v, w: ddot(u.hess, v.hess))
+@pytest.mark.parametrize("name", SCALAR_QUADS)
+def test_scalar_elements_on_any_quadrilaterals(any_quads, name):
+    element, form = SCALAR_QUADS[name]
     for mesh in (any_quads, permuted(any_quads)):
-        basis = Basis(mesh, element)
-        K = assemble(form, mesh, element, fallback=False)
-        assert agrees(K, asm(form, basis))
+        same(form, mesh, element)
 
 
-@pytest.mark.parametrize("form", [mass, laplace, advection, load, hermitian], ids=range(5))
-def test_scalar_forms(parallelograms, form):
-    element = ElementQuadAdini()
-    found = assemble(form, parallelograms, element, fallback=False)
-    assert agrees(found, asm(form, Basis(parallelograms, element)))
-
-
-@pytest.mark.parametrize("form", [elasticity, vector_mass, vector_load], ids=range(3))
-@pytest.mark.parametrize("inner", [ElementQuadAdini, skfem.ElementQuad2])
-def test_vector_elements(parallelograms, inner, form):
-    element = skfem.ElementVector(inner())
-    found = assemble(form, parallelograms, element, fallback=False)
-    assert agrees(found, asm(form, Basis(parallelograms, element)))
+def test_forms_of_scalars_and_vectors(parallelograms):
+    for form in (mass, advection, load, hermitian):
+        same(form, parallelograms, ElementQuadAdini())
+    for inner in (ElementQuadAdini(), skfem.ElementQuad2()):
+        for form in (elasticity, vector_mass, vector_load):
+            same(form, parallelograms, skfem.ElementVector(inner))
 
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", [ElementHexAdini, skfem.ElementHex1, skfem.ElementHex2])
 def test_bricks(any_hexes, element):
-    found = assemble(laplace, any_hexes, element(), fallback=False)
-    assert agrees(found, asm(laplace, Basis(any_hexes, element())))
+    same(laplace, any_hexes, element())
 
 
-def test_elastic_bricks():
-    mesh, element = MeshHex().refined(1), skfem.ElementVector(ElementHexAdini())
-    found = assemble(elasticity, mesh, element, intorder=4, fallback=False)
-    assert agrees(found, asm(elasticity, Basis(mesh, element, intorder=4)))
+SIMPLICES = [skfem.ElementTriP0, skfem.ElementTriP1, skfem.ElementTriP2, skfem.ElementTriP3]
+SIMPLICES += [skfem.ElementTriP4, skfem.ElementTriCR, skfem.ElementTriMini]
+SIMPLICES += [skfem.ElementTetP1, skfem.ElementTetP2, skfem.ElementTetCR]
 
 
-def test_bogner_fox_schmit():
-    mesh = MeshQuad.init_tensor(np.array([0, 0.2, 0.5, 1.4]), np.array([0, 0.3, 1.0]))
-    found = assemble(mass, mesh, ElementQuadBFS(), fallback=False)
-    assert agrees(found, asm(mass, Basis(mesh, ElementQuadBFS())))
-
-
-TRIANGLES = [skfem.ElementTriP0, skfem.ElementTriP1, skfem.ElementTriP2, skfem.ElementTriP3]
-TRIANGLES += [skfem.ElementTriP4, skfem.ElementTriCR, skfem.ElementTriMini]
-
-
-@pytest.mark.parametrize("element", TRIANGLES)
-def test_triangles(element):
+@pytest.mark.parametrize("element", SIMPLICES)
+def test_triangles_and_tetrahedra(element):
+    if element.refdom.dim() == 3:
+        same(laplace, MeshTet().refined(1), element())
+        return
     for mesh in (MeshTri().refined(2), MeshTri.init_symmetric().refined(1), MeshTri.init_circle(2)):
-        found = assemble(mass, mesh, element(), fallback=False)
-        assert agrees(found, asm(mass, Basis(mesh, element())))
-
-
-@pytest.mark.parametrize("element", [skfem.ElementTetP1, skfem.ElementTetP2, skfem.ElementTetCR])
-def test_tetrahedra(element):
-    mesh = MeshTet().refined(1)
-    found = assemble(laplace, mesh, element(), fallback=False)
-    assert agrees(found, asm(laplace, Basis(mesh, element())))
+        same(mass, mesh, element())
 
 
 ORIENTED = [skfem.ElementTriRT1, skfem.ElementTriRT2, skfem.ElementTriBDM1, skfem.ElementTriN1]
 ORIENTED += [skfem.ElementTriN2, skfem.ElementTriN3, skfem.ElementQuadRT1, skfem.ElementQuadN1]
 ORIENTED += [skfem.ElementTetRT1, skfem.ElementTetN1, skfem.ElementHexRT1]
+MESHES = {"RefTri": MeshTri, "RefQuad": MeshQuad, "RefTet": MeshTet, "RefHex": MeshHex}
 
 
 @pytest.mark.parametrize("element", ORIENTED)
 def test_elements_with_oriented_facets(element):
-    mesh = {"RefTri": MeshTri, "RefQuad": MeshQuad, "RefTet": MeshTet, "RefHex": MeshHex}[
-        element.refdom.__name__
-    ]().refined(1 if element.refdom.dim() == 3 else 2)
-    mesh = permuted(mesh)
-    basis = Basis(mesh, element())
-    assert agrees(assemble(vector_mass, mesh, element(), fallback=False), asm(vector_mass, basis))
+    mesh = MESHES[element.refdom.__name__]().refined(1 if element.refdom.dim() == 3 else 2)
+    same(vector_mass, permuted(mesh), element())
+
+
+GRADED = MeshQuad.init_tensor(np.array([0, 0.2, 0.5, 1.4]), np.array([0, 0.3, 1.0]))
+HALVES = MeshQuad().refined(3).with_subdomains({"left": lambda x: x[0] < 0.5})
+SOME = {"elements": "left", "quadrature": skfem.quadrature.get_quadrature(HALVES.refdom, 5)}
+RING = skfem.MeshQuad1DG.init_tensor(np.linspace(0, 1, 6), np.linspace(0, 2, 5), periodic=[0])
+BLOCKS = skfem.ElementDG(skfem.ElementQuadP(8))
+stokes = BilinearForm(
+    lambda u, p, v, q, w: ddot(sym_grad(u), sym_grad(v)) - div(v) * p - div(u) * q
+)
+OTHERS = {
+    "elastic bricks": (
+        elasticity, MeshHex().refined(1), skfem.ElementVector(ElementHexAdini()), {"intorder": 4}
+    ),
+    "BFS": (mass, GRADED, ElementQuadBFS(), {}),
+    "composite": (
+        stokes,
+        MeshTri().refined(2),
+        skfem.ElementVector(skfem.ElementTriP2()) * skfem.ElementTriP1(),
+        {},
+    ),
+    "discontinuous": (laplace, MeshQuad().refined(2), skfem.ElementDG(ElementQuadAdini()), {}),
+    "more dofs than a word has bits": (laplace, MeshQuad().refined(1), BLOCKS, {}),
+    "part and quadrature": (laplace, HALVES, ElementQuadAdini(), SOME),
+    "periodic mesh": (laplace, RING, skfem.ElementQuad2(), {}),
+    "curved triangles": (laplace, skfem.MeshTri2.init_circle(2), skfem.ElementTriP2(), {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_elements_and_meshes(name):
+    form, mesh, element, options = OTHERS[name]
+    same(form, mesh, element, **options)
 
 
 def test_rectangular():
@@ -134,26 +152,6 @@ def test_rectangular():
     assert expected.shape[0] != expected.shape[1]
     assert agrees(assemble(form, mesh, u, p, fallback=False), expected)
     assert agrees(assemble(form, *bases, fallback=False), expected)
-
-
-def test_composite_and_discontinuous():
-    mesh = MeshTri().refined(2)
-    stokes = skfem.ElementVector(skfem.ElementTriP2()) * skfem.ElementTriP1()
-
-    @BilinearForm
-    def form(u, p, v, q, w):
-        return ddot(sym_grad(u), sym_grad(v)) - div(v) * p - div(u) * q
-
-    assert agrees(assemble(form, mesh, stokes, fallback=False), asm(form, Basis(mesh, stokes)))
-    broken = skfem.ElementDG(ElementQuadAdini())
-    quads = MeshQuad().refined(2)
-    assert agrees(assemble(laplace, quads, broken), asm(laplace, Basis(quads, broken)))
-
-
-def test_blocks_of_more_dofs_than_a_word_has_bits():
-    mesh, element = MeshQuad().refined(1), skfem.ElementDG(skfem.ElementQuadP(8))
-    assert element.interior_dofs > 64
-    assert agrees(assemble(laplace, mesh, element), asm(laplace, Basis(mesh, element)))
 
 
 def test_existing_basis_with_its_own_cells_dofs_and_quadrature():
@@ -169,27 +167,6 @@ def test_existing_basis_with_its_own_cells_dofs_and_quadrature():
     dofs.element_dofs = glue[dofs.element_dofs]
     periodic = Basis(mesh, element, dofs=dofs)
     assert agrees(assemble(laplace, periodic, fallback=False), asm(laplace, periodic))
-
-
-def test_subset_by_name_and_quadrature():
-    mesh = MeshQuad().refined(3).with_subdomains({"left": lambda x: x[0] < 0.5})
-    options = {"elements": "left", "quadrature": skfem.quadrature.get_quadrature(mesh.refdom, 5)}
-    found = assemble(laplace, mesh, ElementQuadAdini(), fallback=False, **options)
-    assert agrees(found, asm(laplace, Basis(mesh, ElementQuadAdini(), **options)))
-
-
-def test_periodic_mesh():
-    mesh = skfem.MeshQuad1DG.init_tensor(np.linspace(0, 1, 6), np.linspace(0, 2, 5), periodic=[0])
-    found = assemble(laplace, mesh, skfem.ElementQuad2())
-    assert agrees(found, asm(laplace, Basis(mesh, skfem.ElementQuad2())))
-
-
-def test_curved_triangles():
-    flat = MeshTri.init_circle(2)
-    mesh = skfem.MeshTri2.init_circle(2)
-    assert flat.t.shape == mesh.t.shape
-    found = assemble(laplace, mesh, skfem.ElementTriP2(), fallback=False)
-    assert agrees(found, asm(laplace, Basis(mesh, skfem.ElementTriP2())))
 
 
 def test_entries_that_only_get_zeros_are_left_out():
@@ -215,8 +192,7 @@ def test_trace_terms_of_a_tensor_coefficient():
         stress = e + eye(trace(e), 2) * w.lam
         return ddot(np.einsum("ij...,jk...->ik...", w.A, stress), v.grad) + w.C[0, 1] * dot(u, v)
 
-    expected = asm(form, Basis(mesh, element), A=A, C=C, lam=0.5)
-    assert agrees(assemble(form, mesh, element, A=A, C=C, lam=0.5, fallback=False), expected)
+    same(form, mesh, element, {"A": A, "C": C, "lam": 0.5})
 
 
 steps = st.lists(st.sampled_from([0.5, 1.0, 0.3, 0.1, 0.7]), min_size=1, max_size=6)
@@ -254,8 +230,6 @@ def test_slightly_different_cells_are_told_apart(shift):
 
 @pytest.mark.parametrize("threads", [2, 3])
 def test_threads_do_not_change_a_bit(threads, monkeypatch):
-    from skfem_adini.assembly import csr_scatter
-
     mesh, element = permuted(MeshQuad().refined(4)), ElementQuadAdini()
     alone = assemble(laplace, mesh, element)
     monkeypatch.setattr(csr_scatter, "LIMITS", csr_scatter.LIMITS._replace(pairs=1))
@@ -267,21 +241,13 @@ def test_threads_do_not_change_a_bit(threads, monkeypatch):
 
 @pytest.mark.turns(4)
 def test_long_integers_where_32_bits_do_not_suffice(monkeypatch):
-    from skfem_adini.assembly import csr_scatter
-
     assert csr_scatter.index_type(2**31 - 1, 5) is np.int32
     assert csr_scatter.index_type(2**31, 5) is np.int64
     monkeypatch.setattr(csr_scatter, "index_type", lambda entries, size: np.int64)
     mesh, element = MeshQuad().refined(2), skfem.ElementQuad1()
-    found = scatter_long(mesh, element)  # SciPy shortens the indices again where it can
-    assert agrees(found, asm(laplace, Basis(mesh, element)))
-
-
-def scatter_long(mesh, element):
-    from skfem_adini.assembly.csr_scatter import scatter_matrix
-    from skfem_adini.assembly.dof_blocks import DofBlocks
-
-    basis = Basis(mesh, element)
+    basis, blocks = Basis(mesh, element), DofBlocks.from_mesh(mesh, element)
     local = np.swapaxes(laplace.elemental(basis).tolocal(), 1, 2).copy()
-    blocks = DofBlocks.from_mesh(mesh, element)
-    return scatter_matrix(local, np.arange(mesh.t.shape[1], dtype=np.int32), blocks, blocks)
+    cells = np.arange(mesh.t.shape[1], dtype=np.int32)
+    found = csr_scatter.scatter_matrix(local, cells, blocks, blocks)
+    # SciPy shortens the indices again where it can.
+    assert agrees(found, asm(laplace, basis))

@@ -1,4 +1,4 @@
-"""Forms that reduce over cells are found out; those that reduce inside a cell stay fast."""
+"""Forms and data that reduce over cells are found out; those that do not keep the fast path."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ from skfem import (
     Basis,
     BilinearForm,
     ElementQuad0,
+    ElementQuad1,
     ElementQuad2,
     ElementVector,
     FacetBasis,
@@ -17,7 +18,8 @@ from skfem import (
 from skfem.element import DiscreteField
 from skfem.helpers import ddot, div, sym_grad
 
-from skfem_adini import ElementQuadAdini, InputError, assemble
+from skfem_adini import CutDomain, ElementQuadAdini, InputError, assemble, nitsche
+from tests.skfem_adini.cut_problems import LEVEL_SETS, unit_square
 
 MESH = MeshQuad.init_tensor(np.linspace(0, 1.7, 13), np.linspace(0, 1, 9))
 CELLS = MESH.t.shape[1]
@@ -29,64 +31,31 @@ COEFFICIENTS = {
     "random": RNG.uniform(1, 3, CELLS),
     "layers": STEPS[RNG.integers(3, size=CELLS)],
     "one cell": np.where(np.arange(CELLS) == 40, 100.0, 1.0),
-    "all but one": np.where(np.arange(CELLS) == 40, 1.0, 100.0),
     "most of one": np.where(np.arange(CELLS) % 5, 2.0, np.linspace(1, 3, CELLS)),
 }
 REDUCTIONS = {
     "max": lambda k: k / k.max(),
     "mean": lambda k: k - k.mean(),
     "axis": lambda k: k - k.mean(axis=0),
-    "keepdims": lambda k: k - np.mean(k, axis=-2, keepdims=True),
     "median": lambda k: np.where(k > np.median(k), 2.0, 1.0),
-    "quantile": lambda k: np.clip(k, *np.percentile(k, [10, 90])),
     "outliers": lambda k: np.where(k > k.mean() + 3 * k.std(), 2.0, 1.0),
     "equals": lambda k: np.where(k == k.max(), 2.0, 1.0),
-    "least": lambda k: np.where(k == k.min(), 2.0, 1.0),
     "sort": lambda k: np.sort(k, axis=0),
     "rank": lambda k: np.argsort(np.argsort(k, axis=0), axis=0) + 1.0,
     "cumsum": lambda k: np.cumsum(k, axis=0),
-    "accumulate": lambda k: np.maximum.accumulate(k, axis=0),
-    "reduce": lambda k: k + np.add.reduce(k, axis=0),
     "norm": lambda k: k / np.linalg.norm(k),
-    "einsum": lambda k: k / np.sqrt(np.einsum("cq,cq->", k, k)),
     "product": lambda k: k * (np.asarray(k).T @ np.asarray(k)).sum(),
     "first": lambda k: k / k[0],
-    "fancy": lambda k: k[np.zeros(len(k), dtype=int)],
     "roll": lambda k: np.roll(np.asarray(k), 1, axis=0),
-    "flip": lambda k: np.asarray(k)[::-1],
-    "gradient": lambda k: np.diff(np.asarray(k), axis=0, prepend=0),
     "length": lambda k: k / len(k),
-    "size": lambda k: k * k.size,
     "sum": lambda k: k / k.sum(),
     "count": lambda k: k * np.count_nonzero(k > 1.5),
-    "unique": lambda k: np.searchsorted(np.unique(k), np.asarray(k)) + 1.0,
-    "builtin": lambda k: k / max(np.asarray(k).ravel().tolist()),
-    "spread": lambda k: (k - k.min()) / (np.ptp(k) + 1.0),
     "of all": lambda k: k / np.sum(k),
-    "reduce of all": lambda k: k / np.add.reduce(np.add.reduce(np.asarray(k))),
     "dot": lambda k: k / np.dot(np.ravel(k), np.ravel(k)),
-    "inner": lambda k: k / np.vdot(np.ravel(k), np.ones(k.size)),
-    "transposed": lambda k: k / np.asarray(k).T.sum(axis=1).sum(),
-    "shape": lambda k: k / (k.shape[0] * k.shape[1]),
-    "prod": lambda k: k * np.prod(np.asarray(k) ** (1 / k.size)),
     "average": lambda k: k - np.average(k, weights=np.asarray(k) ** 2),
-    "trapezoid": lambda k: k / np.trapezoid(np.asarray(k), axis=0).sum(),
-    "nansum": lambda k: k / np.nansum(k),
-    "nanmax": lambda k: k / np.nanmax(k),
-    "nanmean": lambda k: k - np.nanmean(k),
-    "variance": lambda k: k / (1.0 + np.var(k)),
     "any": lambda k: 2.0 * k if np.any(k > 2.5) else k,
-    "all": lambda k: 2.0 * k if np.all(k < 2.5) else k,
-    "which": lambda k: k * len(np.flatnonzero(k > 1.5)),
-    "searchsorted": lambda k: np.searchsorted(np.sort(np.ravel(k)), np.asarray(k)) + 1.0,
-    "histogram": lambda k: k * np.histogram(k, bins=4)[0].max(),
     "iteration": lambda k: k / sum(row.sum() for row in k),
-    "items": lambda k: k / sum(np.asarray(k).flat),
     "convolution": lambda k: np.convolve(np.ravel(k), [1, 2, 1], "same").reshape(k.shape),
-    "outer": lambda k: k * np.maximum.outer(np.ravel(k)[:9], np.ravel(k)[-9:]).sum(),
-    "interpolated": lambda k: np.interp(k, np.sort(np.ravel(k)), np.arange(k.size)) + 1.0,
-    "centred": lambda k: k / np.linalg.norm(k - k.mean(), axis=0),
-    "covariance": lambda k: k * (1.0 + np.cov(np.ravel(k))),
 }
 
 
@@ -98,18 +67,13 @@ def same(found, expected):
     return np.abs(found - expected).max() <= 1e-13 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("given", COEFFICIENTS)
 @pytest.mark.parametrize("name", REDUCTIONS)
-def test_reductions_over_cells(name, given):
+def test_reductions_over_cells(name):
     """They came back 9 to 950 % off: each batch had a largest value and an order of its own."""
-    k, reduction = COEFFICIENTS[given], REDUCTIONS[name]
-    form = LinearForm(lambda v, w: reduction(w.k) * v)
-    expected = asm(form, BASIS, k=at_all_points(k))
-    assert same(assemble(form, MESH, ELEMENT, k=k), expected)
-
-
-@pytest.mark.parametrize("name", REDUCTIONS)
-def test_no_fast_path_for_them(name):
+    form = LinearForm(lambda v, w: REDUCTIONS[name](w.k) * v)
+    for k in COEFFICIENTS.values():
+        expected = asm(form, BASIS, k=at_all_points(k))
+        assert same(assemble(form, MESH, ELEMENT, k=k), expected)
     form = BilinearForm(lambda u, v, w: REDUCTIONS[name](w.k) * u * v)
     k = COEFFICIENTS["random"]
     assert same(assemble(form, BASIS, k=k), asm(form, BASIS, k=at_all_points(k)))
@@ -127,7 +91,7 @@ def test_statistics_of_coefficients_mean_what_they_mean_to_scikit_fem():
         interpolated = Basis(mesh, ElementQuad0(), quadrature=basis.quadrature).interpolate(k)
         kinds = [(k, wide), (DiscreteField(k), wide), (DiscreteField(k[:, None]), wide)]
         kinds += [(each, each) for each in (wide, interpolated, k[:, None])]
-        for reduction in (np.sum, np.linalg.norm, np.size, np.max, lambda k: k.shape[1]):
+        for reduction in (np.sum, np.linalg.norm, lambda k: k.shape[1]):
             forms = [
                 BilinearForm(lambda u, v, w, of=reduction: w.k / of(w.k) * u * v),
                 LinearForm(lambda v, w, of=reduction: w.k / of(w.k) * v),
@@ -149,13 +113,12 @@ SUMS_OF_A_CELL = {
 
 @pytest.mark.parametrize("name", SUMS_OF_A_CELL)
 def test_sums_over_the_points_of_a_cell(name):
-    k = COEFFICIENTS["random"]
+    k, wide = COEFFICIENTS["random"], at_all_points(COEFFICIENTS["random"])
     form = BilinearForm(lambda u, v, w: SUMS_OF_A_CELL[name](w.k) * u * v)
-    for given, meant in ((k, at_all_points(k)), (at_all_points(k), at_all_points(k))):
+    for given in (k, wide):
         found = assemble(form, MESH, ELEMENT, fallback=False, k=given)
-        assert same(found, asm(form, BASIS, k=meant))
-    narrow = k[:, None]
-    assert same(assemble(form, MESH, ELEMENT, k=narrow), asm(form, BASIS, k=narrow))
+        assert same(found, asm(form, BASIS, k=wide))
+    assert same(assemble(form, MESH, ELEMENT, k=k[:, None]), asm(form, BASIS, k=k[:, None]))
 
 
 def doubled(k):
@@ -232,13 +195,12 @@ FAST = {
 }
 
 
-@pytest.mark.parametrize("given", ["random", "one cell"])
 @pytest.mark.parametrize("name", FAST)
-def test_forms_that_keep_the_fast_path(name, given):
-    k = COEFFICIENTS[given]
+def test_forms_that_keep_the_fast_path(name):
     form = BilinearForm(FAST[name])
-    found = assemble(form, MESH, ELEMENT, fallback=False, k=k)
-    assert same(found, asm(form, BASIS, k=np.repeat(k[:, None], BASIS.W.size, axis=1)))
+    for k in (COEFFICIENTS["random"], COEFFICIENTS["one cell"]):
+        found = assemble(form, MESH, ELEMENT, fallback=False, k=k)
+        assert same(found, asm(form, BASIS, k=at_all_points(k)))
 
 
 def test_elasticity_keeps_the_fast_path():
@@ -248,3 +210,175 @@ def test_elasticity_keeps_the_fast_path():
     )
     found = assemble(form, MESH, element, fallback=False, lam=lam)
     assert same(found, asm(form, Basis(MESH, element), lam=lam[:, None]))
+
+
+# Cut domains are assembled in batches: there such forms are refused.
+
+ELEMENTS = {
+    "Adini": ElementQuadAdini(derivatives=2),
+    "Q2": ElementQuad2(),
+    "vectors": ElementVector(ElementQuad1()),
+}
+PLACES = {
+    "x": lambda w: w.x[0],
+    "x and y": lambda w: np.hypot(w.x[0] - 0.4, w.x[1] - 0.6),
+    "dofs": lambda w: w.k,
+    "one dof": lambda w: w.spike,
+}
+
+
+def kind(name, element, coefficient):
+    dims = 2 if isinstance(element, ElementVector) else 0
+    if name == "functional":
+        return Functional(coefficient)
+    if name == "load":
+        return LinearForm(lambda v, w: coefficient(w) * (v[0] if dims else v))
+    return BilinearForm(lambda u, v, w: coefficient(w) * ((u * v).sum(axis=0) if dims else u * v))
+
+
+@pytest.fixture
+def disk():
+    return CutDomain(unit_square(9), LEVEL_SETS["disk"], q=4)
+
+
+def data(domain, element):
+    """Vectors of dofs: random, and one everywhere but for one dof inside."""
+    basis = next(iter(domain.groups(element)))
+    spike = np.ones(basis.N)
+    spike[basis.element_dofs[0, basis.nelems // 2]] = 100.0
+    return {"k": np.random.default_rng(2).uniform(1, 2, basis.N), "spike": spike}
+
+
+# Cells of several batches differ in their numbers of points too.
+IN_BATCHES = REDUCTIONS | {
+    "outliers": lambda k: np.where(k > k.mean() + 2 * k.std(), 2.0, 1.0),
+    "points": lambda k: k - np.asarray(k).mean(axis=1, keepdims=True),
+    "number of points": lambda k: k * np.shape(k)[1],
+}
+CUT = ["max", "mean", "axis", "median", "outliers", "equals", "sort", "cumsum", "norm", "roll"]
+CUT += ["length", "sum", "points", "number of points"]
+OF_ONE_DOF = ("max", "mean", "outliers", "norm", "sum")
+
+
+@pytest.mark.parametrize("name", CUT)
+def test_reductions_are_refused_on_cut_domains(disk, name):
+    """Each batch had a largest value, a mean and an order of its own: sums of different forms."""
+    element = ELEMENTS["Q2"]
+    cases = [("bilinear", "x"), ("load", "x"), ("functional", "x and y"), ("functional", "dofs")]
+    for form, field in cases + [("functional", "one dof")] * (name in OF_ONE_DOF):
+        reduced = kind(form, element, lambda w, f=field: IN_BATCHES[name](PLACES[f](w)))
+        with pytest.raises(InputError, match="hand them over"):
+            disk.assemble(reduced, element, **data(disk, element))
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_reductions_in_other_elements(disk, element):
+    for form, name in (("bilinear", "max"), ("load", "median"), ("functional", "cumsum")):
+        reduced = kind(form, ELEMENTS[element], lambda w, name=name: REDUCTIONS[name](w.x[1]))
+        with pytest.raises(InputError, match="hand them over"):
+            disk.assemble(reduced, ELEMENTS[element])
+
+
+POINTWISE = {
+    "numbers": lambda w: w.a * np.sin(w.x[0] / w.largest),
+    "jump": lambda w: np.where(w.x[0] > 0.5, 1e6, 1e-6),
+    "size": lambda w: w.h**2 * np.exp(5 * w.x[1]),
+    "far": lambda w: 1e9 * (w.x[0] - 0.4) ** 3,
+    "tensor": lambda w: np.einsum("i...,ij...,j...", w.x, w.tensor, w.x),
+    "points of a cell": lambda w: np.asarray(w.x[0]).max(axis=1, keepdims=True),
+    "complex": lambda w: np.exp(1j * w.x[0]).imag,
+    "constant": lambda w: 3.0,
+    "dofs": lambda w: w.k * np.ones_like(w.x[0]),
+}
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("name", POINTWISE)
+def test_ordinary_forms_are_assembled(disk, name, element):
+    """They give what scikit-fem gives on full and cut cells, to rounding."""
+    element = ELEMENTS[element]
+    fields = {"a": 2.0, "largest": 3.0, "tensor": np.eye(2)[:, :, None, None]}
+    fields["k"] = 1.0 if element is ELEMENTS["vectors"] else data(disk, element)["k"]
+    for form in ("bilinear", "load", "functional"):
+        integrand = kind(form, element, POINTWISE[name])
+        found = disk.assemble(integrand, element, **fields)
+        expected = sum(integrand.assemble(b, **fields) for b in disk.basis(element))
+        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+def test_second_derivatives_and_gradients_of_dofs(disk):
+    element = ELEMENTS["Adini"]
+    k = data(disk, element)["k"]
+    plate = BilinearForm(lambda u, v, w: (1 + w.k.grad[0] ** 2) * ddot(u.hess, v.hess))
+    expected = sum(plate.assemble(b, k=k) for b in disk.basis(element))
+    assert abs(disk.assemble(plate, element, k=k) - expected).max() < 1e-12 * abs(expected).max()
+    for value in (lambda w: w.k.grad[0] / w.k.grad.max(), lambda w: w.k.hess[0, 0].mean()):
+        mixed = BilinearForm(lambda u, v, w, value=value: value(w) * ddot(u.hess, v.hess))
+        with pytest.raises(InputError, match="among other cells"):
+            disk.assemble(mixed, element, k=k)
+
+
+def test_a_domain_without_cut_cells_is_one_batch():
+    """There scikit-fem's own assembly sees all cells at once, reductions included."""
+    mesh = unit_square(4)
+    whole = CutDomain(mesh, lambda x: x[0] - 2.0)
+    element = ELEMENTS["Q2"]
+    form = LinearForm(lambda v, w: w.x[0] / w.x[0].max() * v)
+    (basis,) = whole.groups(element)
+    np.testing.assert_array_equal(whole.assemble(form, element), form.assemble(basis))
+
+
+def test_the_boundary_is_one_batch(disk):
+    """A reduction there sees all points of the curve, however many parts and cells it has."""
+    element = ELEMENTS["Adini"]
+    boundary = disk.boundary(element)
+    largest = np.asarray(disk.quadrature.boundary_points[0]).max()
+    for form in ("bilinear", "load", "functional"):
+        reduced = kind(form, element, lambda w: w.x[0] / w.x[0].max())
+        expected = kind(form, element, lambda w: w.x[0] / largest).assemble(boundary)
+        assert np.abs(reduced.assemble(boundary) - expected).max() <= 1e-13 * np.abs(expected).max()
+
+
+def test_forms_that_raise_on_part_of_the_cells_are_named(disk):
+    full = disk.full.size
+    form = LinearForm(lambda v, w: v / (len(v) in (full, *sizes)) if len(v) in sizes else 1 / 0)
+    sizes = [basis.nelems for basis in disk.groups(ELEMENTS["Q2"])]
+    with pytest.raises(InputError, match="ZeroDivisionError"):
+        disk.assemble(form, ELEMENTS["Q2"])
+
+
+# Boundary data that reduce over places are refused where these come padded with others.
+
+OF_DATA = IN_BATCHES | {"one number": lambda k: k.max()}
+
+
+@pytest.mark.parametrize("name", [*CUT[:4], "cumsum", "norm", "number of points", "one number"])
+def test_boundary_data_that_mix_places(disk, name):
+    boundary = disk.boundary(ElementQuadAdini())
+    mixed = lambda x: 9 + OF_DATA[name](x[1])  # noqa: E731
+    for what in ("value", "coefficient"):
+        with pytest.raises(InputError, match=f"{what}: .* each place alone"):
+            nitsche(boundary, **{what: mixed})
+    boundary = disk.boundary(ElementVector(ElementQuad1()))
+    both = lambda x: np.array([0 * x[0], mixed(x) + 0 * x[0]])  # noqa: E731
+    for value in (both, [0.0, mixed]):
+        with pytest.raises(InputError, match=r"value: .* each place alone"):
+            nitsche(boundary, value, lame=(1.0, 1.0))
+    for lame in ((mixed, 1.0), (1.0, mixed)):
+        with pytest.raises(InputError, match=r"lame: .* each place alone"):
+            nitsche(boundary, lame=lame)
+
+
+def test_ordinary_boundary_data(disk):
+    """Of places, constant, and numbers of one's own at the basis's points."""
+    boundary = disk.boundary(ElementQuad2())
+    x = np.asarray(boundary.global_coordinates())
+    expected = nitsche(boundary, lambda x: 1e9 * np.sin(x[0]) * x[1] ** 3)[1]
+    kept = 1e9 * np.sin(x[0]) * x[1] ** 3
+    found = nitsche(boundary, lambda x: kept)[1]
+    np.testing.assert_array_equal(found, expected)
+    largest = np.abs(x).max()
+    nitsche(boundary, lambda x: x[0] / largest, coefficient=lambda x: np.where(x[0] > 0.5, 1e6, 1))
+    one, same = (nitsche(boundary, value)[1] for value in (lambda x: 3.0, 3.0))
+    np.testing.assert_array_equal(one, same)
