@@ -66,7 +66,7 @@ def test_inflow(scheme):
     check(scheme, 2e-9)
 
 
-@family("means", 8)
+@family("means", 4)
 def test_means(scheme):
     check(scheme, 1e-8)
 
@@ -81,7 +81,7 @@ def test_sweeps(scheme):
     check(scheme, 1e-8)
 
 
-@family("reactions", 16)
+@family("reactions", 8)
 def test_reactions(scheme):
     check(scheme, 5e-9)
 
