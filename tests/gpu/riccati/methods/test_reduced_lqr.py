@@ -113,7 +113,7 @@ def stored_as(kind, A):
     return LinearOperator(A.shape, **pairs, dtype=float), {"inverse": inverse}
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("crossed", [False, True], ids=["", "N"])
 @pytest.mark.parametrize("with_mass", [False, True], ids=["", "E"])
 @pytest.mark.parametrize(
