@@ -1,10 +1,30 @@
 """Checks of tangents and adjoints that tests of several schemes share."""
 
+from contextlib import contextmanager
+from unittest import mock
+
 import numpy as np
 from hypothesis import settings
 
+from cip.characteristics import feet
+from cip.stages import stage
+
 # Few examples in the fast lane, in which each costs about as much as a compilation; 40 in the slow.
 few_examples = settings(max_examples=min(40, settings().max_examples // 6))
+
+
+@contextmanager
+def equal_substeps():
+    """As many in every run: with another number the feet differ by up to 1e-8 cells."""
+
+    def integrate(*arguments):
+        return feet.integrate(*arguments[:6], substeps=16)
+
+    with (
+        mock.patch.object(stage, "integrate", integrate),
+        mock.patch.object(stage.Stage, "substeps", return_value=16),
+    ):
+        yield
 
 
 def scales(run):
@@ -15,12 +35,13 @@ def scales(run):
 
 
 def dot_test(solver, run, rng):
-    """The largest difference of the products, relative to the sum of the magnitudes.
+    """The differences of the products, relative to the sums of the magnitudes.
 
     For changes of the state and of the parameters apart, each scaled as the run's moments.
     """
     tangent, adjoint, size = solver.tangent(run), solver.adjoint(run), run[0].data.size
-    scale, worst = np.append(scales(run), np.ones(tangent.shape[1] - size)), 0.0
+    scale, found = np.append(scales(run), np.ones(tangent.shape[1] - size)), []
+    assert adjoint.shape == tangent.shape[::-1]
     for only in (slice(0, size), slice(size, None)):
         if scale[only].size == 0:
             continue
@@ -29,8 +50,8 @@ def dot_test(solver, run, rng):
         forward, backward = tangent @ x, adjoint @ y
         assert np.any(forward)
         bound = np.abs(y) @ np.abs(forward) + np.abs(x) @ np.abs(backward)
-        worst = max(worst, abs(y @ forward - x @ backward) / bound)
-    return worst
+        found.append(abs(y @ forward - x @ backward) / bound)
+    return found
 
 
 def run_again(solver, run, **values):
@@ -39,22 +60,39 @@ def run_again(solver, run, **values):
     return other.run(run[0], run.final.t, dt=run.dt).final.data.ravel()
 
 
+def along(solver, run, name):
+    """The tangent in one parameter."""
+    names, size = list(solver.parameters), run[0].data.size
+    unit = np.zeros(size + len(names))
+    unit[size + names.index(name)] = 1.0
+    return solver.tangent(run) @ unit
+
+
 def parameter_error(solver, run, e=2e-5):
     """The largest error of the tangent in any parameter, by differences of order four.
 
     With so small an `e` no foot passes an edge, where derivatives jump, and rounding is 1e-15 / e.
     """
-    values, size, scale = solver.parameters, run[0].data.size, scales(run)
-    tangent, worst = solver.tangent(run), 0.0
-    for q, (name, value) in enumerate(values.items()):
+    worst = 0.0
+    for name, value in solver.parameters.items():
         low, below, above, high = (
             run_again(solver, run, **{name: value + k * e}) for k in (-2, -1, 1, 2)
         )
         quotient = (8 * (above - below) - (high - low)) / (12 * e)
-        found = tangent @ np.eye(size + len(values))[size + q]
+        found = along(solver, run, name)
         assert np.any(found)
-        worst = max(worst, float(np.max(np.abs(found - quotient) / scale)))
+        worst = max(worst, float(np.max(np.abs(found - quotient) / scales(run))))
     return worst
+
+
+def state_error(solver, run, rng):
+    """The scheme is affine in the state: runs of two states differ by the tangent's product."""
+    change = rng.standard_normal(run[0].data.size) * scales(run)
+    other = solver.state(0.0)
+    other.data[...] = run[0].data + change.reshape(other.data.shape)
+    difference = solver.run(other, run.final.t, dt=run.dt).final.data - run.final.data
+    found = solver.tangent(run) @ np.append(change, np.zeros(len(solver.parameters)))
+    return np.max(np.abs(found - difference.ravel()) / scales(run))
 
 
 def taylor_order(solver, run, direction, sizes):

@@ -98,95 +98,92 @@ def tangent(value):
 SEEN = np.sin(2 * np.pi * (LINE.coordinates[0] - 0.12))
 SEEN_IN_PLANE = np.tile(SEEN[:, None], 6)
 TIMES6 = np.linspace(0.0, 1.0, 6) ** 2
-COVARIANCE = Covariance.diffusion(LINE, "cubic", deviation=1.0, length=0.15)
-ROOT = COVARIANCE.root @ np.eye(8)
+ROOT = Covariance.diffusion(LINE, "cubic", deviation=1.0, length=0.15).root @ np.eye(8)
+
+
+def along(k):
+    """The k-th coordinates of a grid of uneven lines."""
+    return lambda v: (lambda g: lambda: g.coordinates[k])(Grid.from_coordinates(*[TIMES6] * k, v))
+
+
+def held(make, name="deviations"):
+    return lambda v: attributes(make(v), name)
+
+
+def waves(v):
+    return Covariance.patterns([State.from_function(f, LINE) for f in "xt"], v)
+
+
+def rooted(v):
+    covariance = Covariance(LINE, "cubic", v, NODAL)
+    return lambda: covariance.root @ np.eye(8)
+
+
+def numbers(v):
+    velocity = SplineVelocity(LINE, 6, v)
+    return lambda: list(velocity.parameters.values())
+
+
+def winds(times, arrays):
+    return values(Velocity.from_snapshots(times, arrays, PLANE, 3))
+
+
+def emitted(times, arrays):
+    return values(Source.from_snapshots(times, arrays, PLANE, 3))
+
 
 # For each argument a value and what is made of it, as a function that is called later.
+TWO, SIDES = np.array([0.2, 0.3]), np.array([True, False])
 TAKE = {
-    "Covariance root": (
-        ROOT, lambda v: (lambda c: lambda: c.root @ np.eye(8))(Covariance(LINE, "cubic", v, NODAL)),
-    ),
-    "Covariance deviations": (
-        NODAL, lambda v: attributes(Covariance(LINE, "cubic", ROOT, v), "deviations"),
-    ),
+    "Covariance root": (ROOT, rooted),
+    "Covariance deviations": (NODAL, held(lambda v: Covariance(LINE, "cubic", ROOT, v))),
     "Covariance.diffusion deviation": (
-        NODAL, lambda v: attributes(Covariance.diffusion(LINE, "cubic", v, 0.2), "deviations"),
+        NODAL, held(lambda v: Covariance.diffusion(LINE, "cubic", v, 0.2)),
     ),
     "Covariance.diffusion length": (
-        np.array([0.2, 0.3]),
-        lambda v: attributes(Covariance.diffusion(PLANE, "bicubic", 1.0, v), "deviations"),
+        TWO, held(lambda v: Covariance.diffusion(PLANE, "bicubic", 1.0, v)),
     ),
-    "Covariance.patterns deviations": (
-        np.array([0.2, 0.3]),
-        lambda v: attributes(
-            Covariance.patterns([State.from_function(f, LINE) for f in "xt"], v), "deviations"
-        ),
-    ),
-    "Grid bounds": (np.array([0.0, 1.0]), lambda v: attributes(Grid(v, 8), "bounds")),
-    "Grid shape": (np.array([8, 6]), lambda v: attributes(Grid((0, 1), v), "cells")),
-    "Grid periodic": (
-        np.array([True, False]), lambda v: attributes(Grid((0, 1), (8, 6), v), "periodic"),
-    ),
-    "Grid.from_coordinates x": (
-        TIMES6, lambda v: (lambda g: lambda: g.coordinates[0])(Grid.from_coordinates(v)),
-    ),
-    "Grid.from_coordinates y": (
-        TIMES6, lambda v: (lambda g: lambda: g.coordinates[1])(Grid.from_coordinates(TIMES6, v)),
-    ),
-    "Grid.from_coordinates z": (
-        TIMES6,
-        lambda v: (lambda g: lambda: g.coordinates[2])(Grid.from_coordinates(TIMES6, TIMES6, v)),
-    ),
+    "Covariance.patterns deviations": (TWO, held(waves)),
+    "Grid bounds": (np.array([0.0, 1.0]), held(lambda v: Grid(v, 8), "bounds")),
+    "Grid shape": (np.array([8, 6]), held(lambda v: Grid((0, 1), v), "cells")),
+    "Grid periodic": (SIDES, held(lambda v: Grid((0, 1), (8, 6), v), "periodic")),
+    "Grid.from_coordinates x": (TIMES6, along(0)),
+    "Grid.from_coordinates y": (TIMES6, along(1)),
+    "Grid.from_coordinates z": (TIMES6, along(2)),
     "Grid.from_coordinates periodic": (
-        np.array([True, False]),
-        lambda v: attributes(Grid.from_coordinates(TIMES6, TIMES6, periodic=v), "periodic"),
+        SIDES, held(lambda v: Grid.from_coordinates(TIMES6, TIMES6, periodic=v), "periodic"),
     ),
     "Sensors points": (POINTS, lambda v: sensors(points=v)),
     "Sensors times": (TIMES, lambda v: sensors(times=v)),
     "Sensors values": (REPORTS, lambda v: sensors(values=v)),
     "Sensors deviations": (1.0 + REPORTS, lambda v: sensors(deviations=v)),
     "Sensors.with_values values": (
-        REPORTS,
-        lambda v: attributes(Sensors(POINTS, TIMES).with_values(v), "values"),
+        REPORTS, held(lambda v: Sensors(POINTS, TIMES).with_values(v), "values"),
     ),
     "Sensors.at chosen": (
         np.array([True, False, True, True]),
-        lambda v: attributes(Sensors(POINTS, TIMES).at(v), "points"),
+        held(lambda v: Sensors(POINTS, TIMES).at(v), "points"),
     ),
     "Solver velocity": (FIELD, lambda v: of_solver("velocity", [v, 1.0])),
     "Solver source": (FIELD, lambda v: of_solver("source", v)),
     "Solver decay": (FIELD, lambda v: of_solver("decay", v)),
     "Solver.run snapshots": (np.array([0.3, 0.6]), ran),
-    "Solver.state f": (NODAL, lambda v: attributes(Solver(LINE, 1.0).state(v), "data")),
+    "Solver.state f": (NODAL, held(lambda v: Solver(LINE, 1.0).state(v), "data")),
     "Source s": (FIELD, lambda v: values(Source(v))),
-    "Source.from_snapshots times": (
-        TIMES,
-        lambda v: values(Source.from_snapshots(v, WINDS[:, 0], PLANE, 3)),
-    ),
-    "Source.from_snapshots arrays": (
-        WINDS[:, 0], lambda v: values(Source.from_snapshots(TIMES, v, PLANE, 3)),
-    ),
+    "Source.from_snapshots times": (TIMES, lambda v: emitted(v, WINDS[:, 0])),
+    "Source.from_snapshots arrays": (WINDS[:, 0], lambda v: emitted(TIMES, v)),
     "SplineVelocity pieces": (
-        np.array([4, 5]), lambda v: attributes(SplineVelocity(PLANE, v, degree=3), "names"),
+        np.array([4, 5]), held(lambda v: SplineVelocity(PLANE, v, degree=3), "names"),
     ),
-    "SplineVelocity start": (
-        NODAL,
-        lambda v: (lambda c: lambda: list(c.parameters.values()))(SplineVelocity(LINE, 6, v)),
-    ),
-    "State data": (
-        ROOT[:, 0].reshape(2, 8), lambda v: attributes(State(LINE, "cubic", v), "data"),
-    ),
-    "State.from_function f": (NODAL, lambda v: attributes(State.from_function(v, LINE), "data")),
+    "SplineVelocity start": (NODAL, numbers),
+    "State data": (ROOT[:, 0].reshape(2, 8), held(lambda v: State(LINE, "cubic", v), "data")),
+    "State.from_function f": (NODAL, held(lambda v: State.from_function(v, LINE), "data")),
     "Trajectory.sample points": (POINTS[0], observed),
     "Velocity c": (FIELD, lambda v: values(Velocity([v, 1.0]))),
     "Velocity c of all": (WINDS[0], lambda v: values(Velocity(v))),
     "Velocity c on a line": (NODAL, lambda v: values(Velocity(v), LINE)),
-    "Velocity.from_snapshots times": (
-        TIMES, lambda v: values(Velocity.from_snapshots(v, WINDS, PLANE, 3)),
-    ),
-    "Velocity.from_snapshots arrays": (
-        WINDS, lambda v: values(Velocity.from_snapshots(TIMES, v, PLANE, 3)),
-    ),
+    "Velocity.from_snapshots times": (TIMES, lambda v: winds(v, WINDS)),
+    "Velocity.from_snapshots arrays": (WINDS, lambda v: winds(TIMES, v)),
     "identify_velocity data": (SEEN, lambda v: identified(data={0.1: v})),
     "identify_velocity data in the plane": (
         SEEN_IN_PLANE, lambda v: identified(PLANE, ("a", "0"), data={0.1: v}),

@@ -1,198 +1,627 @@
 """Malformed input gets a typed error that names the argument, the node and the time."""
 
 import math
+from datetime import date, datetime
+from functools import cache, partial
 
 import numpy as np
 import pytest
 
-from cip import Grid, InputError, LeftDomain, NotFinite, NotSupported, Solver, State, Velocity
+from cip import (
+    Covariance,
+    Grid,
+    IdentifiedVelocity,
+    InputError,
+    LeftDomain,
+    NotConverged,
+    NotFinite,
+    NotSupported,
+    Sensors,
+    Solver,
+    Source,
+    SplineVelocity,
+    State,
+    Velocity,
+    four_d_var,
+    identify_velocity,
+    place_sensors,
+)
 
-
-def line(**more):
-    return Solver(Grid((0, 1), 8, periodic=True), 1.0, **more)
+LINE, OPEN, PLANE = Grid((0, 1), 8, periodic=True), Grid((0, 1), 8), Grid([(0, 1)] * 2, (8, 8))
+HIDDEN = np.ma.masked_greater(np.linspace(0.1, 0.8, 8), 0.5)
+COMPLEX = np.complex128(1.0)  # float() would drop its imaginary part with a warning
+NAN8 = np.where(np.arange(8) == 7, np.nan, 1.0)
+text = Velocity.from_expression
+bent = Grid.from_coordinates
 
 
 def wave(x):
     return np.sin(2 * np.pi * x)
 
 
-def with_nan():
-    solver = line()
-    state = solver.state(wave)
-    state.data[1, 3] = np.nan
-    return solver.step(state, 0.1)
+def line(**more):
+    return Solver(LINE, 1.0, **more)
+
+
+def state(f=wave, **more):
+    return line().state(f, **more)
+
+
+def of_data(data, t=0.0):
+    return line().step(State(LINE, "cubic", data, t), 0.1)
 
 
 def stepped(dt):
-    solver = line()
-    return solver.step(solver.state(wave), dt)
+    return line().step(state(), dt)
 
 
-def moved(velocity, grid=None, boundary=None):
-    solver = Solver(grid or Grid((0, 1), 8, periodic=True), velocity, boundary=boundary)
+def moved(velocity, grid=LINE, boundary=None):
+    solver = Solver(grid, velocity, boundary=boundary)
     return solver.step(solver.state(wave), 0.1)
 
 
-def ran(**more):
-    solver = line()
-    return solver.run(solver.state(wave), 1.0, **more)
+def ran(t_end=1.0, **more):
+    return line().run(state(), t_end, **more)
 
 
-CASES = {
-    "cells": (lambda: Grid((0, 1), 3), "shape: expected at least 4"),
-    "fractional cells": (lambda: Grid((0, 1), 8.0), "shape"),
-    "reversed bounds": (lambda: Grid((1, 0), 8), "bounds"),
-    "bounds with NaN": (lambda: Grid((0, np.nan), 8), "bounds"),
-    "bounds missing": (lambda: Grid([(0, 1)], (8, 8)), "bounds: expected 2 pairs"),
-    "periodic": (lambda: Grid((0, 1), 8, periodic=1), "periodic"),
-    "decreasing coordinates": (
-        lambda: Grid.from_coordinates([0, 1, 0.5, 2, 3, 4]),
-        "spacing after node 1 is -0.5",
-    ),
-    "few coordinates": (lambda: Grid.from_coordinates([0, 1, 2]), "x: expected at least 5"),
-    "z without y": (lambda: Grid.from_coordinates(np.arange(6), z=np.arange(6)), "z: given"),
-    "formula": (lambda: Velocity.from_expression("x1 +"), "is not a formula"),
-    "unknown name": (lambda: Velocity.from_expression("foo"), "'foo'"),
-    "unknown function": (lambda: Velocity.from_expression("gamma(x1)"), "'gamma'"),
-    "attribute": (lambda: Velocity.from_expression("x1.real"), "is not arithmetic"),
-    "number beyond the range": (lambda: Velocity.from_expression("10**400*x1"), "not finite"),
-    "long number": (lambda: Velocity.from_expression("1" + "0" * 400), "too large"),
-    "infinite power": (lambda: Velocity.from_expression("x1**1e999"), "not finite"),
-    "root of a negative number": (lambda: Velocity.from_expression("(-8)**(1/3)"), "not finite"),
-    "division by zero": (lambda: Velocity.from_expression("x1/(2 - 2)"), "not finite"),
-    "deep formula": (lambda: Velocity.from_expression("-" * 3000 + "x1"), "3002 characters"),
-    "text for c": (lambda: Velocity("x1"), "from_expression"),
-    "array of wrong shape": (lambda: Solver(Grid((0, 1), 8), np.ones(5)), r"shape \(9,\)"),
-    "array with NaN": (lambda: Solver(Grid((0, 1), 8), np.full(9, np.nan)), "node"),
-    "complex array": (lambda: Solver(Grid((0, 1), 8), np.ones(9) * 1j), "complex128"),
-    "components": (lambda: Solver(Grid([(0, 1)] * 2, (8, 8)), 1.0), "1 components"),
-    "profile": (lambda: line(profile="septic"), "profile: expected one of"),
-    "plane profile on a line": (lambda: line(profile="adini"), "two-dimensional"),
-    "form": (lambda: line(form="diffusion"), "form"),
-    "csl for transport": (lambda: line(profile="csl2"), "advection"),
-    "limiter": (lambda: line(limiter="minmod"), "limiter: expected"),
-    "limiter of another profile": (lambda: line(limiter="bounds"), "does not fit 'cubic'"),
-    "no splitting": (
-        lambda: Solver(Grid([(0, 1)] * 2, (8, 8)), ["x2", "x1"], profile="cubic"),
-        "splitting='strang'",
-    ),
-    "backend": (lambda: line(backend="tpu"), "backend"),
-    "dtype": (lambda: line(dtype=np.int32), "dtype"),
-    "bounds of the limiter": (lambda: line(bounds=(1, 0)), "low must be below high"),
-    "wall": (lambda: Solver(Grid((0, 1), 8), 1.0, boundary={"left": 0}), "'left' is no wall"),
-    "wall of a periodic direction": (lambda: line(boundary={"x-": 0}), "periodic there"),
-    "source that is no number": (lambda: line(source=True), "source: .*, got True"),
-    "decay that is no number": (lambda: line(decay=False), "decay: .*, got False"),
-    "grid": (lambda: Solver(np.linspace(0, 1), 1.0), "grid: expected a Grid"),
-    "velocity of t that is not said to be": (
-        lambda: moved(lambda x, t: np.cos(t) + 0 * x),
-        r"c1: called with the arrays x1 it raised TypeError.*steady=False",
-    ),
-    "complex velocity": (lambda: moved(lambda x: 1j * x), "c1: .*real values .*complex128"),
-    "velocity of numbers only": (lambda: moved(math.sin), "c1: .*TypeError"),
-    "components of a callable": (lambda: moved(lambda x: (x, x)), "returned 2 components"),
-    "wall data without a place": (
-        lambda: moved(1.0, Grid((0, 1), 8), {"x-": lambda t: t}),
-        "boundary 'x-': called with the arrays x1, t",
-    ),
-    "complex function": (lambda: line().state(lambda x: 1j * x), "f: .*real values"),
-    "function of wrong shape": (
-        lambda: line().state(lambda x: np.ones(7)),
-        r"f: .*of shape \(8,\), got float64 of shape \(7,\)",
-    ),
-    "values of wrong shape": (lambda: line().state(np.ones(7)), r"f: .*shape \(8,\)"),
-    "values with NaN": (lambda: line().state(np.full(8, np.nan)), r"f: NaN .*node \(0,\)"),
-    "NaN in the state": (with_nan, r"moment 'u_x' is nan at node \(3,\) at \(0.375\) at t = 0"),
-    "function with NaN": (lambda: line().state(lambda x: np.sqrt(x - 0.5)), "f: moment 'u' is nan"),
-    "unknown derivative": (lambda: line().state(wave, {"u_y": wave}), "u_y"),
-    "state of another profile": (
-        lambda: line().step(line(profile="linear").state(wave), 0.1),
-        "linear",
-    ),
-    "state of another grid": (
-        lambda: line().step(State.from_function(wave, Grid((0, 1), 9, periodic=True)), 0.1),
-        "it lives on",
-    ),
-    "no state": (lambda: line().step(np.ones(8), 0.1), "expected a State"),
-    "dt = 0": (lambda: stepped(0.0), "dt: expected a positive"),
-    "negative dt": (lambda: stepped(-0.1), "dt: expected a positive"),
-    "dt NaN": (lambda: stepped(np.nan), "dt: expected a positive"),
-    "dt a text": (lambda: stepped("fast"), "dt: expected a positive"),
-    "dt and cfl": (lambda: ran(dt=0.1, cfl=1), "either dt or cfl"),
-    "neither": (lambda: ran(), "either dt or cfl"),
-    "snapshots": (lambda: ran(dt=0.1, snapshots=[0.5, 0.2]), "increasing"),
-    "snapshots beyond": (lambda: ran(dt=0.1, snapshots=[2.0]), "snapshots"),
-    "t_end": (lambda: line().run(line().state(wave), 0.0, dt=0.1), "t_end"),
-    "callback": (lambda: ran(dt=0.1, callback=3), "callback: expected a callable"),
-    "dt lost in the rounding of t": (
-        lambda: line().run(line().state(wave, t=1e17), 1e17 + 64, dt=0.1),
-        "dt: 0.1 is lost in the rounding of t = 1e.17",
-    ),
-    "time": (lambda: line().state(wave, t=np.nan), "f: expected a finite time"),
-    "limiters": (lambda: line(limiter=["clamp"]), "limiter: expected one of"),
-    "dtype that is none": (lambda: line(dtype="single-ish"), "dtype: expected"),
-    "tolerance of the bounds": (lambda: line(bounds_tolerance="a"), "bounds_tolerance"),
-    "bounds one apart": (lambda: Grid((1, 1 + 1e-15), 8), "cannot be divided"),
-    "bounds too far apart": (lambda: Grid((-1e308, 1e308), 8), "cannot be divided"),
-    "complex points": (lambda: ran(dt=0.5).sample([1j]), "points: .*complex"),
-    "points that are words": (lambda: ran(dt=0.5).sample("here"), "points: expected real"),
-    "moment": (lambda: line().state(wave)["v"], "'v' is none of u, u_x"),
-    "points": (lambda: ran(dt=0.5).sample([np.nan]), "points"),
+def sampled(points):
+    return ran(dt=0.5).sample(points)
+
+
+def with_nan():
+    damaged = state()
+    damaged.data[1, 3] = np.nan
+    return line().step(damaged, 0.1)
+
+
+GRIDS = [
+    ("shape: expected at least 4", lambda: Grid((0, 1), 3)),
+    *[("shape", partial(Grid, (0, 1), cells)) for cells in (8.0, [], None, -8, 10**15)],
+    *[("bounds", partial(Grid, ends, 8)) for ends in ((1, 0), (0, np.nan), (0, 1j))],
+    ("bounds", lambda: Grid([(0, 1), (0,)], (8, 8))),
+    ("bounds: expected 2 pairs", lambda: Grid([(0, 1)], (8, 8))),
+    ("cannot be divided", lambda: Grid((1, 1 + 1e-15), 8)),
+    ("cannot be divided", lambda: Grid((-1e308, 1e308), 8)),
+    ("periodic", lambda: Grid((0, 1), 8, periodic=1)),
+    ("periodic", lambda: Grid((0, 1), 8, periodic=[[True], [True, False]])),
+    ("spacing after node 1 is -0.5", lambda: bent([0, 1, 0.5, 2, 3, 4])),
+    ("x: expected at least 5", lambda: bent([0, 1, 2])),
+    ("z: given", lambda: bent(np.arange(6), z=np.arange(6))),
+    *[("x", partial(bent, x)) for x in (np.arange(6) * 1j, [0, 1, np.nan, 3, 4, 5], None, [])],
+]
+VELOCITIES = [
+    ("is not a formula", lambda: text("x1 +")),
+    ("'foo'", lambda: text("foo")),
+    ("'gamma'", lambda: text("gamma(x1)")),
+    ("is not arithmetic", lambda: text("x1.real")),
+    ("not finite", lambda: text("10**400*x1")),
+    ("too large", lambda: text("1" + "0" * 400)),
+    ("not finite", lambda: text("x1**1e999")),
+    ("not finite", lambda: text("(-8)**(1/3)")),
+    ("not finite", lambda: text("x1/(2 - 2)")),
+    ("3002 characters", lambda: text("-" * 3000 + "x1")),
+    ("component 1", lambda: text(1j)),
+    ("from_expression", lambda: Velocity("x1")),
+    (r"shape \(9,\)", lambda: Solver(OPEN, np.ones(5))),
+    ("node", lambda: Solver(OPEN, np.full(9, np.nan))),
+    ("complex128", lambda: Solver(OPEN, np.ones(9) * 1j)),
+    ("1 components", lambda: Solver(PLANE, 1.0)),
+    *[
+        (r"^c1?: ", partial(Solver, LINE, c))
+        for c in (COMPLEX, [1j], np.nan, np.inf, [None], [], np.array([None] * 8))
+    ],
+    ("^c2: ", lambda: Solver(PLANE, [np.ones((9, 9)), np.ones(4)])),
+    (r"c1: called with the arrays x1 it raised TypeError.*steady=False",
+     lambda: moved(lambda x, t: np.cos(t) + 0 * x)),
+    ("c1: .*real values .*complex128", lambda: moved(lambda x: 1j * x)),
+    ("c1: .*TypeError", lambda: moved(math.sin)),
+    ("returned 2 components", lambda: moved(lambda x: (x, x))),
+    ("parameters: 'a' must be finite", lambda: text("a*x1", parameters={"a": np.nan})),
+    ("parameters: 'a'", lambda: text("a*x1", parameters={"a": "1"})),
+    ("parameters: 'a'", lambda: text("a*x1", parameters={"a": [1.0]})),
+    ("parameters: no formula holds 'b'", lambda: text("a*x1", parameters={"a": 1, "b": 2})),
+    ("component 1: 'a' in .* is none of x1, .*, b", lambda: text("a*x1", parameters={"b": 2})),
+    ("parameters: 'x1' has a meaning", lambda: text("x1", parameters={"x1": 2})),
+    ("parameters: 'pi' has a meaning", lambda: text("pi*x1", parameters={"pi": 3})),
+    ("parameters: 'sin' has a meaning", lambda: text("sin(x1)", parameters={"sin": 3})),
+    ("parameters: 'two words' is no name", lambda: text("x1", parameters={"two words": 3})),
+    ("parameters: expected numbers by names", lambda: text("x1", parameters=[1.0])),
+    ("b: no parameter of this velocity; known: a", lambda: speed().with_parameters(b=1.0)),
+    ("parameters: 'a' must be finite", lambda: speed().with_parameters(a=np.inf)),
+    ("a: no parameter .*; known: it has none", lambda: Velocity(1.0).with_parameters(a=1.0)),
+]  # fmt: skip
+SOLVERS = [
+    ("profile: expected one of", lambda: line(profile="septic")),
+    ("profile", lambda: line(profile=["cubic"])),
+    ("two-dimensional", lambda: line(profile="adini")),
+    *[("form.*conservative", partial(line, form=f)) for f in ("diffusion", None, ["transport"], 3)],
+    ("advection", lambda: line(profile="csl2")),
+    ("limiter: expected", lambda: line(limiter="minmod")),
+    ("limiter: expected one of", lambda: line(limiter=["clamp"])),
+    ("does not fit 'cubic'", lambda: line(limiter="bounds")),
+    ("splitting='strang'", lambda: Solver(PLANE, ["x2", "x1"], profile="cubic")),
+    ("splitting", lambda: line(splitting=["strang"])),
+    ("backend", lambda: line(backend="tpu")),
+    ("backend", lambda: line(backend=["cpu"])),
+    ("dtype", lambda: line(dtype=np.int32)),
+    ("dtype: expected", lambda: line(dtype="single-ish")),
+    ("store_feet", lambda: line(store_feet="no")),
+    ("low must be below high", lambda: line(bounds=(1, 0))),
+    *[("bounds", partial(line, bounds=b)) for b in ((0, COMPLEX), (0, np.nan), (0, 1, 2))],
+    *[("bounds_tolerance", partial(line, bounds_tolerance=b)) for b in ("a", np.nan)],
+    ("grid: expected a Grid", lambda: Solver(np.linspace(0, 1), 1.0)),
+    ("'left' is no wall", lambda: Solver(OPEN, 1.0, boundary={"left": 0})),
+    ("periodic there", lambda: line(boundary={"x-": 0})),
+    *[("boundary", partial(Solver, OPEN, 1.0, boundary=b)) for b in (COMPLEX, np.nan, np.ones(3))],
+    ("boundary 'x-': called with the arrays x1, t", lambda: moved(1.0, OPEN, {"x-": lambda t: t})),
+]
+STATES = [
+    ("f: .*real values", lambda: state(lambda x: 1j * x)),
+    (r"f: .*of shape \(8,\), got float64 of shape \(7,\)", lambda: state(lambda x: np.ones(7))),
+    (r"f: .*shape \(8,\)", lambda: state(np.ones(7))),
+    (r"f: NaN .*node \(0,\)", lambda: state(np.full(8, np.nan))),
+    ("f: moment 'u' is nan", lambda: state(lambda x: np.sqrt(x - 0.5))),
+    *[("f: ", partial(state, f)) for f in (COMPLEX, None)],
+    *[("f: expected a finite time|^t: ", partial(state, t=t)) for t in (np.nan, 1j, "noon")],
+    ("u_y", lambda: state(wave, derivatives={"u_y": wave})),
+    ("derivatives", lambda: state(derivatives=[1])),
+    ("f: ", lambda: line(dtype=np.float32).state(1e300)),
+    ("grid", lambda: State.from_function(wave, None)),
+    (r"moment 'u_x' is nan at node \(3,\) at \(0.375\) at t = 0", with_nan),
+    ("linear", lambda: line().step(line(profile="linear").state(wave), 0.1)),
+    ("it lives on", lambda: line().step(State.from_function(wave, Grid((0, 1), 9, True)), 0.1)),
+    ("expected a State", lambda: line().step(np.ones(8), 0.1)),
+    ("expected a Grid", lambda: line().step(State(None, "cubic", np.zeros((2, 8))), 0.1)),
+    *[("state", partial(of_data, np.zeros((2, 8), kind))) for kind in (complex, int)],
+    *[("state", partial(of_data, np.zeros((2, 8)), t)) for t in (None, np.nan)],
+    ("state", lambda: of_data([[0.0] * 8] * 2)),
+    ("'v' is none of u, u_x", lambda: state()["v"]),
+]
+RUNS = [
+    *[
+        ("dt: expected a positive", partial(stepped, dt))
+        for dt in (0.0, -0.1, np.nan, np.inf, "fast", None, COMPLEX, np.array([0.1, 0.2]))
+    ],
+    ("either dt or cfl", lambda: ran(dt=0.1, cfl=1)),
+    ("either dt or cfl", ran),
+    *[("cfl", partial(ran, cfl=cfl)) for cfl in (np.nan, -1.0)],
+    *[("t_end", partial(ran, t_end, dt=0.1)) for t_end in (0.0, COMPLEX, np.nan)],
+    ("increasing", lambda: ran(dt=0.1, snapshots=[0.5, 0.2])),
+    *[
+        ("snapshots", partial(ran, dt=0.1, snapshots=found))
+        for found in ([2.0], [0.5j], [0.1, np.nan], HIDDEN, 0, 2.5, [-1.0])
+    ],
+    ("callback: expected a callable", lambda: ran(dt=0.1, callback=3)),
+    ("dt: 0.1 is lost in the rounding of t = 1e.17",
+     lambda: line().run(state(t=1e17), 1e17 + 64, dt=0.1)),
+    ("points: .*complex", lambda: sampled([1j])),
+    ("points: expected real", lambda: sampled("here")),
+    *[("points", partial(sampled, points)) for points in ([np.nan], HIDDEN, None)],
+]  # fmt: skip
+
+
+def speed():
+    return text("a + 0*x1", parameters={"a": 1.0})
+
+
+def source(**more):
+    solver = line(**more)
+    return solver.run(solver.state(0.0), 1.0, dt=0.1)
+
+
+def early(shape=(2, 8)):
+    return Source.from_snapshots([0, 1], np.ones(shape), LINE)
+
+
+SPLIT = {"profile": "cubic", "splitting": "strang", "boundary": 1.0}
+SOURCES = [
+    ("source: .*, got True", lambda: line(source=True)),
+    ("source: expected a finite number", lambda: line(source=np.nan)),
+    (r"source: NaN or infinity at node \(7,\)", lambda: line(source=NAN8)),
+    (r"source: .*real values at the nodes, shape \(8,\)", lambda: line(source=np.ones(7))),
+    ("source: 'q' in 'q\\*x1' is none of", lambda: line(source="q*x1")),
+    (r"source: \['x2'\] occur, but the grid has 1", lambda: line(source="x1*x2")),
+    ("source: it, or a derivative .* is NaN", lambda: source(source="log(x1)")),
+    ("source: expected real values", lambda: line(source=[1j])),
+    ("source: expected numbers, got", lambda: line(source=[[1.0], [1.0, 2.0]])),
+    ("source: expected a number, a text", lambda: line(source={})),
+    ("decay: .*, got False", lambda: line(decay=False)),
+    ("decay: expected a rate >= 0, got -0.1", lambda: line(decay=-0.1)),
+    ("decay: expected a finite number", lambda: line(decay=np.inf)),
+    ("decay: expected a rate >= 0, got -.* at node ", lambda: source(decay="sin(2*pi*x1)")),
+    ("decay: expected a rate >= 0, got -", lambda: source(decay="1 - 2*t")),
+    ("decay: expected a rate >= 0, got -1 at node",
+     lambda: source(decay=Source.from_expression("k", {"k": -1.0}))),
+    ("decay: expected real values at the nodes", lambda: line(decay=np.ones(3))),
+    ("parameters: no formula holds 'q'", lambda: Source.from_expression("x1", {"q": 1.0})),
+    ("r: no parameter of this source; known: q",
+     lambda: Source.from_expression("q", {"q": 1.0}).with_parameters(r=1.0)),
+    (r"arrays: expected shape \(2, 1, 8\)", lambda: early((2, 7))),
+    ("t: the snapshots of the source cover 0 to 1",
+     lambda: line(source=early()).run(state(0.0), 1.5, dt=0.1)),
+    ("source: snapshots in 1 directions on a grid of 2",
+     lambda: Solver(PLANE, (0.0, 0.0), source=early())),
+    ("decay: with splitting the data of the wall x- must",
+     lambda: Solver(PLANE, (1.0, 0.0), decay=1.0, **SPLIT)),
+    ("splitting", lambda: Solver(PLANE, (1.0, 1.0), **{**SPLIT, "boundary": "sin(t)"})),
+]  # fmt: skip
+
+WIDE = Grid([(0, 1), (0, 2)], (8, 9))
+ZERO = np.zeros((3, 2, 9, 10))
+GAP = ZERO.copy()
+GAP[1, 0, 4, 5] = np.nan
+winds = Velocity.from_snapshots
+STEPS = [0, 1, 2]
+LONG = Grid((-1, 2), 48, periodic=True)
+splines = SplineVelocity
+
+
+def on(grid, velocity):
+    return partial(Solver, grid, velocity)
+
+
+def ones(grid=LINE):
+    return winds([0, 1], np.ones((2, *grid.nodes)), grid)
+
+
+SPLINES = [
+    ("times: expected finite, increasing", lambda: winds([0, 1, 1], ZERO, WIDE)),
+    ("times: expected finite, increasing", lambda: winds([0, 1, np.inf], ZERO, WIDE)),
+    ("times: expected at least 2", lambda: winds([0], ZERO[:1], WIDE)),
+    ("times: expected at least 2 times in one row", lambda: winds([STEPS], ZERO, WIDE)),
+    (r"arrays: expected shape \(2, 2, 9, 10\)", lambda: winds([0, 1], ZERO, WIDE)),
+    ("arrays: expected shape", lambda: winds(STEPS, ZERO[:, :1], WIDE)),
+    ("arrays: expected real values", lambda: winds(STEPS, ZERO + 1j, WIDE)),
+    (r"arrays: NaN or infinity in snapshot 1, component 0, node \(4, 5\)",
+     lambda: winds(STEPS, GAP, WIDE)),
+    ("grid: expected the Grid", lambda: winds(STEPS, ZERO, (9, 10))),
+    ("degree: expected 3 or 5", lambda: winds(STEPS, ZERO, WIDE, 4)),
+    ("degree: expected 3 or 5", lambda: winds(STEPS, ZERO, WIDE, np.array([5, 3]))),
+    ("degree: splines of degree 5 need 6 cells",
+     lambda: winds([0, 1], np.zeros((2, 5)), Grid((0, 1), 4), 5)),
+    ("velocity: snapshots in 2 directions on a grid of 1", on(LINE, winds(STEPS, ZERO, WIDE))),
+    *[
+        (f"velocity: {words}", on(Grid(box, (8, 8), periodic), winds(STEPS, ZERO, WIDE)))
+        for words, box, periodic in (
+            ("the snapshots cover x from 0 to 1, the grid", [(0, 1.1), (0, 2)], False),
+            ("the snapshots cover y from 0 to 2, the grid", [(0, 1), (-1, 2)], False),
+            ("the grid is periodic in x", [(0, 1), (0, 2)], (True, False)),
+        )
+    ],
+    (r"velocity: the period of the grid in x is 1.5 periods",
+     on(Grid((0, 1.5), 8, periodic=True), ones())),
+    (r"t: the snapshots of the velocity cover 0 to 1, not 0 to 1.2",
+     lambda: Solver(LINE, ones()).run(state(), 1.2, dt=0.1)),
+    ("t: the snapshots", lambda: Solver(LINE, ones()).step(state(), 1.1)),
+    ("t: the snapshots", lambda: Solver(LINE, ones()).step(state(t=-0.5), 0.1)),
+    ("grid: ", lambda: splines((0, 1), 4)),
+    ("pieces: expected 6 to 48", lambda: splines(LONG, 5)),
+    ("pieces: expected 6 to 48", lambda: splines(LONG, 49)),
+    ("pieces: ", lambda: splines(LONG, 8.0)),
+    ("pieces: ", lambda: splines(LONG, (8, 8))),
+    ("pieces: expected 1 to 4 in direction x", lambda: splines(PLANE, (5, 4))),
+    ("start: ", lambda: splines(LONG, 8, np.ones(5))),
+    ("start: expected finite", lambda: splines(LONG, 8, np.nan)),
+    ("start: expected 2 fields", lambda: splines(PLANE, 4, [1.0])),
+    ("degree: ", lambda: splines(LONG, 8, 1.0, 4)),
+    ("degree: .* take degree=5", lambda: splines(PLANE, 4, 1.0, 3, True)),
+    ("stream: ", lambda: splines(LONG, 8, 1.0, 5, True)),
+    ("velocity: its splines live on", on(Grid((0, 3), 48, periodic=True), splines(LONG, 8, 1.0))),
+    ("velocity: its splines live on", on(Grid((-1, 2), 48), splines(LONG, 8, 1.0))),
+]  # fmt: skip
+
+
+def sensors(points=(0.5,), times=(0.3,), *more):
+    return Sensors(points, times, *more)
+
+
+def still():
+    solver = Solver(OPEN, lambda x: 0.0 * x)
+    return solver.run(solver.state("x1"), 0.3, dt=0.1)
+
+
+SENSORS = [
+    ("points: expected shape", lambda: sensors([[[0.1]]])),
+    ("points: expected finite", lambda: sensors([np.nan])),
+    ("times: expected increasing", lambda: sensors([0.1], [1.0, 1.0])),
+    ("times: expected finite", lambda: sensors([0.1], [np.inf])),
+    ("values: expected one for each of 1 times and 1 points", lambda: sensors([0.1], [1.0], [1.0])),
+    ("values: infinity", lambda: sensors([0.1], [1.0], [[np.inf]])),
+    ("values: expected real", lambda: sensors([0.1], [1.0], [[1j]])),
+    ("deviations: expected positive", lambda: sensors([0.1], [1.0], None, 0.0)),
+    ("deviations: expected shape", lambda: sensors([0.1], [1.0], None, [0.1, 0.2])),
+    ("chosen: expected numbers", lambda: sensors().at([3])),
+    ("chosen: expected at least one", lambda: sensors().at([])),
+    (r"run: it has no snapshot at t = 0\.2", lambda: sensors([0.5], [0.2, 0.3]).sample(still())),
+    (r"points: x = 1\.5 lies outside", lambda: sensors([1.5]).sample(still())),
+    (r"run: expected what solver\.run returned", lambda: sensors().states(None)),
+    ("grid: it has 2 dimensions", lambda: sensors().rows(PLANE, "adini")),
+    ("not linear in its moments", lambda: sensors().rows(OPEN, "piecewise_linear")),
+    ("csl4", lambda: sensors([[0.5], [0.5]]).rows(PLANE, "csl4")),
+    ("dropouts: expected a probability", lambda: sensors().perturbed(0, 1.0)),
+    ("dataset: expected", lambda: Sensors.from_xarray({})),
+    *[("seed=", partial(sensors().perturbed, seed)) for seed in ("a", -1, 1.5, None)],
+]
+
+
+@cache
+def assimilation(count=8):
+    solver = Solver(LINE, 1.0)
+    B = Covariance.diffusion(LINE, "cubic", 1.0, 0.2)
+    seen = Sensors(np.linspace(0, 0.9, count), [0.1, 0.2], np.ones((2, count)), 0.1)
+    return {"solver": solver, "start": solver.state(0.0), "B": B, "sensors": seen, "dt": 0.05}
+
+
+def called(function, solver, start, B, sensors, **more):
+    return function(solver, start, B, sensors, **more)
+
+
+def analysed(**more):
+    return called(four_d_var, **(assimilation() | more))
+
+
+def placed(**more):
+    return called(place_sensors, **(assimilation() | {"budget": 2} | more))
+
+
+diffusion = Covariance.diffusion
+ASSIMILATION = [
+    ("deviation: expected positive", lambda: diffusion(OPEN, "cubic", 0.0, 0.1)),
+    ("deviation: expected one number or", lambda: diffusion(OPEN, "cubic", np.ones(7), 0.1)),
+    ("length: expected positive", lambda: diffusion(OPEN, "cubic", 1.0, -0.1)),
+    ("length: expected one number or shape", lambda: diffusion(OPEN, "cubic", 1.0, [0.1, 0.1])),
+    ("order: expected more than 1.5", lambda: diffusion(OPEN, "cubic", 1.0, 0.1, 1.5)),
+    ("grid: expected a Grid", lambda: diffusion(None, "cubic", 1.0, 0.1)),
+    ("root: expected 18 rows", lambda: Covariance(OPEN, "cubic", np.ones((5, 2)), np.ones(9))),
+    ("states: expected at least one", lambda: Covariance.patterns([])),
+    ("states: expected states of one profile",
+     lambda: Covariance.patterns([State.from_function("x1", g) for g in (OPEN, LONG)])),
+    ("solver: expected a Solver", lambda: analysed(solver=None)),
+    ("covariance: it is of", lambda: analysed(B=diffusion(LONG, "cubic", 1.0, 0.2))),
+    ("covariance: expected a Covariance", lambda: analysed(B=1.0)),
+    ("sensors: expected Sensors", lambda: analysed(sensors=None)),
+    ("sensors: their first time is 0.1, before",
+     lambda: analysed(start=line().state(0.0, t=0.15))),
+    ("sensors: no report has arrived",
+     lambda: analysed(sensors=assimilation()["sensors"].with_values(np.full((2, 8), np.nan)))),
+    ("parameters: the solver has no parameter 'a'", lambda: analysed(parameters={"a": 1.0})),
+    ("model_error: expected a Covariance, or one or None for each",
+     lambda: analysed(model_error=[None])),
+    ("model_error: interval 1: it is of",
+     lambda: analysed(model_error=[None, diffusion(LONG, "cubic", 1.0, 0.2)])),
+    ("tol: expected", lambda: analysed(tol=0.0)),
+    ("vectors: expected", lambda: analysed(vectors=-1)),
+    ("max_outer: expected", lambda: analysed(max_outer=True)),
+    ("max_iterations: after 2 combinations", lambda: analysed(max_iterations=2)),
+    ("budget: expected 1 to 8", lambda: placed(budget=0)),
+    ("budget: expected 1 to 8", lambda: placed(budget=True)),
+    ("criterion: expected", lambda: placed(criterion="E")),
+    ("goal: expected one of", lambda: placed(goal="end")),
+    ("goal: 'parameters' needs parameters=", lambda: placed(goal="parameters")),
+    ("goal: 'amplitudes' needs model_error=", lambda: placed(goal="amplitudes")),
+    ("excluded: expected True or False for each of 8", lambda: placed(excluded=[True])),
+    ("apart: expected a distance", lambda: placed(apart=-1.0)),
+]  # fmt: skip
+
+RING = Grid((0, 1), 40, periodic=True)
+SPEED = text("a + b*sin(2*pi*x1)", parameters={"a": 1.0, "b": 0.1})
+SEEN = np.sin(2 * np.pi * RING.coordinates[0]) + 0.5 * np.cos(6 * np.pi * RING.coordinates[0])
+ROWS = np.eye(3, 80)
+
+
+class Wrong:
+    """Observations with a wrong operator, by default of a wrong shape."""
+
+    times = (0.1,)
+    values = (np.zeros(3),)
+
+    def __init__(self, *operators, **others):
+        self.operators = operators or (np.zeros((3, 40)),)
+        self.__dict__.update(others)
+
+
+def identified(velocity=SPEED, limiter=None, **more):
+    solver = Solver(RING, velocity, limiter=limiter)
+    start = solver.state("sin(2*pi*x1) + 0.5*cos(6*pi*x1)")
+    return identify_velocity(
+        **({"solver": solver, "start": start, "data": {0.1: SEEN}, "dt": 0.05} | more)
+    )
+
+
+SILENT = Sensors([0.2, 0.5, 0.7], [0.1], np.full((1, 3), np.nan), 0.1)
+# The words of the message, and what is changed in a good call.
+IDENTIFICATION = [
+    ("solver: ", {"solver": SPEED}),
+    ("solver: its velocity has no parameters", {"velocity": 1.0}),
+    ("state: ", {"start": SEEN}),
+    ("start: the data do not change", {"start": State.from_function(2.0, RING)}),
+    ("data: ", {"data": {}}),
+    ("data: ", {"data": SEEN}),
+    ("data: ", {"data": {np.nan: SEEN}}),
+    ("data: the first time is 0", {"data": {0.0: SEEN}}),
+    ("data: snapshot at t = 0.1: ", {"data": {0.1: SEEN[:-1]}}),
+    ("data: snapshot at t = 0.1: NaN", {"data": {0.1: np.where(SEEN > 0, np.nan, 1)}}),
+    ("data: every value is masked", {"data": {0.1: np.ma.array(SEEN, mask=True)}}),
+    ("data: expected values of shape", {"data": Wrong()}),
+    (r"data: expected values of shape .* and list", {"data": Wrong([0.0, 1.0])}),
+    ("data: entries of the operators: NaN", {"data": Wrong(np.nan * ROWS)}),
+    ("data: entries of the operators: expected real values", {"data": Wrong(1j * ROWS)}),
+    ("data: expected values and an operator", {"data": Wrong(ROWS, values=None)}),
+    ("data: expected deviations for each of 1 times", {"data": Wrong(ROWS, deviations=0.1)}),
+    ("data: every value is masked or missing", {"data": SILENT}),
+    ("data: every value is masked or missing", {"data": SILENT, "regularization": "H2"}),
+    ("noise: with one for each time", {"data": {0.2: SEEN, 0.1: SEEN}, "noise": [0.1, 0.2]}),
+    ("noise: the data have", {"data": Sensors([0.5], [0.1], [[0.1]], 0.1), "noise": 0.1}),
+    *[("noise: ", {"noise": noise}) for noise in (-1.0, np.nan, [0.1, 0.1])],
+    ("dt: ", {"dt": 0.0}),
+    ("bounds: ", {"bounds": (2.0, 1.0)}),
+    ("bounds: the first guess of 'a'", {"bounds": (2.0, 3.0)}),
+    ("bounds: 'c' is no parameter", {"bounds": {"c": (0, 1)}}),
+    ("regularization: ", {"regularization": "L2"}),
+    ("regularization: ", {"velocity": speed(), "regularization": "H1"}),
+    ("weight: there is no seminorm", {"weight": 1.0}),
+    ("weight: ", {"weight": "gcv", "regularization": "H1"}),
+    ("weight: ", {"weight": -1.0, "regularization": "H1"}),
+    ("max_runs: ", {"max_runs": 0}),
+    ("max_runs: expected a positive number, got inf", {"max_runs": np.inf}),
+    ("limiter: ", {"limiter": "clamp"}),
+    ("max_runs: the est", {"data": {0.2: np.roll(SEEN, 10)}, "noise": 1e-3, "max_runs": 2}),
+]
+TABLES = {
+    "grid": GRIDS, "velocity": VELOCITIES, "solver": SOLVERS, "state": STATES, "run": RUNS,
+    "source": SOURCES, "splines": SPLINES, "sensors": SENSORS, "assimilation": ASSIMILATION,
+    "identification": [(words, partial(identified, **more)) for words, more in IDENTIFICATION],
+}  # fmt: skip
+# What is no InputError, by the words of the message.
+OTHERS = {
+    "splitting": NotSupported,
+    "decay: with splitting the data of the wall x- must": NotSupported,
+    "not linear in its moments": NotSupported,
+    "csl4": NotSupported,
+    "limiter: ": NotSupported,
+    "max_runs: the est": NotConverged,
+    "max_iterations: after 2 combinations": NotConverged,
 }
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_error(case):
-    attempt, message = CASES[case]
-    with pytest.raises(InputError, match=message):
-        attempt()
+@pytest.mark.parametrize(
+    ("words", "call"),
+    [
+        pytest.param(*row, id=f"{name} {q}: {row[0]}")
+        for name, table in TABLES.items()
+        for q, row in enumerate(table)
+    ],
+)
+def test_errors_name_the_argument(words, call):
+    with pytest.raises((InputError, OTHERS.get(words, InputError)), match=words):
+        call()
 
 
-def test_feet_that_leave_name_node_time_and_wall():
-    solver = Solver(Grid((0, 1), 10), 1.0)
-    state = solver.state(wave, t=2.0)
-    with pytest.raises(LeftDomain, match=r"node \(0,\) at \(0\) at t = 2.05 .*'x-' at \(0\)"):
-        solver.step(state, 0.05)
+LON, LAT = np.arange(16) / 16, np.linspace(1, 0, 13)
+SECONDS = np.arange(4).astype("datetime64[s]").astype("datetime64[ns]")
 
 
-def test_wall_data_that_are_not_finite():
-    with pytest.raises(NotFinite, match="boundary data"):
-        moved(1.0, Grid((0, 1), 8), {"x-": lambda x, t: np.sqrt(t - 1)})
+def dataset():
+    xarray = pytest.importorskip("xarray")
+    u, dims = 0.3 + 0 * LAT[:, None] * LON + np.zeros((4, 1, 1)), ("time", "lat", "lon")
+    return xarray.Dataset(
+        {"u10": (dims, u), "v10": (dims, 0.1 * u)}, {"time": SECONDS, "lat": LAT, "lon": LON}
+    )
 
 
-def test_velocity_that_overflows_names_node_and_time():
-    solver = Solver(Grid((0, 4), 10, periodic=True), Velocity(lambda x: np.exp(x**8)))
-    with pytest.raises(NotFinite, match=r"node \(\d+,\) at \(.*\) is not finite at t = "):
-        solver.step(solver.state(wave), 0.1)
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d["u10"], "winds: expected an xarray.Dataset, got DataArray"),
+        (lambda d: d.rename(u10="u"), "winds: the dataset has no 'u10'; it has"),
+        (lambda d: d.expand_dims("level"), r"winds: 'u10' has the dimensions \('level'"),
+        (lambda d: d.where(d.lat < 1), "arrays: NaN or infinity in snapshot 0, component 0"),
+        (lambda d: d * 1j, "winds: 'u10': expected real values instead of complex128"),
+        (lambda d: d.astype(str), "winds: 'u10': expected real values instead of <U"),
+        (
+            lambda d: d.assign_coords(lon=list("abcdefghijklmnop")),
+            "winds: 'lon': expected real values instead of <U1",
+        ),
+        (
+            lambda d: d.drop_vars("lat").assign_coords(lat=(("lat", "lon"), np.ones((13, 16)))),
+            r"winds: the coordinate 'lat' has the dimensions \('lat', 'lon'\), expected lat alone",
+        ),
+        (
+            lambda d: d.assign_coords(time=[date(2020, 1, n) for n in (1, 2, 3, 4)]),
+            "winds: 'time' holds object, expected numbers, datetime64 or timedelta64",
+        ),
+        ({"periodic": (True, True, False)}, "periodic: expected True or False, or one for each of"),
+        ({"periodic": "no"}, "periodic: expected True or False, .* got 'no'"),
+        ({"periodic": {"lon": True}}, "periodic: expected True or False"),
+        ({"components": "uv"}, "components: expected a sequence of names, got 'uv'"),
+        ({"components": None}, "components: expected a sequence of names, got None"),
+        ({"axes": ([1], "lat")}, "axes: expected names"),
+    ],
+)
+def test_winds_that_do_not_fit(change, words):
+    arguments = {"components": ("u10", "v10"), "axes": ("lon", "lat")}
+    data = change(dataset()) if callable(change) else dataset()
+    with pytest.raises(InputError, match=words):
+        Velocity.from_xarray(data, **(arguments if callable(change) else arguments | change))
+
+
+def test_datasets_of_sensors_that_do_not_fit():
+    pytest.importorskip("xarray")
+    plain = Sensors([0.2, 0.7], [0.0, 90.0], np.ones((2, 2)), 0.1).to_xarray()
+    dates = np.datetime64("2010-05-04T12:00", "ns") + np.array([0, 90], "timedelta64[s]")
+    dated = plain.assign_coords(t=dates)
+    for data, since, words in [
+        *[(dated, s, "since: expected a date") for s in ("noon", 12, np.datetime64("NaT"))],
+        (plain, "2010-05-04", "since: dataset: 't' holds float64, no dates"),
+        (
+            plain.assign_coords(t=[dates[0], np.datetime64("NaT")]),
+            None,
+            "times: expected finite times",
+        ),
+        (
+            plain.assign_coords(t=["noon", datetime.now]),
+            None,
+            r"'t' holds object.*convert dates of other calendars",
+        ),
+    ]:
+        with pytest.raises(InputError, match=words):
+            Sensors.from_xarray(data, since)
+
+
+def test_files_that_are_no_results(tmp_path):
+    path = tmp_path / "found.json"
+    for words in ('{"format": "identified velocity 1"}', "[]", "{}"):
+        path.write_text(words)
+        with pytest.raises(InputError, match="path: "):
+            IdentifiedVelocity.load(path, SPEED)
+        with pytest.raises(InputError, match="no file of sensors"):
+            Sensors.load(path)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int64])
+def test_other_real_numbers_are_taken(kind):
+    values = np.array([0, 1, 1, 0, 1, 0, 0, 1], dtype=kind)
+    found = State.from_function(values.astype(float), LINE)["u"]
+    np.testing.assert_array_equal(State.from_function(values, LINE)["u"], found)
+    (made,) = Solver(LINE, [values]).velocity.on(LINE)
+    at_nodes = made.derivative((0, 0, 0, 0), (1.0,) * 4)(LINE.coordinates[0], 0.0, 0.0, 0.0)
+    np.testing.assert_allclose(at_nodes, values, atol=1e-12)
+
+
+FULL = Grid((0, 4), 10, periodic=True)
+NOT_FINITE = [
+    (r"node \(0,\) at \(0\) at t = 2.05 .*'x-' at \(0\)", LeftDomain,
+     lambda: Solver(OPEN, 1.0).step(Solver(OPEN, 1.0).state(wave, t=2.0), 0.05)),
+    ("boundary data", NotFinite, lambda: moved(1.0, OPEN, {"x-": lambda x, t: np.sqrt(t - 1)})),
+    (r"node \(\d+,\) at \(.*\) is not finite at t = ", NotFinite,
+     lambda: moved(Velocity(lambda x: np.exp(x**8)), FULL)),
+    (r"node \(\d,\).* goes more than 1e.09 cells", NotFinite, lambda: moved(text("1e25"))),
+    (r"node \(\d,\).* goes more than 1e.09 cells", NotFinite,
+     lambda: moved(text("1e25*sin(2*pi*x1)"))),
+    # Python would raise at 1 / t for its own number t = 0.
+    ("at t = 0 ", NotFinite, lambda: moved(text("1/t"))),
+    (r"boundary: .* wall 'x-'", LeftDomain, lambda: moved(ones(OPEN), OPEN)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "error", "call"), NOT_FINITE)
+def test_what_happens_on_the_way_names_node_time_and_wall(words, error, call):
+    with pytest.raises(error, match=words):
+        call()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("text", "message"), [("sqrt(0.3 - t)", r"is not finite at t = "), ("1e25*t", "1e.09 cells")]
+    ("formula", "words"), [("sqrt(0.3 - t)", r"is not finite at t = "), ("1e25*t", "1e.09 cells")]
 )
 @pytest.mark.parametrize("dim", [1, 2])
-def test_unsteady_velocity_that_overflows_later(text, message, dim):
+def test_unsteady_velocity_that_overflows_later(formula, words, dim):
     """In the kernels that compute the feet too, and at the step where it happens."""
     grid = Grid((0, 1), (8,) * dim, periodic=True)
-    solver = Solver(grid, Velocity.from_expression(text, "0") if dim == 2 else
-                    Velocity.from_expression(text))  # fmt: skip
-    with pytest.raises(NotFinite, match=message) as caught:
+    solver = Solver(grid, text(*(formula, "0")[:dim]))
+    with pytest.raises(NotFinite, match=words) as caught:
         solver.run(solver.state("sin(2*pi*x1)"), 0.5, dt=0.03, snapshots=10)
     assert caught.value.trajectory.final.t <= 0.3
-
-
-@pytest.mark.parametrize("text", ["1e25", "1e25*sin(2*pi*x1)"])
-def test_velocity_beyond_what_can_be_counted(text):
-    solver = Solver(Grid((0, 1), 8, periodic=True), Velocity.from_expression(text))
-    with pytest.raises(NotFinite, match=r"node \(\d,\).* goes more than 1e.09 cells"):
-        solver.step(solver.state(wave), 0.1)
-
-
-def test_formula_that_is_singular_at_the_start():
-    """Python would raise at 1 / t for its own number t = 0."""
-    solver = Solver(Grid((0, 1), 8, periodic=True), Velocity.from_expression("1/t"))
-    with pytest.raises(NotFinite, match="at t = 0 "):
-        solver.run(solver.state(wave), 1.0, dt=0.1)
 
 
 def test_field_that_overflows_keeps_what_was_computed():
@@ -201,11 +630,3 @@ def test_field_that_overflows_keeps_what_was_computed():
     with pytest.raises(NotFinite, match="moment") as caught:
         solver.run(solver.state(1.0), 100.0, dt=1.0, snapshots=100)
     assert len(caught.value.trajectory) > 10
-
-
-def test_splitting_with_unsteady_data_is_refused():
-    with pytest.raises(NotSupported, match="splitting"):
-        Solver(
-            Grid([(0, 1)] * 2, (8, 8)), Velocity.from_expression("1", "1"), profile="cubic",
-            splitting="strang", boundary="sin(t)",
-        )  # fmt: skip

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from cip import Grid, Solver, Velocity
-from cip.engines import cpu_blocks, cpu_loops
-from cip.profiles import line_kernels
+from cip.engines import cpu_loops
 from skfem_adini.ground import jit
 
 SCRIPT = """
@@ -49,10 +48,6 @@ def test_the_next_process_compiles_nothing():
     assert output.split() == [b"0", b"1"]
 
 
-def test_loops_without_kernels_of_others_are_kept():
-    assert cpu_blocks.run_cubic._cache.cache_path
-
-
 def test_one_path_serves_all_grids_and_solvers():
     paths = []
     for n in (8, 9):
@@ -60,18 +55,6 @@ def test_one_path_serves_all_grids_and_solvers():
         solver = Solver(grid, Velocity.from_expression("cos(3*t)"), boundary=0.0)
         paths.append(cpu_loops.compiled(grid, solver._stages[0])[0])
     assert paths[0] is paths[1]
-
-
-def test_names_say_which_code_they_are():
-    loops = [
-        jit.loop_over(cpu_loops.run_line, node=getattr(line_kernels, f"node_{profile}"))
-        for profile in ("linear", "cubic")
-    ]
-    names = [loop.py_func.__qualname__ for loop in loops]
-    assert names[0].startswith("run_line_node_linear_")
-    assert names[1].startswith("run_line_node_cubic_")
-    assert all(name.endswith(jit.state_of("cip")) for name in names)
-    assert jit.loop_over(cpu_loops.run_line, node=line_kernels.node_cubic) is loops[1]
 
 
 def test_no_folder_to_write_to(monkeypatch):

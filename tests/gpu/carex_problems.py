@@ -185,3 +185,33 @@ def example_4_3(masses, mu=1.0, delta=4.0, kappa=1.0):
     B = np.zeros((2 * n, 2))
     B[n, 0], B[-1, 1] = 1 / mu, -1 / mu
     return Example(A, B, np.eye(2 * n), np.eye(2)), kappa * K
+
+
+# By parameters: benign and hard ones with a known solution, and others.
+BENIGN = {
+    "1.1": example_1_1(),
+    "1.2": example_1_2(),
+    **{f"2.1 e={e}": example_2_1(e) for e in (1.0, 1e-2)},
+    **{f"2.3 e={e}": example_2_3(e) for e in (1.0, 1e2)},
+    **{f"2.4 e={e}": example_2_4(e) for e in (1.0,)},
+    **{f"2.5 e={e}": example_2_5(e) for e in (1.0,)},
+    **{f"2.6 e={e}": example_2_6(e) for e in (1.0,)},
+    **{f"3.2 n={n}": example_3_2(n) for n in (3, 64)},
+}
+HARD = {
+    "2.1 e=1e-06": example_2_1(1e-6),
+    **{f"2.3 e={e}": example_2_3(e) for e in (1e6, 1e-6)},
+    **{f"2.4 e={e}": example_2_4(e) for e in (1e-5, 1e-7)},
+    **{f"2.5 e={e}": example_2_5(e) for e in (1e-3, 1e-6)},
+    **{f"2.6 e={e}": example_2_6(e) for e in (1e-3, 1e3, 1e6)},
+}
+UNKNOWN = {
+    "1.3": example_1_3(),
+    "1.5": example_1_5(),
+    **{f"2.2 e={e}": example_2_2(e) for e in (1.0, 1e-8)},
+    **{f"2.7 e={e}": example_2_7(e) for e in (1.0, 1e-6)},
+    **{f"2.8 e={e}": example_2_8(e) for e in (1.0, 1e-6)},
+    "3.1 l=20": example_3_1(20),
+    "4.1 n=21": example_4_1(21),
+    "4.3 l=30": example_4_3(30)[0],
+}

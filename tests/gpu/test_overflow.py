@@ -63,11 +63,8 @@ def test_usual_problems_of_unusual_size_are_solved():
                 solve_qp(SHAPE, [1.0, -0.5], **rows).x,
                 rtol=1e-12,
             )
-
-
-def test_entries_near_the_largest_number_are_symmetric_still():
-    P = 1.5e308 * np.array([[1.0, 0.5], [0.5 * (1 + 1e-15), 1.0]])
-    assert np.isfinite(QPFactor(P).P).all()
+    asymmetric = 1.5e308 * np.array([[1.0, 0.5], [0.5 * (1 + 1e-15), 1.0]])
+    assert np.isfinite(QPFactor(asymmetric).P).all()
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
@@ -123,20 +120,27 @@ def test_a_riccati_residual_that_overflows_is_not_small():
             assert riccati_residual(problem, S).relative > 1e-3
 
 
-REGULATORS = [1e-300, 1e-150, 1e-70, 1.0, 1e70, 1e154, 1e300]
+REGULATORS = [1e-300, 1e-150, 1.0, 1e70, 1e154, 1e300]
+
+
+def solution(a, b, q, r):
+    """S and K of one state, in decimals."""
+    a, b, q, r = map(Decimal, (a, b, q, r))
+    effect = b**2 / r
+    root = (a**2 + effect * q).sqrt()
+    S = (a + root) / effect if a > 0 else q / (root - a)
+    return S, S * b / r
 
 
 @pytest.mark.parametrize("a", [1e-150, 1.0, 1e154, 1e300])
 def test_every_size_of_one_unstable_state(a):
     """Solved, unless a number of the solution is out of range."""
     for b, q, r in itertools.product(REGULATORS, repeat=3):
-        effect = Decimal(b) ** 2 / Decimal(r)
-        S = (Decimal(a) + (Decimal(a) ** 2 + effect * Decimal(q)).sqrt()) / effect
-        K = S * Decimal(b) / Decimal(r)
+        S, K = solution(a, b, q, r)
         pole = Decimal(a) - Decimal(b) * K
         if not all(Decimal("1e-290") < abs(value) < Decimal("1e307") for value in (S, K, pole)):
             continue
-        if effect * Decimal(q) < Decimal(a) ** 2 * Decimal("1e-280"):
+        if Decimal(b) ** 2 / Decimal(r) * Decimal(q) < Decimal(a) ** 2 * Decimal("1e-280"):
             continue  # beside the term of A the others are among the least numbers
         for result in (lqr([[a]], [[b]], [[q]], [[r]]), lqe([[a]], [[1.0]], [[b]], q, r)):
             assert result.K[0, 0] == pytest.approx(float(K), rel=1e-12, abs=0.0)
@@ -149,9 +153,7 @@ def test_every_size_of_one_unstable_state(a):
 def test_sizes_of_one_stable_state_lose_no_digit_unsaid():
     """The gain and the cost are right, or refused: none is zero by rounding."""
     for a, b, q, r in itertools.product([1.0, 1e154, 1e300], *3 * [REGULATORS]):
-        effect = Decimal(b) ** 2 / Decimal(r)
-        S = Decimal(q) / (Decimal(a) + (Decimal(a) ** 2 + effect * Decimal(q)).sqrt())
-        K = S * Decimal(b) / Decimal(r)
+        S, K = solution(-a, b, q, r)
         if min(S, K) < Decimal("1e-300"):
             continue
         try:

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.sparse.linalg import aslinearoperator
 
 from cip import (
     Covariance,
     Grid,
-    InputError,
-    NotConverged,
     Sensors,
     Solver,
     State,
@@ -27,6 +27,7 @@ SCHEMES = {
         ["1 + 0.3*cos(2*pi*x1)"],
     ),
     "open": (Grid((-1, 1), 20), "cubic", ["x1"]),
+    "start alone": (Grid((0, 1), 20, periodic=True), "cubic", ["1.0"]),
     "csl2": (Grid((0, 1), 16, periodic=True), "csl2", ["1 + 0.3*sin(2*pi*x1 + t)"]),
     "open csl4": (Grid((-1, 1), 12), "csl4", ["x1"]),
     "bicubic": (
@@ -101,6 +102,8 @@ def kalman(solver, background, B, sensors, Q):
 def test_it_is_the_kalman_filter_and_smoother(name, weak):
     solver, background, B, sensors, Q = problem(name)
     Q = Q if weak else None
+    if name == "start alone":
+        sensors = Sensors(sensors.points, [0.0], sensors.values[:1], sensors.deviations[:1])
     found = four_d_var(
         solver, background, B, sensors, dt=0.05, model_error=Q, tol=1e-11, vectors=20
     )
@@ -115,6 +118,7 @@ def test_it_is_the_kalman_filter_and_smoother(name, weak):
     assert found.cost == pytest.approx(cost, rel=1e-10)
     assert found.complete
     assert found.reports == np.sum(sensors.reported)
+    assert len(found.states) == len(sensors.times)
 
 
 @pytest.mark.parametrize("rank", [3, 12, 30])
@@ -138,66 +142,6 @@ def test_fewer_combinations_never_promise_more(rank):
     np.testing.assert_allclose(now, exact, rtol=0, atol=1e-12)
     np.testing.assert_allclose(part.solution, exact @ A.T @ b, rtol=0, atol=1e-12)
     assert part.complete
-
-
-@pytest.mark.slow
-def test_deviations_are_those_of_the_errors():
-    """Calibration: truths drawn from the prior, the same noise as assumed.
-
-    The fast lane has the exact deviations, those of the smoother in dense matrices.
-    """
-    solver, background, B, plan, Q = problem("cubic", dropouts=0.0)
-    ratios, chi = [], []
-    for seed in range(40):
-        truth = State(solver.grid, "cubic", background.data + B.draw(seed).data, 0.0)
-        values = [truth]
-        state = truth
-        for k, end in enumerate(TIMES[1:]):
-            state = solver.run(state, end, dt=0.05).final
-            state = State(
-                solver.grid, "cubic", state.data + Q.draw(1000 * (k + 1) + seed).data, end
-            )
-            values.append(state)
-        rows = plan.rows(solver.grid, "cubic")
-        clean = plan.with_values(np.stack([rows @ one.data.ravel() for one in values]))
-        found = four_d_var(
-            solver, background, B, clean.perturbed(seed), dt=0.05, model_error=Q, vectors=20
-        )
-        ratios.append((found.start["u"] - truth["u"]) / found.deviations)
-        chi.append(2 * found.cost)
-        assert found.explained
-    # 40 independent fields with a few independent values each: 5 deviations of their estimates.
-    assert np.std(ratios) == pytest.approx(1.0, abs=0.25)
-    assert np.mean(chi) == pytest.approx(20.0, abs=5 * np.sqrt(2 * 20 / 40))
-
-
-@pytest.mark.slow
-def test_an_unknown_speed_and_start():
-    """The data are of the closed form of a wave, not of the scheme."""
-    grid = Grid((0, 1), 40, periodic=True)
-    velocity = Velocity.from_expression("a + b*sin(2*pi*x1)", parameters={"a": 0.7, "b": 0.0})
-    solver = Solver(grid, velocity)
-    plan = Sensors(np.linspace(0, 0.9, 7), np.linspace(0, 0.8, 17), deviations=0.02)
-    x, t = plan.points, plan.times[:, None]
-    sensors = plan.with_values(np.sin(2 * np.pi * (x - t))).perturbed(seed=3, dropouts=0.1)
-    B = Covariance.diffusion(grid, "cubic", 1.0, 0.15)
-    found = four_d_var(
-        solver, solver.state(0.0), B, sensors, dt=0.05, parameters={"a": 0.4, "b": 0.2}
-    )
-    assert found.outer_iterations > 1
-    assert found.gradient <= 1e-8
-    for name, truth in {"a": 1.0, "b": 0.0}.items():
-        spread = found.parameter_deviations[name]
-        assert spread < 0.02
-        assert abs(found.parameters[name] - truth) < 4 * spread
-    assert found.velocity.parameters == found.parameters
-    error = found.start["u"] - np.sin(2 * np.pi * grid.coordinates[0])
-    assert np.max(np.abs(error) / found.deviations) < 4.0
-    assert found.explained
-    wrong = sensors.with_values(sensors.values + (sensors.points > 0.5))  # a constant bias
-    assert not four_d_var(
-        solver, solver.state(0.0), B, wrong, dt=0.05, parameters={"a": 1e-3, "b": 1e-3}
-    ).explained
 
 
 @pytest.mark.sampled(2)
@@ -233,15 +177,6 @@ def test_the_linearisation_of_a_window(profile):
     assert slope == pytest.approx(2.0, abs=0.05)
 
 
-def test_reports_of_the_start_alone():
-    solver, background, B, sensors, _ = problem("cubic", dropouts=0.0)
-    first = Sensors(sensors.points, [0.0], sensors.values[:1], sensors.deviations[:1])
-    found = four_d_var(solver, background, B, first, dt=0.05, tol=1e-11)
-    _, start, _, _ = kalman(solver, background, B, first, None)
-    np.testing.assert_allclose(found.start.data.ravel(), start, rtol=0, atol=1e-10)
-    assert len(found.states) == 1
-
-
 def test_an_analysis_becomes_a_dataset():
     pytest.importorskip("xarray")
     solver, background, B, sensors, _ = problem("bicubic")
@@ -258,32 +193,6 @@ def test_an_analysis_becomes_a_dataset():
     np.testing.assert_array_equal(dataset["deviation"], found.deviations)
     assert dataset["parameter_value"].sel(parameter="a") == found.parameters["a"]
     assert dataset["parameter_deviation"].sel(parameter="a") == found.parameter_deviations["a"]
-
-
-def test_what_is_refused():
-    solver, background, B, sensors, Q = problem("cubic")
-    good = (solver, background, B, sensors)
-    other = Covariance.diffusion(Grid((0, 1), 30, periodic=True), "cubic", 1.0, 0.2)
-    late = State(solver.grid, "cubic", background.data, 0.1)
-    none = sensors.with_values(np.full(sensors.values.shape, np.nan))
-    for arguments, more, message in [
-        ((None, *good[1:]), {}, "solver: expected a Solver"),
-        ((*good[:2], other, sensors), {}, "covariance: it is of"),
-        ((*good[:2], 1.0, sensors), {}, "covariance: expected a Covariance"),
-        ((*good[:3], None), {}, "sensors: expected Sensors"),
-        ((solver, late, *good[2:]), {}, "sensors: their first time is 0, before"),
-        ((*good[:3], none), {}, "sensors: no report has arrived"),
-        (good, {"parameters": {"a": 1.0}}, "parameters: the solver has no parameter 'a'"),
-        (good, {"model_error": [Q]}, "model_error: expected a Covariance, or one or None for each"),
-        (good, {"model_error": [None, None, other]}, "model_error: interval 2: it is of"),
-        (good, {"tol": 0.0}, "tol: expected"),
-        (good, {"vectors": -1}, "vectors: expected"),
-        (good, {"max_outer": True}, "max_outer: expected"),
-    ]:
-        with pytest.raises(InputError, match=message):
-            four_d_var(*arguments, dt=0.05, **more)
-    with pytest.raises(NotConverged, match="max_iterations: after 2 combinations"):
-        four_d_var(*good, dt=0.05, max_iterations=2)
 
 
 @pytest.mark.parametrize(
@@ -314,3 +223,105 @@ def test_on_a_device_it_is_that_of_the_host(cupy, unknown):
         spread = expected.parameter_deviations[name]
         assert of_device.parameter_deviations[name] == pytest.approx(spread, rel=1e-8)
     assert of_device.complete
+
+
+def check_against_dense(reports, unknowns, seed, spread):
+    """A problem of given singular values, whose mean and variances follow in closed form."""
+    rng = np.random.default_rng(seed)
+    rank = int(rng.integers(1, min(reports, unknowns) + 1)) if seed % 3 else min(reports, unknowns)
+    sizes = 10.0 ** rng.uniform(-spread, spread, size=rank)
+    left, _ = np.linalg.qr(rng.standard_normal((reports, rank)))
+    right, _ = np.linalg.qr(rng.standard_normal((unknowns, rank)))
+    A = aslinearoperator((left * sizes) @ right.T)
+    b = rng.standard_normal(reports)
+    mean = right @ (sizes / (1.0 + sizes**2) * (left.T @ b))
+    known = (right**2) @ (1.0 / (1.0 + sizes**2))
+    variances = known + np.maximum(1.0 - np.sum(right**2, axis=1), 0.0)
+    all_of_them = combined_analysis(A, b, 1e-13, 500, reports, lambda *_: None)
+    assert all_of_them.complete
+    assert all_of_them.residual <= 1e-13
+    # Rounding of the operator's own products, relative to the largest singular value.
+    scale = np.abs(mean).max() * max(1.0, sizes.max())
+    np.testing.assert_allclose(all_of_them.solution, mean, rtol=0, atol=1e-11 * scale)
+    found = all_of_them.variances(np.ones(unknowns), all_of_them.directions)
+    np.testing.assert_allclose(found, variances, rtol=1e-8, atol=1e-11)
+    if rank == unknowns:  # nothing is left of the prior: small deviations are as accurate as large
+        np.testing.assert_allclose(found, variances, rtol=1e-8)
+    few = combined_analysis(A, b, 1e-10, 500, 0, lambda *_: None)
+    assert few.residual <= 1e-10
+    above = few.variances(np.ones(unknowns), few.directions) - variances
+    assert above.min() > -1e-10
+    if few.complete:
+        assert above.max() < 1e-10
+
+
+@settings(max_examples=60)
+@given(st.integers(1, 60), st.integers(1, 60), st.integers(0, 2**31), st.sampled_from([0.0, 1.0]))
+def test_any_shape(reports, unknowns, seed, spread):
+    check_against_dense(reports, unknowns, seed, spread)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unknowns", range(1, 61))
+def test_all_shapes(unknowns):
+    for reports in range(1, 61):
+        check_against_dense(
+            reports, unknowns, 61 * reports + unknowns, [0.0, 1.0, 3.0][reports % 3]
+        )
+
+
+@pytest.mark.parametrize("deviation", [0.3, 1e-6])
+@pytest.mark.parametrize(
+    ("patterns", "points", "times"), [(1, 20, 1), (1, 1, 1), (2, 3, 1), (4, 5, 1), (4, 6, 3)]
+)
+def test_a_window_with_few_unknowns(patterns, points, times, deviation):
+    """At whole numbers of periods a wave is where it was, so the reports are of the patterns."""
+    grid = Grid((0, 1), 16, periodic=True)
+    solver = Solver(grid, 1.0)
+    shapes = [solver.state(f"cos({2 * k}*pi*x1) + 0.3*sin({2 * k}*pi*x1)") for k in range(patterns)]
+    rng = np.random.default_rng(points)
+    places, clock = rng.random(points), np.arange(times, dtype=float)
+    values = rng.standard_normal((times, points))
+    sensors = Sensors(places, clock, values, deviation)
+    B = Covariance.patterns(shapes)
+    found = four_d_var(solver, solver.state(0.0), B, sensors, dt=1.0, vectors=values.size, tol=1e-9)
+    rows = sensors.rows(grid, "cubic")
+    once = np.stack([rows @ one.data.ravel() for one in shapes], axis=1)
+    A, b = np.tile(once, (times, 1)) / deviation, values.ravel() / deviation
+    # Householder's QR of [A; 1] does not square the condition of A.
+    _, R = np.linalg.qr(np.concatenate([A, np.eye(patterns)]))
+    amplitudes, *_ = np.linalg.lstsq(
+        np.concatenate([A, np.eye(patterns)]), np.append(b, np.zeros(patterns)), rcond=None
+    )
+    nodal = np.stack([one["u"] for one in shapes], axis=1)
+    np.testing.assert_allclose(
+        found.start["u"], nodal @ amplitudes, rtol=0, atol=1e-7 * np.abs(amplitudes).max()
+    )
+    spread = np.sqrt(np.sum((nodal @ np.linalg.inv(R)) ** 2, axis=1))
+    np.testing.assert_allclose(found.deviations, spread, rtol=1e-7)
+    assert found.complete
+
+
+def test_one_unknown_parameter_and_many_reports():
+    """One speed and one amplitude beside forty reports: more than one outer iteration."""
+    grid = Grid((0, 1), 32, periodic=True)
+    solver = Solver(grid, Velocity.from_expression("a", parameters={"a": 0.9}), profile="quintic")
+    plan = Sensors(np.linspace(0, 0.95, 20), [0.2, 0.4], deviations=0.01)
+    x, t = plan.points, plan.times[:, None]
+    sensors = plan.with_values(1.3 * np.sin(2 * np.pi * (x - t)))
+    B = Covariance.patterns([solver.state("sin(2*pi*x1)")])
+    found = four_d_var(
+        solver, solver.state("sin(2*pi*x1)"), B, sensors, dt=0.1, parameters={"a": 1.0}
+    )
+    assert found.complete
+    assert found.parameters["a"] == pytest.approx(1.0, abs=1e-4)
+    # Fisher's information of the speed: the sum of (t u_x)^2 over the reports, over their variance.
+    slopes = 1.3 * 2 * np.pi * t * np.cos(2 * np.pi * (x - t))
+    expected = 0.01 / np.sqrt(np.sum(slopes**2))
+    assert found.parameter_deviations["a"] == pytest.approx(expected, rel=1e-2)
+    assert found.outer_iterations > 1
+    assert found.velocity.parameters == found.parameters
+    assert found.explained
+    biased = sensors.with_values(sensors.values + (sensors.points > 0.5))
+    start = solver.state("sin(2*pi*x1)")
+    assert not four_d_var(solver, start, B, biased, dt=0.1, parameters={"a": 1e-3}).explained

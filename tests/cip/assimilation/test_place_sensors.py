@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cip import Covariance, Grid, InputError, Sensors, Solver, Velocity, place_sensors
+from cip import Covariance, Grid, InputError, Sensors, Solver, State, Velocity, place_sensors
 
 GRID = Grid((0, 1), 24, periodic=True)
 
@@ -21,15 +21,10 @@ def problem(seed=0, count=8, text="1 + 0.4*sin(2*pi*x1)", times=(0.1, 0.25)):
 
 def rows_of(solver, start, B, candidates):
     """Reports of all candidates over deviations, for unit errors: by runs, without adjoints."""
-    found = []
-    S = B.root @ np.eye(24)
+    found, S, rows = [], B.root @ np.eye(24), candidates.rows(GRID, "cubic")
     for t, deviations in zip(candidates.times, candidates.deviations, strict=True):
-        rows = candidates.rows(GRID, "cubic")
-        ends = []
-        for column in S.T:
-            data = column.reshape(start.data.shape)
-            state = type(start)(GRID, "cubic", data, 0.0)
-            ends.append(solver.run(state, t, dt=0.05).final.data.ravel())
+        states = [State(GRID, "cubic", x.reshape(start.data.shape), 0.0) for x in S.T]
+        ends = [solver.run(state, t, dt=0.05).final.data.ravel() for state in states]
         found.append((rows @ np.stack(ends, axis=1)) / deviations[:, None])
     return np.stack(found), S
 
@@ -125,20 +120,3 @@ def test_sources():
     # A number of prior variance 1, seen with strength 1, noise .1 and the background's .01.
     assert found.prior == 1.0
     assert found.value == pytest.approx(1 / (1 + 0.1**2 + 0.01**2), rel=1e-3)
-
-
-def test_what_is_refused():
-    solver, start, B, candidates = problem()
-    good = (solver, start, B, candidates)
-    for more, message in [
-        ({"budget": 0}, "budget: expected 1 to 8"),
-        ({"budget": True}, "budget: expected 1 to 8"),
-        ({"criterion": "E"}, "criterion: expected"),
-        ({"goal": "end"}, "goal: expected one of"),
-        ({"goal": "parameters"}, "goal: 'parameters' needs parameters="),
-        ({"goal": "amplitudes"}, "goal: 'amplitudes' needs model_error="),
-        ({"excluded": [True]}, "excluded: expected True or False for each of 8"),
-        ({"apart": -1.0}, "apart: expected a distance"),
-    ]:
-        with pytest.raises(InputError, match=message):
-            place_sensors(*good, **{"budget": 2, "dt": 0.05, **more})

@@ -5,7 +5,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from cip import Grid, InputError, NotSupported, Sensors, Solver, State
+from cip import Grid, InputError, Sensors, Solver, State
 from cip.output.sample import sample, sample_rows
 from cip.profiles.catalogue import moments
 
@@ -41,16 +41,10 @@ def test_rows_read_what_the_profile_says(name, profile):
     found = sample_rows(grid, profile, points) @ data.ravel()
     # Rounding of a sum of at most 64 products.
     np.testing.assert_allclose(found, sample(state, points), rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("profile", ["cubic", "quintic"])
-def test_rows_are_exact_for_cubics(profile):
-    """Independent of `sample`: point values and slopes of a cubic determine it."""
-    grid, points = GRIDS["line"], places(GRIDS["line"], 30)
-    state = State.from_function(lambda x: x**3 - 2 * x + 1, grid, profile)
-    x = points[0]
-    found = sample_rows(grid, profile, points) @ state.data.ravel()
-    np.testing.assert_allclose(found, x**3 - 2 * x + 1, rtol=0, atol=1e-13)
+    if grid is GRIDS["line"] and profile in ("cubic", "quintic"):
+        state = State.from_function(lambda x: x**3 - 2 * x + 1, grid, profile)
+        found, (x,) = sample_rows(grid, profile, points) @ state.data.ravel(), points
+        np.testing.assert_allclose(found, x**3 - 2 * x + 1, rtol=0, atol=1e-13)
 
 
 def test_operator_of_all_times_and_its_transpose():
@@ -132,76 +126,9 @@ def test_dates_of_a_dataset_become_seconds():
         assert Sensors.from_xarray(dated, since).times.tolist() == [30.0, 120.0]
     lasting = sensors.to_xarray().assign_coords(t=dates - dates[0] + HALF_MINUTE)
     assert Sensors.from_xarray(lasting).times.tolist() == [30.0, 120.0]
-    for since in ("noon", 12, np.datetime64("NaT")):
-        with pytest.raises(InputError, match="since: expected a date such as"):
-            Sensors.from_xarray(dated, since)
-    with pytest.raises(InputError, match="since: dataset: 't' holds float64, no dates"):
-        Sensors.from_xarray(sensors.to_xarray(), "2010-05-04")
-    with pytest.raises(InputError, match="times: expected finite times"):
-        Sensors.from_xarray(dated.assign_coords(t=[dates[0], np.datetime64("NaT")]))
-    with pytest.raises(InputError, match=r"'t' holds object.*convert dates of other calendars"):
-        Sensors.from_xarray(dated.assign_coords(t=["noon", datetime.now]))
 
 
 def test_some_of_them():
     sensors = Sensors([0.1, 0.2, 0.3], [1.0], [[1.0, 2.0, 3.0]], 0.1)
     np.testing.assert_array_equal(sensors.at([2, 0]).values, [[3.0, 1.0]])
     np.testing.assert_array_equal(sensors.at([False, True, False]).points, [[0.2]])
-    with pytest.raises(InputError, match="chosen: expected numbers"):
-        sensors.at([3])
-    with pytest.raises(InputError, match="chosen: expected at least one"):
-        sensors.at([])
-
-
-def test_masked_values_are_dropouts():
-    values = np.ma.masked_array([[1.0, 2.0]], mask=[[False, True]])
-    np.testing.assert_array_equal(Sensors([0.1, 0.2], 1.0, values).reported, [[True, False]])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (([[[0.1]]], [1.0]), "points: expected shape"),
-        (([np.nan], [1.0]), "points: expected finite"),
-        (([0.1], [1.0, 1.0]), "times: expected increasing"),
-        (([0.1], [np.inf]), "times: expected finite"),
-        (([0.1], [1.0], [1.0]), "values: expected one for each of 1 times and 1 points"),
-        (([0.1], [1.0], [[np.inf]]), "values: infinity"),
-        (([0.1], [1.0], [[1j]]), "values: expected real"),
-        (([0.1], [1.0], None, 0.0), "deviations: expected positive"),
-        (([0.1], [1.0], None, [0.1, 0.2]), "deviations: expected shape"),
-    ],
-)
-def test_malformed_sensors(arguments, message):
-    with pytest.raises(InputError, match=message):
-        Sensors(*arguments)
-
-
-def test_what_does_not_fit_the_run(tmp_path):
-    solver = Solver(GRIDS["line"], lambda x: 0.0 * x)
-    run = solver.run(solver.state("x1"), 0.3, dt=0.1)
-    with pytest.raises(InputError, match=r"run: it has no snapshot at t = 0\.2"):
-        Sensors([0.5], [0.2, 0.3]).sample(run)
-    with pytest.raises(InputError, match=r"points: x = 1\.5 lies outside"):
-        Sensors([1.5], [0.3]).sample(run)
-    with pytest.raises(InputError, match=r"run: expected what solver\.run returned"):
-        Sensors([0.5], [0.3]).states(None)
-    with pytest.raises(InputError, match="grid: it has 2 dimensions"):
-        Sensors([0.5], [0.3]).rows(GRIDS["plane"], "adini")
-    with pytest.raises(NotSupported, match="not linear in its moments"):
-        Sensors([0.5], [0.3]).rows(GRIDS["line"], "piecewise_linear")
-    with pytest.raises(NotSupported, match="csl4"):
-        Sensors([[0.5], [0.5]], [0.3]).rows(GRIDS["plane"], "csl4")
-    (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(InputError, match="no file of sensors"):
-        Sensors.load(tmp_path / "other.json")
-    with pytest.raises(InputError, match="dropouts: expected a probability"):
-        Sensors([0.5], [0.3]).perturbed(0, 1.0)
-    with pytest.raises(InputError, match="dataset: expected"):
-        Sensors.from_xarray({})
-
-
-@pytest.mark.parametrize("seed", ["a", -1, 1.5, None])
-def test_seeds_are_whole_numbers(seed):
-    with pytest.raises(InputError, match="seed="):
-        Sensors([0.1], [1.0], [[2.0]], 0.1).perturbed(seed)

@@ -117,31 +117,6 @@ def test_stored_feet(form, profile):
     np.testing.assert_allclose(found, cells, rtol=0, atol=3e-7)
 
 
-@pytest.mark.slow
-def test_space():
-    """The last axis is swept once, so that one step of a splitting shows the feet themselves."""
-    grid, h = Grid([(0, 0.5), (0, 1), (0, 1)], (24, 40, 48), periodic=True), 1 / 48
-    s = f"((x3 - 0.41)/{h!r})"
-    away = f"(((x1 - 0.253)/{3 * h!r})**2 + ((x2 - 0.62)/{3 * h!r})**2)"
-    field = f"{0.5 * h / DT!r}*(1 + 0*t)*sin({s})*exp(-({s}/4)**2 - {away})"
-    solver = Solver(
-        grid, Velocity.from_expression("1e-9*cos(t)", "0*t", field + " + 0*t"), profile="linear",
-        splitting="strang",
-    )  # fmt: skip
-    end = solver.step(solver.state("x3"), DT)
-    x, y, z = grid.mesh()
-    weight = np.exp(-(((x - 0.253) / 3 / h) ** 2) - ((y - 0.62) / 3 / h) ** 2)
-    near = np.abs(z - 0.41) < 12 * h
-
-    def back(_, s):
-        return -0.5 / DT * weight[near] * np.sin(s) * np.exp(-((s / 4) ** 2))
-
-    places = (z[near] - 0.41) / h
-    exact = solve_ivp(back, (0, DT), places, "DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
-    np.testing.assert_allclose((end["u"][near] - 0.41) / h, exact, rtol=0, atol=1e-6)
-    assert np.abs(exact - places).max() > 0.3
-
-
 @pytest.mark.turns(4)
 def test_velocity_whose_period_divides_the_step():
     """Sub-steps of half a step, or of a quarter, would see its crests only; its integral is 0."""

@@ -52,20 +52,12 @@ def deviation(seed):
     return error / found.value_deviations[0, node]
 
 
-# As many problems lie outside so many deviations with a chance below 1 : 1000 if these are right.
-def check(errors):
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default::UserWarning")
+def test_three_hundred_problems():
+    errors = [deviation(seed) for seed in range(300)]
+    # As many lie outside so many deviations with a chance below 1 : 1000 if these are right.
     for size, chance in ((1, 0.3173), (2, 0.0455), (3, 0.0027)):
         assert np.sum(np.abs(errors) > size) <= binom.ppf(0.999, len(errors), chance), errors
     # Nor are they far too large: then the errors would be small beside them.
     assert np.sqrt(np.mean(np.square(errors))) > 0.5
-
-
-@pytest.mark.slow
-def test_a_few_problems():
-    check([deviation(seed) for seed in range(1000, 1012)])
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("default::UserWarning")
-def test_three_hundred_problems():
-    check([deviation(seed) for seed in range(300)])

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from truths import FIELD, field, snapshots
+from truths import FIELD, snapshots
 
 from cip import Grid, IdentifiabilityWarning, Solver, SplineVelocity, Velocity, identify_velocity
-from cip.inverse.problem import Data, Prediction
 
 GRID = Grid((0, 1), 100, periodic=True)
 
@@ -51,22 +50,3 @@ def test_parameters_that_act_alike_are_named():
     assert found.parameters["a"] + found.parameters["b"] == pytest.approx(1.1, abs=1e-3)
     assert min(found.deviations.values()) > 0.5  # each alone is unknown
     assert found.value_deviations.max() < 1e-3  # their sum is not
-
-
-@pytest.mark.parametrize("t", [0.2, 0.25, 0.5])
-@pytest.mark.parametrize("k", [1, 2, 4])
-def test_gains_of_waves(k, t):
-    """At c = 1 a change cos(2 pi k x) moves feet by |sin(pi k t) / (pi k)| at most."""
-    speed = Velocity.from_expression(f"1 + b*cos({2 * k}*pi*x1)", parameters={"b": 0.0})
-    grid = Grid((0, 1), 160, periodic=True)
-    solver = Solver(grid, speed, profile="quintic")
-    start, (x,) = solver.state(FIELD), grid.mesh()
-    data = Data({t: np.zeros(160)}, None, grid, "quintic", 3, 0.0)
-    change = Prediction(solver, start, data, 0.0123, ["b"]).sensitivity(np.zeros(1))[:, 0]
-    e = 1e-6
-    slope = (field(x - t + e) - field(x - t - e)) / (2 * e)
-    # The foot moves by the integral of -cos(2 pi k (x - s)) over s from 0 to t.
-    moved = -(np.sin(2 * np.pi * k * x) - np.sin(2 * np.pi * k * (x - t))) / (2 * np.pi * k)
-    assert np.abs(moved).max() <= abs(np.sin(np.pi * k * t) / (np.pi * k)) + 1e-12
-    # The quintic's error in derivatives on 160 nodes.
-    np.testing.assert_allclose(change, slope * moved, rtol=0, atol=1e-5)

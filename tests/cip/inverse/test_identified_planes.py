@@ -21,14 +21,16 @@ def swirl(strength, drift=0.0):
     """Vortices of the stream function -strength cos(2 pi y) ... and a drift along x."""
 
     def c(x, y):
-        return np.stack(
-            [
-                drift + strength * np.sin(TAU * x + 0.3) * np.cos(TAU * y),
-                -strength * np.cos(TAU * x + 0.3) * np.sin(TAU * y),
-            ]
-        )
+        first = drift + strength * np.sin(TAU * x + 0.3) * np.cos(TAU * y)
+        return np.stack([first, -strength * np.cos(TAU * x + 0.3) * np.sin(TAU * y)])
 
     return c
+
+
+FLOW = Velocity.from_expression(
+    "d + s*sin(2*pi*x1 + .3)*cos(2*pi*x2)", "-s*cos(2*pi*x1 + .3)*sin(2*pi*x2)",
+    parameters={"s": 0.2, "d": 0.0},
+)  # fmt: skip
 
 
 def tracer(x, y):
@@ -45,12 +47,7 @@ SPLIT = {"splitting": "strang", "form": "advection"}
 )
 def test_parameters_of_a_plane_flow(profile, scheme):
     grid = Grid([(0, 1), (0, 1)], (32, 32), periodic=True)
-    flow = Velocity.from_expression(
-        "d + s*sin(2*pi*x1 + .3)*cos(2*pi*x2)",
-        "-s*cos(2*pi*x1 + .3)*sin(2*pi*x2)",
-        parameters={"s": 0.2, "d": 0.0},
-    )
-    solver = Solver(grid, flow, profile=profile, **scheme)
+    solver = Solver(grid, FLOW, profile=profile, **scheme)
     data = snapshots(swirl(0.5, 0.1), (0.12, 0.2), grid, 0.02, u=tracer)
     found = identify_velocity(solver, solver.state(tracer), data, dt=0.04, noise=0.02)
     for name, value in {"s": 0.5, "d": 0.1}.items():
@@ -98,16 +95,11 @@ def test_both_components():
 def test_sensors_in_a_plane():
     """Reports at points between the nodes, at many times: as well as their deviations say."""
     grid = Grid([(0, 1), (0, 1)], (32, 32), periodic=True)
-    flow = Velocity.from_expression(
-        "d + s*sin(2*pi*x1 + .3)*cos(2*pi*x2)",
-        "-s*cos(2*pi*x1 + .3)*sin(2*pi*x2)",
-        parameters={"s": 0.2, "d": 0.0},
-    )
     places, times = np.random.default_rng(3).random((2, 6)), np.arange(1, 7) * 0.04
     ends = feet(swirl(0.5, 0.1), times, *places)
     values = np.stack([tracer(*at) for at in ends])
     data = Sensors(places, times, values, 0.02).perturbed(seed=4, dropouts=0.1)
-    solver = Solver(grid, flow, profile="adini")
+    solver = Solver(grid, FLOW, profile="adini")
     found = identify_velocity(solver, solver.state(tracer), data, dt=0.04)
     for name, value in {"s": 0.5, "d": 0.1}.items():
         assert abs(found.parameters[name] - value) <= 4.0 * found.deviations[name] <= 0.05

@@ -17,6 +17,10 @@ SPEED = Velocity.from_expression(
 )
 
 
+def slow(x):
+    return 1 + 0.2 * np.sin(2 * np.pi * x)
+
+
 def relative(found, c):
     exact = np.stack([np.broadcast_to(part, found.grid.nodes) for part in np.atleast_2d(c)])
     return np.linalg.norm(found.values - exact) / np.linalg.norm(exact)
@@ -108,20 +112,49 @@ def test_sensors_at_points(own):
     assert 0.6 <= found.reduced_chi_square <= 1.4
 
 
-def test_masked_values_are_missing():
+@pytest.fixture(scope="module")
+def whole():
+    """Data of the speed 1.2 + .3 sin(2 pi x), the start, and what is identified from them."""
     data = snapshots(lambda x: 1.2 + 0.3 * np.sin(2 * np.pi * x), (0.2, 0.31), SHORT, 1e-3)
     solver = Solver(SHORT, SPEED)
     start = solver.state(FIELD)
-    whole = identify(solver, start, data, dt=0.02, noise=1e-3)
-    spoiled = {}
-    for t, u in data.items():
-        hidden = np.zeros(u.size, dtype=bool)
-        hidden[20:50] = True
-        spoiled[t] = np.ma.array(np.where(hidden, np.nan, u), mask=hidden)
+    return data, solver, start, identify(solver, start, data, dt=0.02, noise=1e-3)
+
+
+def test_masked_values_are_missing(whole):
+    data, solver, start, found = whole
+    hidden = (np.arange(80) >= 20) & (np.arange(80) < 50)
+    spoiled = {t: np.ma.array(np.where(hidden, np.nan, u), mask=hidden) for t, u in data.items()}
     part = identify(solver, start, spoiled, dt=0.02, noise=1e-3)
     assert part.misfit.size == 2 * 50
-    assert part.deviations["b"] > whole.deviations["b"]
+    assert part.deviations["b"] > found.deviations["b"]
     assert abs(part.parameters["b"] - 0.3) <= 4.0 * part.deviations["b"]
+
+
+def test_bounds_hold(whole):
+    """An upper bound below the amplitude of the truth."""
+    data, solver, start, _ = whole
+    with pytest.warns(UserWarning, match="reduced chi-square"):
+        found = identify(solver, start, data, dt=0.02, noise=1e-3, bounds={"b": (0.0, 0.2)})
+    assert found.parameters["b"] == pytest.approx(0.2, abs=1e-6)
+    assert found.at_bounds == ("b",)
+    assert not found.explained
+    assert "b" in found.summary()
+
+
+def test_results_are_stored_and_drawn(whole, tmp_path):
+    found, path = whole[-1], tmp_path / "speed.json"
+    found.save(path)
+    again = IdentifiedVelocity.load(path, SPEED)
+    assert again.parameters == found.parameters
+    assert again.summary() == found.summary()
+    np.testing.assert_array_equal(again.covariance, found.covariance)
+    np.testing.assert_array_equal(again.value_deviations, found.value_deviations)
+    assert again.identifiability.condition == found.identifiability.condition
+    with pytest.raises(InputError, match="velocity: expected one with the parameters a, b, d"):
+        IdentifiedVelocity.load(path, Velocity.from_expression("a", parameters={"a": 1}))
+    (line,) = found.plot().lines
+    np.testing.assert_array_equal(line.get_ydata(), found.values[0])
 
 
 @pytest.mark.sampled(2)
@@ -131,15 +164,8 @@ def test_units_do_not_matter(unit):
     found = []
     for length, time, size in ((1.0, 1.0, 1.0), (unit, unit**0.5, 1 / unit)):
         grid = Grid((0, length), 60, periodic=True)
-        data = {
-            t * time: size * u
-            for t, u in snapshots(
-                lambda x: 1 + 0.2 * np.sin(2 * np.pi * x),
-                (0.1, 0.17),
-                Grid((0, 1), 60, periodic=True),
-                3e-3,
-            ).items()
-        }
+        seen = snapshots(slow, (0.1, 0.17), Grid((0, 1), 60, periodic=True), 3e-3)
+        data = {t * time: size * u for t, u in seen.items()}
         solver = Solver(grid, SplineVelocity(grid, 8, length / time))
         start = solver.state(lambda x: size * field(x / length))  # noqa: B023
         one = identify(solver, start, data, dt=0.02 * time, noise=3e-3 * size)
@@ -148,31 +174,13 @@ def test_units_do_not_matter(unit):
     np.testing.assert_allclose(found[1][1], found[0][1], rtol=2e-2)  # as far as weights settle
 
 
-def test_bounds_hold():
-    """A lower bound above the slowest part of the truth."""
-    data = snapshots(lambda x: 1.0 + 0.3 * np.sin(2 * np.pi * x), (0.2, 0.31), SHORT, 1e-3)
-    solver = Solver(SHORT, SPEED)
-    with pytest.warns(UserWarning, match="reduced chi-square"):
-        found = identify(
-            solver, solver.state(FIELD), data, dt=0.02, noise=1e-3, bounds={"b": (0.0, 0.2)}
-        )
-    assert found.parameters["b"] == pytest.approx(0.2, abs=1e-6)
-    assert found.at_bounds == ("b",)
-    assert not found.explained
-    assert "b" in found.summary()
-
-
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("weight", ["l-curve", "discrepancy"])
 def test_without_knowledge_of_the_noise(weight):
     solver = Solver(SHORT, SplineVelocity(SHORT, 10, 1.0))
-
-    def c(x):
-        return 1 + 0.2 * np.sin(2 * np.pi * x)
-
-    data = snapshots(c, TIMES, SHORT, 5e-3)
+    data = snapshots(slow, TIMES, SHORT, 5e-3)
     found = identify(solver, solver.state(FIELD), data, dt=0.02, weight=weight)
-    assert relative(found, c(SHORT.coordinates[0])) <= 1e-2
+    assert relative(found, slow(SHORT.coordinates[0])) <= 1e-2
     assert found.reduced_chi_square is None
     assert found.root_mean_square == pytest.approx(5e-3, rel=0.2)
 
@@ -198,7 +206,7 @@ def test_a_line_that_the_flow_leaves():
 def test_the_gradient_vanishes_at_the_estimate():
     """The sum of squares and the seminorm, recomputed by runs: no parameter lowers it."""
     solver = Solver(SHORT, SplineVelocity(SHORT, 8, 1.0))
-    data = snapshots(lambda x: 1 + 0.2 * np.sin(2 * np.pi * x), (0.1, 0.17), SHORT, 5e-3)
+    data = snapshots(slow, (0.1, 0.17), SHORT, 5e-3)
     start = solver.state(FIELD)
     found = identify(solver, start, data, dt=0.02, noise=5e-3)
     x = np.linspace(0, 1, 4001)[:-1]
@@ -218,34 +226,6 @@ def test_the_gradient_vanishes_at_the_estimate():
         # The parabola's vertex lies within a hundredth of a deviation of the estimate.
         vertex = 0.5 * e * (behind - ahead) / (ahead - 2 * least + behind)
         assert abs(vertex) <= 0.02 * found.deviations[name]
-
-
-def test_results_are_stored(tmp_path):
-    solver = Solver(SHORT, SPEED)
-    data = snapshots(lambda x: 1.2 + 0.3 * np.sin(2 * np.pi * x), (0.2, 0.31), SHORT, 1e-3)
-    found = identify(solver, solver.state(FIELD), data, dt=0.02, noise=1e-3)
-    found.save(tmp_path / "speed.json")
-    again = IdentifiedVelocity.load(tmp_path / "speed.json", SPEED)
-    assert again.parameters == found.parameters
-    assert again.summary() == found.summary()
-    np.testing.assert_array_equal(again.covariance, found.covariance)
-    np.testing.assert_array_equal(again.value_deviations, found.value_deviations)
-    assert again.identifiability.condition == found.identifiability.condition
-    with pytest.raises(InputError, match="velocity: expected one with the parameters a, b, d"):
-        IdentifiedVelocity.load(
-            tmp_path / "speed.json", Velocity.from_expression("a", parameters={"a": 1})
-        )
-    (tmp_path / "other.json").write_text("[]")
-    with pytest.raises(InputError, match="path: "):
-        IdentifiedVelocity.load(tmp_path / "other.json", SPEED)
-
-
-def test_a_picture_shows_the_estimate():
-    solver = Solver(SHORT, SPEED)
-    data = snapshots(lambda x: 1.2 + 0.3 * np.sin(2 * np.pi * x), (0.2, 0.31), SHORT, 1e-3)
-    found = identify(solver, solver.state(FIELD), data, dt=0.02, noise=1e-3)
-    (line,) = found.plot().lines
-    np.testing.assert_array_equal(line.get_ydata(), found.values[0])
 
 
 @pytest.mark.slow

@@ -1,10 +1,15 @@
 """What a run leaves: snapshots on time, diagnostics, samples, files, pictures, interruptions."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
+import pyvista
 from full_disk import errors_without_space
 
 from cip import Grid, InputError, MissingDependency, Solver, State, Velocity
+from cip.output.sample import sample
 
 
 def wave(x):
@@ -64,17 +69,14 @@ def test_starts_from_values_at_the_nodes():
         np.testing.assert_allclose(found["u"], expected["u"], rtol=0, atol=1e-14)
 
 
-def test_says_what_it_is_in_one_line():
-    run = run_of()
+def test_lines_and_diagnostics():
+    run = run_of(snapshots=3)
     assert repr(run.final) == (
         "State('cubic': u, u_x on Grid([0, 1], cells=(20,), periodic=(True,)) at t = 0.5)"
     )
-    assert repr(run).startswith("Trajectory(2 snapshots of 'cubic' on Grid(")
+    assert repr(run).startswith("Trajectory(4 snapshots of 'cubic' on Grid(")
     assert "interrupted" not in repr(run)
-
-
-def test_diagnostics():
-    found = run_of(snapshots=3).diagnostics
+    found = run.diagnostics
     np.testing.assert_allclose(found.mass, 2.0, rtol=1e-12)
     np.testing.assert_allclose(found.total_variation, 4, rtol=0.02)
     np.testing.assert_allclose(found.l1, 2.0, rtol=1e-3)
@@ -88,48 +90,32 @@ def test_diagnostics():
     "profile", ["linear", "piecewise_linear", "cubic", "quintic", "csl2", "csl4"]
 )
 def test_samples_interpolate(profile):
+    """At the nodes, between them, and in the mean over each cell."""
     run = run_of(profile)
-    grid = run.solver.grid
-    np.testing.assert_allclose(run.sample(grid.coordinates[0]), run.final["u"], atol=1e-13)
+    (x,) = run.solver.grid.coordinates
+    np.testing.assert_allclose(run.sample(x), run.final["u"], atol=1e-13)
     between = np.random.default_rng(0).uniform(-1, 2, 50)
     largest = {"linear": 0.3, "piecewise_linear": 0.06}.get(profile, 2e-3)
     np.testing.assert_allclose(run.sample(between), wave(between - 0.5), atol=largest)
+    if profile.startswith("csl"):
+        places, weights = np.polynomial.legendre.leggauss(5)
+        means = run.sample(x[:, None] + (1 + places) / 2 / 20) @ weights / 2
+        np.testing.assert_allclose(means, run.final["mean"], atol=1e-13)
 
 
-def test_samples_of_cell_means_are_consistent():
-    """The mean of the sampled profile over each cell is the mean that is carried."""
-    run = run_of("csl4")
-    places, weights = np.polynomial.legendre.leggauss(5)
-    x = run.solver.grid.coordinates[0][:, None] + (1 + places) / 2 / 20
-    means = run.sample(x) @ weights / 2
-    np.testing.assert_allclose(means, run.final["mean"], atol=1e-13)
-
-
-def test_samples_in_two_and_three_dimensions():
+@pytest.mark.parametrize(("dim", "profile"), [(2, "adini"), (2, "bicubic"), (3, "cubic")])
+def test_samples_in_two_and_three_dimensions(dim, profile):
     def field(x, y, z=0.0):
         return x**2 * y - y**3 + x * y * (1 + z)
 
-    rng = np.random.default_rng(2)
-    for dim, profile, tolerance in (
-        (2, "adini", 1e-12),
-        (2, "bicubic", 1e-12),
-        (3, "cubic", 1e-12),
-    ):
-        grid = Grid([(0, 1)] * dim, (5,) * dim)
-        splitting = "strang" if dim == 3 else None
-        solver = Solver(grid, [1.0] * dim, profile=profile, splitting=splitting)
-        state = solver.state(field)
-        points = rng.uniform(0, 1, (dim, 30))
-        from cip.output.sample import sample
-
-        np.testing.assert_allclose(sample(state, points), field(*points), atol=tolerance)
+    state = State.from_function(field, Grid([(0, 1)] * dim, (5,) * dim), profile)
+    points = np.random.default_rng(2).uniform(0, 1, (dim, 30))
+    np.testing.assert_allclose(sample(state, points), field(*points), atol=1e-12)
     with pytest.raises(InputError, match="outside"):
-        sample(state, [[2.0], [0.5], [0.5]])
+        sample(state, [[2.0], *[[0.5]] * (dim - 1)])
 
 
 def test_series_opens_in_pyvista(tmp_path):
-    import pyvista
-
     run = plane()
     series, *files = run.save(tmp_path / "run.pvd")
     assert len(files) == 4
@@ -141,8 +127,20 @@ def test_series_opens_in_pyvista(tmp_path):
     values = mesh.point_data["u"].reshape(11, 9).T
     np.testing.assert_array_equal(values[:8], run.final["u"])
     np.testing.assert_array_equal(values[8], run.final["u"][0])
-    with pytest.raises(InputError, match=r"\.pvd"):
-        run.save(tmp_path / "run.vtk")
+    for path, words in ((tmp_path / "run.vtk", r"\.pvd"), (None, "path=None")):
+        with pytest.raises(InputError, match=words):
+            run.save(path)
+
+
+def test_series_of_two_runs_under_one_name(tmp_path, monkeypatch):
+    """Every file is whole, with one process number as in two containers, and long names do."""
+    monkeypatch.setattr(os, "getpid", lambda: 1)
+    run, name = run_of(snapshots=4), tmp_path / ("x" * 241 + ".pvd")
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(lambda _: run.save(name), range(2))
+    assert first == second
+    assert sorted(tmp_path.iterdir()) == sorted(first)
+    assert all(path.read_text().rstrip().endswith("</VTKFile>") for path in first)
 
 
 def channel():
@@ -155,13 +153,9 @@ def channel():
 
 
 def test_means_are_data_of_the_cells(tmp_path):
-    import pyvista
-
     run = channel()
     mesh = pyvista.read(run.save(tmp_path / "run.pvd")[-1])
-    np.testing.assert_array_equal(
-        mesh.cell_data["mean"].reshape(5, 6).T, run.final["mean"]
-    )  # fmt: skip
+    np.testing.assert_array_equal(mesh.cell_data["mean"].reshape(5, 6).T, run.final["mean"])
     areas = mesh.compute_cell_sizes()["Area"]
     assert areas @ mesh.cell_data["mean"] == pytest.approx(run.final.mass, rel=1e-12)
     assert set(mesh.point_data) == {"u", "mean_x", "mean_y"}
@@ -170,8 +164,17 @@ def test_means_are_data_of_the_cells(tmp_path):
     assert np.isnan(lines[-1]).all()
 
 
-def test_means_in_xarray():
-    pytest.importorskip("xarray")
+def test_xarray():
+    try:
+        import xarray  # noqa: F401
+    except ImportError:
+        with pytest.raises(MissingDependency, match=r"pip install 'skfem-adini\[io\]'"):
+            plane().to_xarray()
+        return
+    run = plane()
+    data = run.to_xarray()
+    assert data["u"].dims == ("t", "x", "y")
+    np.testing.assert_array_equal(data["u"].isel(t=-1), run.final["u"])
     run = channel()
     data = run.to_xarray()
     assert data["mean"].dims == ("t", "x_cell", "y_cell")
@@ -200,19 +203,6 @@ def test_no_space_left(tmp_path):
     (error,) = errors_without_space(WITHOUT_SPACE, tmp_path, 4000)
     assert "too large" in error
     assert not list(tmp_path.iterdir())
-
-
-def test_xarray():
-    try:
-        import xarray  # noqa: F401
-    except ImportError:
-        with pytest.raises(MissingDependency, match=r"pip install 'skfem-adini\[io\]'"):
-            plane().to_xarray()
-        return
-    run = plane()
-    data = run.to_xarray()
-    assert data["u"].dims == ("t", "x", "y")
-    np.testing.assert_array_equal(data["u"].isel(t=-1), run.final["u"])
 
 
 @pytest.mark.turns(4)
@@ -272,10 +262,7 @@ def test_a_state_from_the_callback_goes_on():
     ("change", "message"),
     [
         (lambda s: State(s.grid, s.profile, s.data, s.t + 1), "a state at t = 1.1"),
-        (
-            lambda s: State(s.grid, "linear", s.data[:1], s.t),
-            "what does not fit: state: it carries",
-        ),
+        (lambda s: State(s.grid, "linear", s.data[:1], s.t), "what does not fit: state: it car"),
         (lambda s: State(s.grid, s.profile, s.data * np.nan, s.t), "what does not fit: .* is nan"),
     ],
 )

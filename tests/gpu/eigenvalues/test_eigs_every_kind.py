@@ -177,14 +177,11 @@ def check(seed, cupy=None):
     assert problems(A, k, which, w, v) == [], f"seed {seed}: {kind}, n = {len(A)}, {k} {which}"
 
 
-@pytest.mark.parametrize("seed", range(len(KINDS)))
+@pytest.mark.parametrize(
+    "seed",
+    [*range(len(KINDS)), *(pytest.param(s, marks=pytest.mark.slow) for s in range(1000, 1500))],
+)
 def test_every_kind(seed):
-    check(seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1000, 1500))
-def test_five_hundred(seed):
     check(seed)
 
 

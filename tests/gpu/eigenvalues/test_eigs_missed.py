@@ -45,24 +45,19 @@ def random_matrix(kind, n, seed):
     return A + 1j * rng.standard_normal((n, n)) if kind == "complex" else A
 
 
-def test_uniform_operator_of_order_400():
-    """The pair at the cut, of modulus 5.72671, was missed for one of modulus 5.69967."""
-    rng = np.random.default_rng(1)
-    rng.standard_normal((400, 400))
-    A = rng.random((400, 400))
-    v0 = np.random.default_rng(1).standard_normal(400)
-    found, true = ranks_found_and_true(A, 10, "LM", ncv=25, tol=1e-10, v0=v0)
-    assert found == pytest.approx(true, rel=1e-8)
-
-
-@pytest.mark.slow
-def test_uniform_operator_of_order_440():
-    """A search of 1,675 products settled on modulus 5.95 and never saw the pair of 6.00197."""
-    rng = np.random.default_rng(31553)
-    rng.random(), rng.integers(260, 500)
-    A = rng.random((440, 440))
-    v0 = np.random.default_rng(31554).standard_normal(440)
-    found, true = ranks_found_and_true(A, 11, "LM", ncv=25, v0=v0)
+@pytest.mark.parametrize(
+    ("n", "k", "seed"), [(400, 10, 1), pytest.param(440, 11, 31553, marks=pytest.mark.slow)]
+)
+def test_uniform_operators_whose_pair_at_the_cut_was_missed(n, k, seed):
+    """Of modulus 5.72671, for one of 5.69967; and 6.00197, after 1,675 products."""
+    rng = np.random.default_rng(seed)
+    if n == 400:
+        rng.standard_normal((400, 400))
+        options = {"tol": 1e-10, "v0": np.random.default_rng(1).standard_normal(n)}
+    else:
+        rng.random(), rng.integers(260, 500)
+        options = {"v0": np.random.default_rng(31554).standard_normal(n)}
+    found, true = ranks_found_and_true(rng.random((n, n)), k, "LM", ncv=25, **options)
     assert found == pytest.approx(true, rel=1e-8)
 
 

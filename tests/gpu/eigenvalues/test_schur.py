@@ -108,15 +108,11 @@ def test_in_order_and_as_by_lapack(kind, m, rank):
     assert (np.diff(rank(values)) <= 100 * m * EPS).all()
     theirs = np.sort(rank(linalg.eigvals(S)))[::-1]
     assert rank(values) == pytest.approx(theirs, rel=1e-10, abs=1e-12)
-
-
-def test_only_the_leading_rows_are_put_in_order():
-    S = KINDS["gaussian"](np.random.default_rng(3), 30)
-    T, Q, values = ordered_schur(S, np.abs, 5)
-    best = np.sort(np.abs(values))[::-1]
-    assert np.abs(values[:5]) == pytest.approx(best[:5], rel=1e-10)
-    assert (np.diff(np.abs(values[6:])) > 1e-3).any()
-    assert np.abs(Q @ T @ Q.T - S).max() <= 100 * 30 * EPS * np.abs(S).max()
+    if m == 40 and kind == "gaussian":  # only the leading rows are put in order
+        T, Q, few = ordered_schur(S, rank, 5)
+        assert rank(few[:5]) == pytest.approx(theirs[:5], rel=1e-10)
+        assert (np.diff(rank(few[6:])) > 1e-3).any()
+        assert np.abs(Q @ T @ Q.T - S).max() <= 100 * m * EPS
 
 
 @settings(max_examples=300, deadline=None)

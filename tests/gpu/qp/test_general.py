@@ -1,4 +1,4 @@
-"""Inequality rows, semidefinite and sparse matrices, sequences, and the door to qpsolvers."""
+"""Rows, semidefinite and sparse matrices, sequences, certificates, and the door to qpsolvers."""
 
 import numpy as np
 import pytest
@@ -10,13 +10,17 @@ from gpu import (
     GpuError,
     Infeasible,
     InputError,
+    NotConverged,
     QPFactor,
+    Unbounded,
     batch_solve_qp,
     register_qpsolvers,
     solve_qp,
 )
 from gpu.qp.data.qp_problem import check_problem
 from gpu.qp.solve_qp import _proximal
+
+Q, ROW = np.array([1.0, -1.0]), {"A": [[1.0, 1.0]], "b": [1.0]}
 
 
 def random(seed, n=30, l=20, m=4):
@@ -26,33 +30,38 @@ def random(seed, n=30, l=20, m=4):
     return M @ M.T / n + 0.1 * np.eye(n), rng.standard_normal(n), G, G @ x + 0.1, A, A @ x
 
 
-def test_projection_onto_a_half_space():
+def test_closed_forms():
+    """A projection onto a half space, signs of multipliers, sides that count as infinite."""
     result = solve_qp(np.eye(2), [-2.0, -2.0], G=[[1.0, 1.0]], h=1.0)
     np.testing.assert_allclose(result.x, [0.5, 0.5], atol=1e-15)
     np.testing.assert_allclose(result.z, [1.5], atol=1e-15)
     np.testing.assert_array_equal(result.active_rows, [1])
-
-
-def test_sides_carry_the_sign_of_their_multiplier():
     result = solve_qp(np.eye(2), [3.0, -3.0], G=np.eye(2), h=1.0, h_low=-2.0)
     np.testing.assert_allclose(result.x, [-2.0, 1.0])
     np.testing.assert_allclose(result.z, [-1.0, 2.0])
-
-
-def test_rows_with_equal_sides_are_equalities():
-    P, q, G, h, A, b = random(0)
-    one = solve_qp(P, q, G, h, A, b)
-    two = solve_qp(P, q, np.vstack([G, A]), np.r_[h, b], h_low=np.r_[np.full(20, -np.inf), b])
-    np.testing.assert_allclose(one.x, two.x, atol=1e-12)
-    np.testing.assert_allclose(one.y, two.z[20:], atol=1e-11)
+    result = solve_qp(np.eye(2), [1.0, 1.0], G=np.eye(2), h=1e20, h_low=-1e20, lb=-1e30, ub=1e25)
+    np.testing.assert_allclose(result.x, [-1.0, -1.0])
+    result = solve_qp(np.eye(2), Q, A=[[1.0, 1.0], [0.0, 0.0], [2.0, 2.0]], b=[1.0, 0.0, 2.0])
+    np.testing.assert_allclose(result.x, [-0.5, 1.5], atol=1e-14)
+    result = solve_qp(np.eye(3), np.ones(3), A=np.eye(3)[:2], b=[1.0, 0.0], lb=0.0, ub=1.0)
+    np.testing.assert_allclose(result.x, [1.0, 0.0, 0.0], atol=1e-15)
+    asymmetric = np.array([[2.0, 1.0], [1.0 + 1e-13, 2.0]])
+    np.testing.assert_allclose(solve_qp(asymmetric, Q).x, [-1.0, 1.0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_sparse_storage_gives_the_same_answer(seed):
-    data = random(seed)
-    dense = solve_qp(*data)
+def test_storage_equal_sides_and_scales_do_not_matter(seed):
+    P, q, G, h, A, b = data = random(seed)
+    one = solve_qp(*data)
+    two = solve_qp(P, q, np.vstack([G, A]), np.r_[h, b], h_low=np.r_[np.full(20, -np.inf), b])
+    np.testing.assert_allclose(one.x, two.x, atol=1e-12)
+    np.testing.assert_allclose(one.y, two.z[20:], atol=1e-11)
     stored = [sparse.csc_matrix(v) if v.ndim == 2 else v for v in data]
-    np.testing.assert_allclose(solve_qp(*stored).x, dense.x, atol=1e-10)
+    np.testing.assert_allclose(solve_qp(*stored).x, one.x, atol=1e-10)
+    for cost, row in ((1e-6, 1e6), (1e6, 1e-6)):
+        two = solve_qp(cost * P, cost * q, row * G, row * h, row * A, row * b)
+        np.testing.assert_allclose(two.x, one.x, atol=1e-11)
+        np.testing.assert_allclose(two.z, one.z * cost / row, rtol=1e-9, atol=1e-9 * cost / row)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -93,20 +102,6 @@ def test_proximal_points_reach_singular_boxes_at_1e_12(seed):
     )
 
 
-def test_numbers_from_1e20_are_infinite():
-    result = solve_qp(np.eye(2), [1.0, 1.0], G=np.eye(2), h=1e20, h_low=-1e20, lb=-1e30, ub=1e25)
-    np.testing.assert_allclose(result.x, [-1.0, -1.0])
-
-
-def test_scales_of_rows_and_objective_do_not_matter():
-    P, q, G, h, A, b = random(1)
-    one = solve_qp(P, q, G, h, A, b)
-    for cost, row in ((1e-6, 1e6), (1e6, 1e-6)):
-        two = solve_qp(cost * P, cost * q, row * G, row * h, row * A, row * b)
-        np.testing.assert_allclose(two.x, one.x, atol=1e-11)
-        np.testing.assert_allclose(two.z, one.z * cost / row, rtol=1e-9, atol=1e-9 * cost / row)
-
-
 def test_warm_starts_take_one_step():
     P, q, G, h, A, b = random(2)
     factor = QPFactor(P)
@@ -144,3 +139,75 @@ def test_qpsolvers_knows_the_name():
         qpsolvers.solve_problem(problem, "pdas", eps_abs=1e-9)
     assert not lost.found
     assert isinstance(lost.extras["error"], GpuError)
+
+
+@pytest.mark.parametrize("P", [np.zeros((2, 2)), np.ones((2, 2))], ids=["zero", "singular"])
+def test_semidefinite_and_unbounded(P):
+    with pytest.raises(Unbounded) as caught:
+        solve_qp(P, Q)
+    ray = caught.value.ray
+    assert Q @ ray < 0
+    np.testing.assert_allclose(P @ ray, 0.0, atol=1e-12)
+
+
+def test_empty_rows_and_boxes():
+    with pytest.raises(Infeasible, match=r"h_low\[1\] = 2.0 is above h\[1\] = 1.0"):
+        solve_qp(np.eye(2), Q, G=np.eye(2), h=1.0, h_low=[0.0, 2.0])
+    with pytest.raises(Infeasible, match=r"lb\[1\] = 2.0 is above ub\[1\] = 1.0") as caught:
+        solve_qp(np.eye(2), Q, lb=[0.0, 2.0], ub=1.0, **ROW)
+    np.testing.assert_array_equal(caught.value.certificate, [0.0])
+
+
+@pytest.mark.parametrize(
+    ("A", "b", "lb", "ub"),
+    [
+        ([[1.0, 1.0]], [3.0], 0.0, 1.0),
+        ([[1.0, 1.0]], [-1e-6], 0.0, np.inf),
+        ([[1.0, -1.0], [2.0, -2.0]], [1.0, 1.0], -np.inf, np.inf),
+        ([[0.0, 0.0]], [1.0], -np.inf, np.inf),
+        ([[1.0, 0.0], [1.0, 1.0]], [0.5, 0.1], 0.0, np.inf),
+        ([[1e9, 1e9]], [3e9], 0.0, 1.0),
+    ],
+)
+def test_infeasible_rows_come_with_a_separating_vector(A, b, lb, ub):
+    with pytest.raises(Infeasible) as caught:
+        solve_qp(np.eye(2), Q, A=A, b=b, lb=lb, ub=ub)
+    y = caught.value.certificate
+    c = np.transpose(A) @ y
+    c[np.abs(c) < 1e-12 * np.abs(y).max() * np.abs(A).max()] = 0.0
+    corner = np.where(c > 0, ub, np.where(c < 0, lb, 0.0))
+    assert c @ corner < y @ np.array(b)
+
+
+def test_what_is_not_reached_is_not_returned():
+    # Hilbert's matrix: definite, but no x in double precision satisfies the equations to 1e-17.
+    n = 6
+    P = 1.0 / (np.arange(n)[:, None] + np.arange(n) + 1.0)
+    assert solve_qp(P, np.ones(n)).kkt.worst < 1e-15
+    with pytest.raises(NotConverged, match="tol = 1e-18"):
+        solve_qp(P, np.ones(n), tol=1e-18)
+
+
+def test_input_is_left_alone():
+    P, q, lb, active = 2 * np.eye(2), Q.copy(), np.zeros(2), np.zeros(2, np.int8)
+    solve_qp(P, q, lb=lb, start=active)
+    np.testing.assert_array_equal(P, 2 * np.eye(2))
+    np.testing.assert_array_equal(q, Q)
+    np.testing.assert_array_equal(active, 0)
+    factor = QPFactor(P)
+    P[0, 0] = 100.0
+    np.testing.assert_array_equal(solve_qp(factor, q).x, [-0.5, 0.5])
+
+
+def test_residuals_are_recomputed_from_the_problem():
+    lb = np.zeros(2)
+    result = solve_qp(np.eye(2), Q, lb=lb, **ROW)
+    assert result.residuals(np.eye(2), Q, lb=lb, **ROW) == result.kkt
+    assert result.kkt.worst < 1e-15
+    assert result.residuals(np.eye(2), Q + 1.0, lb=lb, **ROW).stationarity > 0.1
+    assert result.residuals(np.eye(2), Q, lb=lb, A=ROW["A"], b=[2.0]).primal > 0.1
+    assert result.residuals(np.eye(2), Q, lb=lb + 0.5, **ROW).primal > 0.1
+    bounded = solve_qp(np.eye(2), -Q, lb=lb)
+    assert bounded.kkt.sign == 0.0
+    assert bounded.residuals(np.eye(2), -Q).sign > 0.1
+    assert bounded.residuals(np.eye(2), -Q, lb=lb - 1.0).complementarity > 0.1

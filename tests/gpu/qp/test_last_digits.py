@@ -79,12 +79,6 @@ def test_least_multipliers_of_rows_that_depend_on_each_other():
     np.testing.assert_allclose([*y, *z], [2 / 6, 4 / 6, -2 / 6, 0.0], atol=1e-12)
 
 
-def test_no_multipliers_where_there_are_none():
-    _, p = checked(np.eye(2), np.array([1.0, 0.0]), lb=[-5.0, -5.0])
-    p = p.stored_sparsely()
-    assert least_multipliers(p, np.array([1.0, 0.0]), np.zeros(0), 1e-9) is None
-
-
 def test_a_gap_is_closed_without_harm():
     P, q, A, b, lb = transport(3)
     problem, p = checked(P, q, A=A, b=b, lb=lb)
@@ -96,14 +90,6 @@ def test_a_gap_is_closed_without_harm():
     assert abs(absolute(problem, before).gap) > 1e-9 >= absolute(problem, after).worst
     moved = [np.flatnonzero(a != c).size for a, c in zip(before, after, strict=True)]
     assert 1 <= sum(moved) <= 10
-
-
-def test_what_is_sharp_already_stays_as_it_is():
-    P, q, A, b, lb = transport(5, size=1.0)
-    problem, p = checked(P, q, A=A, b=b, lb=lb)
-    result = solve_qp(P, q, A=A, b=b, lb=lb)
-    t = PrimalDual(result.x, result.y, result.z_box)
-    assert last_digits(problem, p, t, 1e-9) is t
 
 
 def test_multipliers_that_are_rounding_of_zero_are_zero():

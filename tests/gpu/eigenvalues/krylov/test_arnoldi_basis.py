@@ -47,30 +47,13 @@ def stays_orthogonal(monkeypatch, A, k, xp=np, **options):
     assert float(xp.abs(xp.asarray(A) @ v - v * w).max()) < 1e-7
 
 
-def cases():
-    rng = np.random.default_rng(0)
-    return {
-        "unitary": (unitary(400, rng), 6, {"tol": 1e-8, "maxiter": 300}),
-        "toeplitz": (
-            toeplitz(400),
-            40,
-            {"v0": rng.standard_normal(400), "ncv": 80, "maxiter": 100},
-        ),
-    }
-
-
+@pytest.mark.parametrize("module", ["numpy", pytest.param("cupy", marks=pytest.mark.gpu)])
 @pytest.mark.parametrize("name", ["unitary", "toeplitz"])
-def test_over_many_restarts(monkeypatch, name):
-    A, k, options = cases()[name]
-    stays_orthogonal(monkeypatch, A, k, **options)
-
-
-@pytest.mark.gpu
-@pytest.mark.parametrize("name", ["unitary", "toeplitz"])
-def test_over_many_restarts_on_a_device(monkeypatch, name):
-    import cupy
-
-    A, k, options = cases()[name]
-    if "v0" in options:
-        options["v0"] = cupy.asarray(options["v0"])
-    stays_orthogonal(monkeypatch, A, k, cupy, **options)
+def test_over_many_restarts(monkeypatch, name, module):
+    xp, rng = importlib.import_module(module), np.random.default_rng(0)
+    if name == "unitary":
+        A, k, options = unitary(400, rng), 6, {"tol": 1e-8, "maxiter": 300}
+    else:
+        v0 = xp.asarray(rng.standard_normal(400))
+        A, k, options = toeplitz(400), 40, {"v0": v0, "ncv": 80, "maxiter": 100}
+    stays_orthogonal(monkeypatch, A, k, xp, **options)

@@ -12,17 +12,9 @@ CYCLING = [
     ([[8, -8, -8], [-8, 14, 16], [-8, 16, 19]], [-7, 5, 1]),
     ([[17, -8, 15], [-8, 5, -8], [15, -8, 14]], [-5, 6, -8]),
     ([[15, 1, 7, 10], [1, 20, -9, -15], [7, -9, 13, 20], [10, -15, 20, 31]], [-4, 3, -3, -5]),
-    (
-        [
-            [26, 4, 5, -6, -8],
-            [4, 13, -6, -13, 13],
-            [5, -6, 14, 5, -3],
-            [-6, -13, 5, 15, -15],
-            [-8, 13, -3, -15, 27],
-        ],
-        [9, -6, 6, -9, 5],
-    ),
-]
+    ([[26, 4, 5, -6, -8], [4, 13, -6, -13, 13], [5, -6, 14, 5, -3], [-6, -13, 5, 15, -15],
+      [-8, 13, -3, -15, 27]], [9, -6, 6, -9, 5]),
+]  # fmt: skip
 
 
 def plain_full_exchange(P, q, max_steps=50):
@@ -99,7 +91,7 @@ def test_obstacle_problem_shrinks_the_contact_set_monotonically(cells):
     ]
 
 
-def test_warm_start_takes_fewer_steps():
+def test_warm_starts_take_fewer_steps(qps):
     P, q, lb = obstacle(20)
     factor = QPFactor(P)
     cold = solve_qp(factor, q, lb=lb)
@@ -107,25 +99,19 @@ def test_warm_start_takes_fewer_steps():
     assert again.iterations == 1
     assert again.history == (Step(int(np.count_nonzero(cold.active)), 0),)
     np.testing.assert_allclose(again.x, cold.x, rtol=0, atol=1e-15)
-
-    scratch = solve_qp(factor, 1.05 * q, lb=lb)
-    for start in (cold, cold.active, cold.x):
-        warm = solve_qp(factor, 1.05 * q, lb=lb, start=start)
-        assert warm.iterations < scratch.iterations
-        np.testing.assert_allclose(warm.x, scratch.x, rtol=0, atol=1e-14)
-
-
-def test_warm_start_with_equality_rows(qps):
     rng = np.random.default_rng(3)
-    n = 80
-    P = qps.matrix(rng, n, "gram")
-    q, A = rng.standard_normal(n), rng.standard_normal((3, n))
-    b = A @ rng.uniform(0.0, 1.0, n)
-    cold = solve_qp(P, q, A=A, b=b, lb=0.0)
-    for start in (cold, cold.active, cold.x):
-        warm = solve_qp(P, q, A=A, b=b, lb=0.0, start=start)
-        assert warm.iterations < cold.iterations
-        np.testing.assert_allclose(warm.x, cold.x, rtol=0, atol=1e-12)
+    gram, A = qps.matrix(rng, 80, "gram"), rng.standard_normal((3, 80))
+    rows = {"A": A, "b": A @ rng.uniform(0.0, 1.0, 80), "lb": 0.0}
+    linear = rng.standard_normal(80)
+    for task, start in (
+        ((factor, 1.05 * q, {"lb": lb}), cold),
+        ((gram, linear, rows), solve_qp(gram, linear, **rows)),
+    ):
+        scratch = solve_qp(*task[:2], **task[2])
+        for given in (start, start.active, start.x):
+            warm = solve_qp(*task[:2], **task[2], start=given)
+            assert warm.iterations < scratch.iterations
+            np.testing.assert_allclose(warm.x, scratch.x, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("start", [np.zeros(3), np.zeros(3, np.int8), -np.ones(3, np.int8)])

@@ -1,4 +1,4 @@
-"""The examples of quadratic programs show what they say, and draw it."""
+"""The examples of programs, spectra and regulators show what they say, and draw it."""
 
 import numpy as np
 import pytest
@@ -42,3 +42,12 @@ def test_predictive_control_keeps_its_bounds_and_agrees_with_osqp(tmp_path):
     assert shown["forces"].min() == -1.0
     assert shown["path"][:, 1].min() == pytest.approx(-0.6, abs=1e-9)
     assert (tmp_path / "qp_mpc.png").stat().st_size > 10_000
+
+
+def test_spectrum(tmp_path):
+    shown = load("eigs_spectrum").main(["--order", "150", "--output", str(tmp_path)])
+    assert shown["residual"] < 1e-9
+    assert shown["distance to LAPACK's"] < 1e-9
+    # A larger space needs fewer products.
+    assert shown["products, ncv = 60"] < shown["products, ncv = 25"]
+    assert (tmp_path / "eigs_spectrum.png").stat().st_size > 10_000
