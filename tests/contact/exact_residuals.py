@@ -43,7 +43,7 @@ def exact_residuals(result):
     at_free = times(P.T, left)
     forces = np.asarray(rows.G.T @ result.mu + rows.T.T @ result.t.ravel())
     cancelling = body.equilibrium(result.u, forces, system.load)[1]
-    length = max(body.reach(result.u), body.give(forces))
+    length = max(body.largest_displacement(result.u), body.local_displacement(forces))
     size = max(np.abs(result.mu).max(), np.abs(result.t).max())
     noise = 10 * np.finfo(float).eps * cancelling
     assert noise < size
@@ -59,7 +59,7 @@ def exact_residuals(result):
     g = coefficient * np.maximum(mu, 0)
     q = t + Fraction(size / length) * times(rows.T, u)
     returned = t - np.clip(q, -g, g)
-    live = body.live(rows.T)
+    live = body.unconstrained(rows.T)
     closed = np.minimum(np.maximum(abs(mu) - Fraction(noise), 0) / Fraction(size),
                         abs(through) / Fraction(length))  # fmt: skip
     found = {

@@ -54,7 +54,7 @@ def test_feet_that_are_not_kept_are_computed_again(feet, monkeypatch):
     weight = np.random.default_rng(3).standard_normal(run.final.data.size)
     expected = solver.adjoint(run) @ weight
     assert computed == []
-    monkeypatch.setattr(derivatives, "FEET", feet)
+    monkeypatch.setattr(derivatives, "KEPT", feet)
     found = solver.adjoint(run) @ weight
     assert len(computed) == (6 if feet == 0 else 0)
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

@@ -173,7 +173,7 @@ def test_a_space_that_is_exhausted_ends_the_basis():
 @pytest.mark.parametrize("entries", [1, 40, 10**9])
 @pytest.mark.parametrize("n", [1, 5, 203])
 def test_diagonal_is_that_of_scipy(monkeypatch, entries, n):
-    monkeypatch.setattr(ranges, "_OF_A_THREAD", entries)
+    monkeypatch.setattr(ranges, "LIMITS", ranges.LIMITS._replace(entries=entries))
     monkeypatch.setattr(ranges, "cores", lambda: 3)
     matrix = sparse.random_array((n, n), density=0.3, rng=np.random.default_rng(n), format="csr")
     matrix = sparse.csr_array(matrix + sparse.diags_array((np.arange(n) % 3).astype(float)))

@@ -52,15 +52,17 @@ def test_against_dense_matrices(body):
     assert np.allclose(body.at_supports(forces), held @ forces, atol=1e-12 * np.abs(forces).max())
     off = np.abs(lengths * (held @ (u - u0))).max()
     assert np.isclose(body.support_error(u), off, rtol=1e-12)
-    assert np.isclose(body.give(load), np.abs(load * lengths / np.diag(S)).max(), rtol=1e-14)
-    assert np.isclose(body.reach(u), np.abs(u[body.are_values]).max(), rtol=0)
+    assert np.isclose(
+        body.local_displacement(load), np.abs(load * lengths / np.diag(S)).max(), rtol=1e-14
+    )
+    assert np.isclose(body.largest_displacement(u), np.abs(u[body.are_values]).max(), rtol=0)
     sums = [np.where(body.are_values, load, 0.0)[c::2].sum() for c in (0, 1)]
     assert np.allclose(body.total(load), sums, rtol=1e-12)
 
 
 def test_rigid_motions_are_no_deformation(body):
     rigid = body.rigid @ np.array([1.0, -2.0, 0.5])
-    assert body.deformation(rigid) < 1e-14 * body.reach(rigid)
+    assert body.deformation(rigid) < 1e-14 * body.largest_displacement(rigid)
     bent = np.random.default_rng(2).standard_normal(body.f.size)
     both = body.deformation(bent), body.deformation(bent + 1e3 * rigid)
     assert np.isclose(*both, rtol=1e-10)

@@ -77,8 +77,8 @@ def condensed(engine, monkeypatch):
             pytest.skip("nothing for this device")
         with monkeypatch.context() as patch:
             if products:
-                for limit in ("MOST_ROWS", "MOST_COLUMNS", "MOST_ALONE"):
-                    patch.setattr(condense_module, limit, 0)
+                limits = condense_module.LIMITS._replace(rows=0, columns=0, alone=0)
+                patch.setattr(condense_module, "LIMITS", limits)
             found = problem.condense(device, deterministic=deterministic)
         if way == "eliminated":
             assert all(isinstance(part._factor, DeviceSchur) for part in found.parts)
@@ -318,7 +318,7 @@ def test_on_all_devices_that_are_there(make, host, case, columns, monkeypatch):
         cudss_library.load_cudss()
     except ImportError:
         pytest.skip("cuDSS, CuPy or a CUDA device is not there")
-    monkeypatch.setattr(condense_module, "MOST_COLUMNS", columns)
+    monkeypatch.setattr(condense_module, "LIMITS", condense_module.LIMITS._replace(columns=columns))
     problem = CASES[case][0](make, CASES[case][1])
     found = problem.condense(tuple(f"cuda:{i}" for i in range(cudss_library.device_count(cupy))))
     assert isinstance(found._W, FactorCompliance) == (columns == 0)
@@ -405,8 +405,8 @@ def test_a_dissection_of_the_mesh_is_handed_over(
         pytest.skip("a device tells nobody its order")
     if engine is not None:  # which is slow, and knows no smallest tree
         cells = 9 if element().dim == 2 else 5
-        monkeypatch.setattr(elimination_order, "_FEWEST", 0)
-        monkeypatch.setattr(elimination_order, "_FLATTEST", 2)
+        limits = elimination_order.LIMITS._replace(unknowns=0, flattest=2)
+        monkeypatch.setattr(elimination_order, "LIMITS", limits)
     problem = held(make, element, cells=cells)
     found = problem.condense("cuda", deterministic=deterministic)
     agree(problem.solve(), held(make, element, cells=cells).solve())

@@ -12,8 +12,8 @@ from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTetP2
 from contact import ContactProblem, ElasticBody, LayeredBlock, Plane
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
 from contact.laws.condensed_newton import Condensed
-from contact.laws.methods import INNER, device_newton, solve_boundary
-from contact.laws.newton import proximal_point
+from contact.laws.methods import device_newton, solve_boundary
+from contact.laws.newton import LIMITS, proximal_point
 from contact.laws.options import Options
 from gpu import Infeasible
 from skfem_adini import ElementHexAdini
@@ -136,7 +136,7 @@ def test_the_host_finds_the_same_forces(make, case, law):
 def test_newton_runs_where_the_matrix_lies_and_starts_warm(make):
     _, there, law = moved(ContactProblem(*held(make, ElementHex1), 0.4))
     cold, warm = [], []
-    options = {"tol": INNER * 1e-10, "max_iterations": 100}
+    options = {"tol": LIMITS.inner * 1e-10, "max_iterations": 100}
     forces = device_newton(there, law, None, report=cold.append, **options)
     found, lines = solved(there, law, "coulomb")
     np.testing.assert_array_equal(found.mu, forces.mu)

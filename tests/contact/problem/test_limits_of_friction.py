@@ -42,7 +42,7 @@ def test_load_at_the_friction_limit(element, length, E, make):
         pushed(make, element, 0.5, length=length, E=E).solve()
     below = pushed(make, element, 0.49, length=length, E=E).solve()
     assert element is ElementHex1 or Status.STICK in below.status
-    assert below.system.body.reach(below.u) < length
+    assert below.system.body.largest_displacement(below.u) < length
     with pytest.raises(Unbounded, match="not held"):
         pushed(make, element, 0.51, length=length, E=E).solve()
 
@@ -57,7 +57,7 @@ def test_loads_beside_the_friction_limit(element, law, make):
     # In the plane the last point still sticks; in space friction turns, and the slip that it needs
     # to point the right way grows like the root of what is left.
     further = pushed(make, element, 0.5 * (1 - 2e-2), law=law).solve()
-    reach = [one.system.body.reach(one.u) for one in (below, further)]
+    reach = [one.system.body.largest_displacement(one.u) for one in (below, further)]
     assert reach[0] < (1.1 if element is ElementQuad1 else 200) * reach[1]
     for share in (1 - 1e-8, 1 - 1e-12, 1.0, 1 + 1e-12, 1 + 1e-8):
         result, refusal = None, "not held"
@@ -68,7 +68,7 @@ def test_loads_beside_the_friction_limit(element, law, make):
         assert "slip is undetermined" in refusal or "not held" in refusal
         if result is not None:
             assert share < 1 - 1e-9
-            assert result.system.body.reach(result.u) < 1.01 * reach[0]
+            assert result.system.body.largest_displacement(result.u) < 1.01 * reach[0]
     for share in (1 + 2e-6, 1.01):
         with pytest.raises(Unbounded, match="not held"):
             pushed(make, element, 0.5 * share, law=law).solve()
@@ -93,7 +93,11 @@ def test_rounding_of_a_displacement_is_no_slip(make):
     """All points stick; noise of 1e-14 on the displacement changes no status."""
     _, result = make.solved(friction=0.9, n=8)
     rng = np.random.default_rng(0)
-    noise = 1e-14 * result.system.body.reach(result.u) * rng.standard_normal(result.u.size)
+    noise = (
+        1e-14
+        * result.system.body.largest_displacement(result.u)
+        * rng.standard_normal(result.u.size)
+    )
     again = replace(result, u=result.u + noise)
     assert np.array_equal(again.status, result.status)
     at_the_bound = replace(result, t=np.sign(result.t) * result.system.bound(result.mu)[:, None])

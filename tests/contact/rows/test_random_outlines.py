@@ -117,7 +117,7 @@ def held(body, exact):
     does work in the order of the turn's square. From there on the gradient is held, by what the
     turn alone tells apart.
     """
-    error, reach = body.support_error(exact), body.reach(exact)
+    error, reach = body.support_error(exact), body.largest_displacement(exact)
     assert error < 1e-8 * reach
     sides = body.mesh.p[:, body.mesh.facets[:, body.facets("top")]]
     h = np.linalg.norm(sides[:, 1] - sides[:, 0], axis=0).min()

@@ -145,7 +145,7 @@ def test_few_cells_are_compared_as_many_are(seed, cells, noise):
     words = rng.integers(0, 2, (cells, 1)).astype(np.uint64)
     few = module.congruence_classes(points, nodes, words)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "_FEW", 0)
+        patch.setattr(module, "LIMITS", module.LIMITS._replace(few=0))
         many = module.congruence_classes(points, nodes, words)
     np.testing.assert_array_equal(few.labels, many.labels)
     np.testing.assert_array_equal(few.representatives, many.representatives)
