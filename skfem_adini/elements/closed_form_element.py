@@ -32,8 +32,9 @@ class ClosedFormElement(ElementH1):
 
     def __init__(self, derivatives: int = 2) -> None:
         whole = np.ndim(derivatives) == 0 and not isinstance(derivatives, bool | np.bool_)
-        if not whole or derivatives not in range(most := len(DERIVATIVE_NAMES)):
-            raise InputError(f"derivatives: expected 0 to {most - 1}, got {derivatives!r}")
+        most = len(DERIVATIVE_NAMES) - 1
+        if not whole or derivatives not in range(most + 1):
+            raise InputError(f"derivatives: expected 0 to {most}, got {derivatives!r}")
         self.derivatives = int(derivatives)
 
     def _parameters(self) -> dict[str, Any]:

@@ -210,7 +210,7 @@ def finite_numbers(name: str, value: Any, shape: tuple[int, ...], complex_too: b
 
 def real_part(name: str, value: Any) -> Numbers:
     """An array of floats; complex numbers must have no imaginary part."""
-    array = np.asarray(value)
+    array = array_of(name, value)
     if array.dtype.kind not in "biufc":
         try:
             array = array.astype(np.float64)

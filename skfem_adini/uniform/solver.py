@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 from scipy.sparse.linalg import LinearOperator
+from skfem import CellBasis
 
 from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import dof_numbers, real_part
@@ -154,6 +155,8 @@ class UniformSolver:
         InputError
             Another element, or vertices that are no such grid.
         """
+        if not isinstance(basis, CellBasis):
+            raise InputError(f"basis: expected a skfem.Basis of cells, got {type(basis).__name__}")
         dim = basis.mesh.dim()
         names = ["u", "u_x", "u_y", "u_z"][: dim + 1]
         if list(basis.elem.dofnames) != names:

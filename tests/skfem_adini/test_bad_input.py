@@ -317,7 +317,13 @@ TABLE = [
     ("not positive", lambda: plot_matrix(0 * K, SCALAR)),
     # Solvers.
     (r"x: .*\(75,\)", lambda: refine_eigenpair(SCALAR, np.ones(5))),
+    ("x=.*inhomogeneous", lambda: refine_eigenpair(SCALAR, [[1, 2], [3]])),
+    ("x=.*masked", lambda: refine_eigenpair(SCALAR, np.ma.masked_equal(MODE, MODE[0]))),
     ("not zero", lambda: refine_eigenpair(SCALAR, ZERO)),
+    *(
+        ("basis: .*Basis of cells", lambda v=v: UniformSolver.from_basis(v))
+        for v in (None, "x", Q1.mesh)
+    ),
     ("no eigenvector", lambda: refine_eigenpair(SCALAR, MODE + 1e-3 * MODE**2)),
     (
         "no eigenvector",

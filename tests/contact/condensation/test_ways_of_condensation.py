@@ -393,10 +393,15 @@ def test_a_device_path_that_eliminates_nothing_assembles_nothing_on_the_host(eng
 
 
 @pytest.mark.sampled(4)
-@pytest.mark.parametrize("deterministic", [False, True])
 @pytest.mark.parametrize(
-    ("element", "cells"),
-    [(ElementQuadAdini, 64), (ElementTriP2, 72), (ElementHex1, 20), (ElementTetP2, 9)],
+    ("element", "cells", "deterministic"),
+    [
+        (ElementQuadAdini, 64, False),
+        (ElementTriP2, 72, False),
+        (ElementHex1, 20, False),
+        (ElementTetP2, 9, False),
+        (ElementQuadAdini, 64, True),
+    ],
 )
 def test_a_dissection_of_the_mesh_is_handed_over(
     engine, make, element, cells, deterministic, monkeypatch
@@ -404,7 +409,7 @@ def test_a_dissection_of_the_mesh_is_handed_over(
     if engine is None and deterministic:
         pytest.skip("a device tells nobody its order")
     if engine is not None:  # which is slow, and knows no smallest tree
-        cells = 9 if element().dim == 2 else 5
+        cells = 9 if element().dim == 2 else 3 if element is ElementTetP2 else 5
         limits = elimination_order.LIMITS._replace(unknowns=0, flattest=2)
         monkeypatch.setattr(elimination_order, "LIMITS", limits)
     problem = held(make, element, cells=cells)
