@@ -54,7 +54,8 @@ FAMILIES = {
     "inflow": [
         (f, *s) for f in ("inflow", "gusts", "both ends", "from the right") for s in NODAL[1:3]
     ],
-    "means": [(f, *s) for f in ("ring", "bent", "inflow", "both ends") for s in MEANS],
+    "csl2": [(f, *MEANS[0]) for f in ("ring", "bent", "inflow", "both ends")],
+    "csl4": [(f, *MEANS[1]) for f in ("ring", "bent", "inflow", "both ends")],
     "planes": [(f, *s) for f in ("torus", "uneven", "strip", "box", "gusty box") for s in DIRECT],
     "sweeps": [
         *[(f, *s) for f in ("uneven", "empty tube", "empty space") for s in (NODAL[1], *MEANS)],

@@ -66,8 +66,13 @@ def test_inflow(scheme):
     check(scheme, 2e-9)
 
 
-@family("means", 4)
-def test_means(scheme):
+@family("csl2", 4)
+def test_csl2(scheme):
+    check(scheme, 1e-8)
+
+
+@family("csl4", 4)
+def test_csl4(scheme):
     check(scheme, 1e-8)
 
 
