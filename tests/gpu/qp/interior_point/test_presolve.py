@@ -174,3 +174,20 @@ def test_an_accuracy_and_linear_terms_of_other_types_are_named():
             solve_qp(np.eye(2), [0.0, 0.0], tol=tol)
     with pytest.raises(InputError, match="q is 3"):
         batch_solve_qp(np.eye(2), 3.0)
+
+
+@pytest.mark.parametrize("stored", [np.asarray, sparse.csr_array], ids=["dense", "sparse"])
+def test_multipliers_that_grow_from_reduction_to_reduction(stored):
+    """x_i <= 1e4 x_{i-1} holds all x at zero with multipliers up to 1e28, their sum with a few."""
+    n = 8
+    G = np.zeros((n + 2, n + 1))
+    G[:n, :n] = np.eye(n) - 1e4 * np.eye(n, k=-1)
+    G[n, n - 1 :] = -0.5, -1.0
+    G[n + 1] = 1.0
+    result = solve_qp(
+        stored(np.zeros((n + 1, n + 1))), np.append(-np.ones(n), 0.0), stored(G), np.zeros(n + 2),
+        lb=np.append(np.zeros(n), -np.inf),
+    )  # fmt: skip
+    assert not result.x.any()
+    assert abs(result.z).max() < 1e4
+    assert result.kkt.worst < 1e-12
