@@ -32,17 +32,21 @@ def has_pardiso() -> bool:
 
 
 def quasidefinite(K: sparse.csc_array, solver: str = "auto") -> SuperLUFactor | PardisoFactor:
-    """Prepare to factor the symmetric matrix K; the method `factor` takes a new diagonal."""
+    """Prepare to factor the symmetric matrix K; the method `factor` takes a new diagonal. "pivoted"
+    chooses pivots by size, for matrices whose diagonal is nearly nothing."""
+    if solver == "pivoted":
+        return SuperLUFactor(K, threshold=0.1)
     if solver == "superlu" or (solver == "auto" and not has_pardiso()):
         return SuperLUFactor(K)
     return PardisoFactor(K)
 
 
 class SuperLUFactor:
-    """SuperLU with pivots on the diagonal, in a minimum-degree order."""
+    """SuperLU in a minimum-degree order, with pivots on the diagonal where they reach `threshold`
+    times the largest in their column."""
 
-    def __init__(self, K: sparse.csc_array) -> None:
-        self.size = K.shape[0]
+    def __init__(self, K: sparse.csc_array, threshold: float = 0.0) -> None:
+        self.size, self.threshold = K.shape[0], threshold
         self._matrix = _with_sorted_indices(K)
         self._place = _diagonal_places(self._matrix)
 
@@ -55,8 +59,8 @@ class SuperLUFactor:
             self._lu = splu(
                 self._matrix,
                 permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
+                diag_pivot_thresh=self.threshold,
+                options={"SymmetricMode": not self.threshold},
             )
         except (RuntimeError, MemoryError) as error:
             raise np.linalg.LinAlgError(str(error)) from None

@@ -37,6 +37,9 @@ class _Limits(NamedTuple):  # orders up to which all eigenvalues are computed, a
     dense: int = 256  # up to this order all eigenvalues are computed: none can be missed
     products: int = 128  # the same for operators: a product for each column of entries
     fallback: int = 4096  # the same if the iteration fails and the entries are stored
+    normal: float = 1e-6  # part of a Schur form off its diagonal: below, vectors are orthogonal
+    beyond: float = 1e6  # by which an adjoint step may raise the condition of an eigenvalue
+    few: int = 10  # adjoint steps: one for each of the eigenvalues of worst condition
     visible: float = 1e-3  # error over the largest |lambda - sigma| that a warning is worth
     pair: float = 1e-11  # |A x - lambda M x| over |A| + |lambda| |M|: 4e4 roundings
 
@@ -291,7 +294,22 @@ def _by_iteration(
             eigenvalues=made.there,
             eigenvectors=made.vectors,
         )
+    if task.mass is None:
+        _judge(task, made.values, pairs, found, scale or task.matrix.norm)
     return task, made, scale
+
+
+def _judge(task: _Task, values: np.ndarray, pairs: Eigenpairs, found: Any, size: float) -> None:
+    """Warn as `_warn_of` does where the condition of eigenvalues found by iteration, estimated from
+    below, leaves them few digits; `size` is a lower bound of the norm of A."""
+    whole, diagonal = float(np.linalg.norm(found.T)), float(np.linalg.norm(found.values))
+    if whole**2 - diagonal**2 <= (LIMITS.normal * whole) ** 2:
+        return
+    sigma = 0.0 if task.sigma is None else task.sigma
+    reach = float(np.abs(values - sigma).max())
+    enough = LIMITS.visible * reach / (np.finfo(float).eps * size) if size else np.inf
+    condition = pairs.conditions(found.T, found.basis, enough)
+    _warn_of(condition, reach, size)
 
 
 def _certified(task: _Task, pairs: Pairs, tol: float, scale: float) -> tuple[Any, Any]:
@@ -391,13 +409,14 @@ def _decomposed(task: _Task, judged: bool = False) -> Pairs:
         key = 1.0 / np.where(np.abs(distance) < tiny, tiny, distance)
     order = best_first(key, task.rank, k, task.real, values)
     if condition is not None:
-        _warn_of(condition[order], values[order], 0.0 if sigma is None else sigma, full)
+        reach = float(np.abs(values[order] - (0.0 if sigma is None else sigma)).max())
+        _warn_of(condition[order], reach, float(np.linalg.norm(full)))
     return Pairs(values[order] / unit, None, vectors[:, order], None)
 
 
-def _warn_of(condition: np.ndarray, values: np.ndarray, sigma: Any, full: np.ndarray) -> None:
-    """Warn if rounding of A may move the wanted eigenvalues visibly, relative to sigma."""
-    size, reach = float(np.linalg.norm(full)), float(np.abs(values - sigma).max())
+def _warn_of(condition: np.ndarray, reach: float, size: float) -> None:
+    """Warn if rounding of A, of norm `size`, may move the wanted eigenvalues visibly beside their
+    largest distance `reach` from sigma."""
     moved = min(float(condition.max()) * np.finfo(float).eps, 1.0) * size
     # Values that are sigma itself have no other digits.
     if moved > LIMITS.visible * reach > LIMITS.visible * 1e-10 * size:
@@ -473,6 +492,33 @@ class Eigenpairs:
             made = Pairs(values, self.matrix.xp.asarray(values), basis.combine(Y), None)
         self._T, self._made = T, made
         return made
+
+    def conditions(self, T: np.ndarray, basis: Arnoldi, enough: float) -> np.ndarray:
+        r"""Lower estimates of the condition :math:`|x| |y| / |y^*x|` of the k best eigenvalues.
+
+        The left vectors of T are those of the operator in the space that was found. Where a step
+        :math:`y \leftarrow B^*y / \bar\theta` with its adjoint may raise them to `enough`, it adds
+        what y has outside of it (an adjoint inverse iteration if B is an inverse).
+        """
+        theta, left, right = linalg.eig(T, left=True)
+        theta = theta.astype(complex)
+        real = self.problem.dtype.kind == "f"
+        order = best_first(theta, self.rank, self.k, real, self.problem.values(theta))
+        overlap = np.maximum(np.abs(np.vecdot(left.T, right.T))[order], np.finfo(float).eps ** 2)
+        condition: np.ndarray = 1.0 / overlap
+        adjoint, xp = self.problem.adjoint, self.matrix.xp
+        if adjoint is None or not LIMITS.beyond * condition.max() > enough:
+            return condition
+        for place in np.argsort(-condition)[: LIMITS.few]:
+            y = basis.combine(left[:, order[place], None])[:, 0]
+            try:
+                parts = [adjoint(part) for part in ((y.real, y.imag) if real else (y,))]
+            except NotImplementedError:  # an operator without `rmatvec`
+                break
+            length = float(xp.linalg.norm(xp.stack(parts))) / abs(theta[order[place]])
+            if np.isfinite(length):
+                condition[place] = max(condition[place], length / overlap[place])
+        return condition
 
     def _fused(self) -> bool:
         """Whether vectors and residuals can be computed together, by real products on a device."""

@@ -45,6 +45,7 @@ class Matrix:
     explicit: Any  # array or sparse matrix with the entries, if they are stored
     name: str = "A"  # of the argument, in messages
     assumed: float | None = None  # if given, used as `magnitude`, so that the entries are not read
+    adjoint: Callable[[Any], Any] | None = None  # y -> A^* y, where it is known
 
     @property
     def dtype(self) -> Any:
@@ -127,14 +128,16 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
     if hasattr(A, "matvec"):
         xp = namespace(A)
         apply = A.matvec if kind == "c" else real_products(name, A.matvec, xp)
-        return Matrix(int(shape[0]), kind != "c", xp, apply, None)
+        adjoint = getattr(A, "rmatvec", None)
+        return Matrix(int(shape[0]), kind != "c", xp, apply, None, name, None, adjoint)
     if hasattr(A, "tocsr"):
         xp = np if sparse.issparse(A) else cupy()
         A = A.tocsr().astype(dtype)
     else:
         xp = namespace(A)
         A = xp.ascontiguousarray(A, dtype=dtype)
-    return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, name)
+    adjoint = lambda y: (y.conj() @ A).conj()  # noqa: E731
+    return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, name, None, adjoint)
 
 
 def _magnitude(entries: Any, xp: Any) -> float:
@@ -188,30 +191,41 @@ def real_products(name: str, apply: Callable[[Any], Any], xp: Any) -> Callable[[
     return product
 
 
-def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
-    """A function that solves with a stored matrix by its LU factors; None if it is singular."""
+class Factors(NamedTuple):
+    """Solves with a stored matrix and, on the host, with its adjoint."""
+
+    solve: Callable[[Any], Any]
+    adjoint: Callable[[Any], Any] | None = None
+
+
+def factorized(A: Any, xp: Any) -> Factors | None:
+    """Solves with a stored matrix by its LU factors; None if it is singular."""
     if xp is np:
         if hasattr(A, "tocsr"):
             if not structurally_regular(A):
                 return None
             try:
-                factors = sparse_linalg.splu(sparse.csc_matrix(A))
+                factors: Any = sparse_linalg.splu(sparse.csc_matrix(A))
             except RuntimeError:
                 return None
             U = factors.U
-            return None if _singular(U.diagonal(), abs(U).max(axis=0).toarray()) else factors.solve
+            if _singular(U.diagonal(), abs(U).max(axis=0).toarray()):
+                return None
+            return Factors(factors.solve, lambda y: factors.solve(y, "H"))
         lapack: Any = linalg.get_lapack_funcs(("getrf", "getrs"), (A,))
         getrf, getrs = lapack
         lu, pivots, _ = getrf(A)
         if _singular(np.diag(lu), np.abs(np.triu(lu)).max(axis=0)):
             return None
-        return lambda x: getrs(lu, pivots, x)[0]
+        return Factors(
+            lambda x: getrs(lu, pivots, x)[0], lambda y: getrs(lu, pivots, y, trans=2)[0]
+        )
     if hasattr(A, "tocsr"):
         from cupyx.scipy.sparse import csc_matrix
         from cupyx.scipy.sparse.linalg import splu
 
         try:
-            return splu(csc_matrix(A)).solve
+            return Factors(splu(csc_matrix(A)).solve)
         except RuntimeError:
             return None
     from cupyx.scipy.linalg import lu_solve
@@ -220,7 +234,7 @@ def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
     U = xp.triu(device[0])
     if _singular(to_host(xp.diag(U)), to_host(xp.abs(U).max(axis=0))):
         return None
-    return lambda x: lu_solve(device, x, check_finite=False)
+    return Factors(lambda x: lu_solve(device, x, check_finite=False))
 
 
 def _singular(pivots: np.ndarray, columns: np.ndarray) -> bool:
@@ -246,6 +260,7 @@ class EigenProblem:
     dtype: Any
     values: Callable[[np.ndarray], np.ndarray]  # maps its eigenvalues to those of the pencil
     matrix: Any = None  # its entries, if it is A and they are stored
+    adjoint: Callable[[Any], Any] | None = None  # of the operator, where it is known
 
     @classmethod
     def of(cls, matrix: Matrix, mass: Matrix | None, shift: Any) -> EigenProblem | None:
@@ -256,31 +271,36 @@ class EigenProblem:
         dtype = np.dtype(float if real else complex)
         unit = matrix.unit
         if shift is None and mass is None:
+            adjoint = matrix.adjoint
             if unit == 1.0:
-                return cls(matrix.apply, dtype, lambda theta: theta, matrix.explicit)
-            return cls(lambda x: matrix.apply(x * unit), dtype, lambda theta: theta / unit)
+                return cls(matrix.apply, dtype, lambda theta: theta, matrix.explicit, adjoint)
+            turned = adjoint and (lambda y: adjoint(y * unit))
+            return cls(
+                lambda x: matrix.apply(x * unit), dtype, lambda theta: theta / unit, None, turned
+            )
         if mass is not None and mass.explicit is None:
             raise InputError("M: an operator cannot be factored; pass its entries")
         if shift is None:
             assert mass is not None
             # Real factors drop the imaginary part of right-hand sides, or refuse it.
             entries = mass.explicit if mass.dtype == dtype else mass.explicit.astype(dtype)
-            solve = factorized(entries, matrix.xp)
-            if solve is None:
+            of_mass = factorized(entries, matrix.xp)
+            if of_mass is None:
                 raise InputError("M is singular: give sigma, so that A - sigma M is factored")
-            by_mass = solve
+            by_mass = of_mass.solve
             return cls(lambda x: by_mass(matrix.apply(x * unit)), dtype, lambda t: t / unit)
         if matrix.explicit is None:
             raise InputError(
                 "sigma: A is an operator and cannot be factored; pass eigs an operator of "
                 "(A - sigma)^-1 and take sigma + 1 / w"
             )
-        solve = factorized(_shifted(matrix, mass, shift * unit, unit), matrix.xp)
-        if solve is None:
+        factors = factorized(_shifted(matrix, mass, shift * unit, unit), matrix.xp)
+        if factors is None:
             return None
         if mass is None:
-            return cls(solve, dtype, lambda theta: shift + 1.0 / (theta * unit))
-        weigh, inverse = mass.apply, solve
+            values = lambda theta: shift + 1.0 / (theta * unit)  # noqa: E731
+            return cls(factors.solve, dtype, values, None, factors.adjoint)
+        weigh, inverse = mass.apply, factors.solve
         return cls(lambda x: inverse(weigh(x)), dtype, lambda theta: shift + 1.0 / (theta * unit))
 
 

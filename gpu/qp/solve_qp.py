@@ -13,6 +13,7 @@ from gpu.arrays.dense import symmetric_product
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.active_set.box import ActiveSet, BoxQP
 from gpu.qp.active_set.whitened import WhitenedActiveSet
+from gpu.qp.data.equilibrate import largest_side, with_rounding
 from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem, power_of_two
 from gpu.qp.data.qp_result import (
     QPResult,
@@ -23,7 +24,6 @@ from gpu.qp.data.qp_result import (
     residuals_of,
 )
 from gpu.qp.data.standard_qp import StandardQP, residuals
-from gpu.qp.interior_point.equilibrate import largest_side
 from gpu.qp.interior_point.minimise import Point, certified, minimise, polished
 from gpu.qp.interior_point.polish import PrimalDual, Sides
 from gpu.qp.interior_point.presolve import PRESOLVE, nonempty
@@ -122,6 +122,10 @@ def solve_qp(
     -----
     The problem is scaled to a diagonal of P between 1/2 and 2, by powers of two and hence without
     rounding: multiplying P, or a variable, by such a number changes no digit of the result.
+
+    Residuals are relative to x. Where a translation leaves nothing but its rounding, they cannot be
+    made small, and x is accepted once it is known to 1e-12 of the largest side or force (beside
+    others that are 1e11 times less), or to 1e-12 in the units given.
 
     References
     ----------
@@ -368,7 +372,14 @@ def _general(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float)
             result = _general_result(problem, p, point, (), "active set")
             if result.kkt.worst <= tol:
                 return result
-    point = minimise(p, tol)
+    try:
+        point = minimise(p, tol)
+    except (NotConverged, Unbounded, Infeasible) as error:
+        coarse = with_rounding(p, certain=isinstance(error, Infeasible))
+        if coarse is None or (isinstance(error, Unbounded) and bool(coarse.q.any())):
+            raise
+        logger.debug("what may be rounding is not told from zero where %s", error)
+        p, point = coarse, minimise(coarse, tol)
     result = _general_result(problem, p, _sharpened(problem, p, point, tol), (), "interior point")
     if not result.kkt.worst <= tol:
         raise NotConverged(

@@ -1,4 +1,4 @@
-"""Quadratic programs as data: checked, in one form, and what proves a solution.
+"""Quadratic programs as data: checked, in one form, scaled, and what proves a solution.
 
 In: the arguments of `solve_qp`.
 Out: a checked problem, a `StandardQP`, residuals (`KKT`), the `QPResult`.

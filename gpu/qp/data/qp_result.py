@@ -11,8 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpu.arrays.dense import symmetric_product
+from gpu.qp.data.equilibrate import with_rounding
 from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem
-from gpu.qp.data.standard_qp import Residuals, StandardQP, largest, one_sided, residuals
+from gpu.qp.data.standard_qp import (
+    ROUNDING,
+    Residuals,
+    StandardQP,
+    largest,
+    one_sided,
+    residuals,
+)
 from skfem_adini.ground.arrays import namespace
 
 
@@ -243,6 +251,9 @@ def general_residuals(
     p = program or problem.program
     xp, multiplier = p.xp, namespace(x).concatenate([y, z])
     r = known or residuals(p, x, multiplier, z_box)
+    coarse = with_rounding(p) if known is None and r.worst > ROUNDING.certain else None
+    if coarse is not None:
+        r = min(r, residuals(coarse, x, multiplier, z_box), key=lambda found: found.worst)
     outside = float(xp.maximum(xp.maximum(p.lb - x, x - p.ub), 0.0).max())
     wrong = 0.0
     for value, low, high in ((multiplier, p.row_low, p.row_high), (z_box, p.lb, p.ub)):

@@ -26,6 +26,7 @@ class _Rounding(NamedTuple):  # what residuals are measured against
     product: float = 16 * float(np.finfo(float).eps)  # rounding allowed in x'Px
     sharp: float = 1e-13  # residuals below this are not examined more closely
     least: float = 1e-6  # relative to `StandardQP.lengths`: a smaller x is rounding of the forces
+    certain: float = 1e-10  # residuals below this are taken as they are
     side: float = 1e-14  # relative to these lengths: smaller sides may be left by a difference
 
 
@@ -74,6 +75,7 @@ class StandardQP:
     row_high: Array
     lb: Array
     ub: Array
+    near: Array = None  # lengths of x below which only rounding of the sides is left
 
     @property
     def xp(self) -> Any:
@@ -156,14 +158,18 @@ class StandardQP:
         return D * (sides if ROUNDING.side * size < sides < size else size)
 
     @cached_property
-    def least_sizes(self) -> tuple[float, float, float]:
-        """Least sizes of rows, of the objective and of x that residuals are measured against."""
-        near = ROUNDING.least * self.lengths
+    def least_sizes(self) -> tuple[float, float, float, float]:
+        """Least sizes of rows, of the objective, of x and of forces that residuals are measured
+        against."""
+        known = self.near is not None
+        near = self.near if known else ROUNDING.least * self.lengths
+        forces = abs(self.P) @ near if known else self.xp.zeros_like(near)
         rows = abs(self.C) @ near
         return (
             float(rows.max()) if rows.size else 0.0,
-            float(self.xp.abs(self.q) @ near),
+            float((self.xp.abs(self.q) + forces) @ near),
             float(near.max()) if near.size else 0.0,
+            float(forces.max()) if near.size else 0.0,
         )
 
     def gradient(self, x: Array, y: Array) -> Array:
@@ -189,9 +195,10 @@ class Residuals:
 
     `gap` is :math:`|x^TPx + q^Tx + y^Tr + z_\mathrm{box}^Tb|`, with the sides r, b that multipliers
     point to, over the larger of the first two terms, less the rounding
-    :math:`16\epsilon|x|^T|P||x|` of confined variables. `pairing` does not count as a residual: if
-    multiplier and distance both vanish at the solution, it is the square root of their product,
-    which `gap` bounds.
+    :math:`16\epsilon|x|^T|P||x|` of confined variables. Where `StandardQP.near` is known, no
+    size is less than what it makes. `pairing` does not count as a residual: if multiplier and
+    distance both vanish at the solution, it is the square root of their product, which `gap`
+    bounds.
     """
 
     primal: float  # largest violation of a row over the largest of |Cx|, |r|
@@ -237,7 +244,9 @@ def residuals(
     dual = _over(
         size_of(Px + p.q + Cy + z_box),
         size_of(Px, p.q, Cy, z_box),
-        lambda: part * size_of(abs(p.P) @ size[0] + abs(p.C).T @ size[1]),
+        lambda: largest(
+            part * size_of(abs(p.P) @ size[0] + abs(p.C).T @ size[1]), p.least_sizes[3]
+        ),
     )
     row = xp.where(y > 0, p.row_high, xp.where(y < 0, p.row_low, 0.0))
     bound = xp.where(z_box > 0, p.ub, xp.where(z_box < 0, p.lb, 0.0))

@@ -34,6 +34,7 @@ class _Limits(NamedTuple):  # limits of refinement
     poor: float = 1e-9  # relative residual above which refinement has failed
     directions: int = 20  # of GMRES, all kept: one for each perturbed pivot
     dense: int = 600  # most unknowns and rows for symmetric pivoting, if need be
+    pivoted: int = 30_000  # the same for a sparse factor with pivots by size: it fills more
 
 
 LIMITS = _Limits()
@@ -234,9 +235,12 @@ def kkt_system(program: StandardQP, solver: str = "auto") -> System:
     return DenseSystem(program)
 
 
-def safe_system(program: StandardQP) -> IndefiniteSystem | None:
-    """The slower, safer system if that of `kkt_system` failed; None if it is too large."""
-    few = program.q.size + program.row_low.size <= LIMITS.dense
-    if program.xp is np and (few or not program.is_sparse):
+def safe_system(program: StandardQP) -> System | None:
+    """The slower, safer system if that of `kkt_system` failed, with pivots chosen by size; None if
+    it is too large."""
+    size = program.q.size + program.row_low.size
+    if program.xp is np and (size <= LIMITS.dense or not program.is_sparse):
         return IndefiniteSystem(program)
+    if program.is_sparse and size <= LIMITS.pivoted:
+        return SparseSystem(program, "pivoted")
     return None

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from gpu.errors import Infeasible, NotConverged, Unbounded
+from gpu.qp.data.equilibrate import Scaling, equilibrate, largest_side, with_rounding
 from gpu.qp.data.standard_qp import (
     Array,
     Matrix,
@@ -21,12 +22,11 @@ from gpu.qp.data.standard_qp import (
     one_sided,
     residuals,
 )
-from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
 from gpu.qp.interior_point.interior_point import LIMITS as INTERIOR
 from gpu.qp.interior_point.interior_point import interior_point
 from gpu.qp.interior_point.kkt_system import System, kkt_system, safe_system
 from gpu.qp.interior_point.polish import PrimalDual, Sides, extended, polish
-from gpu.qp.interior_point.presolve import contradiction, presolve
+from gpu.qp.interior_point.presolve import Presolved, contradiction, presolve
 
 
 class _Proof(NamedTuple):  # tolerances of `farkas` and `ray`
@@ -57,6 +57,7 @@ class _Limits(NamedTuple):  # residuals and sizes that decide what is tried
     plausible: float = 1e-7  # below, no proof is sought: other multipliers may help
     feasible: float = 1e-9  # residual of the point that shows that constraints can be met
     lost: float = 1e-13  # objective over the terms of x'Px: less is rounding of P
+    drowned: float = 1e-12  # forces over those of the multipliers: three digits are left
     runaway: float = 1e20  # over the data: no condition number in double precision takes x so far
     extended: int = 30_000  # most unknowns and rows for which extended precision is worth it
     linear: float = 1e-4  # q beside P of one: below, it has lost four of sixteen digits
@@ -114,22 +115,25 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
 
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
-def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = True) -> Point:
+def minimise(
+    p: StandardQP, tol: float, solver: str = "auto", proofs: bool = True, reduced: bool = True
+) -> Point:
     """The solution, with residuals of at most `tol` and polished to the accuracy of the arithmetic,
     else raise `Infeasible`, `Unbounded` or `NotConverged`. `solver` of sparse systems: "auto",
-    "pardiso" or "superlu". Without `proofs` the best point is returned, whatever its residuals."""
+    "pardiso" or "superlu". Without `proofs` the best point is returned, whatever its residuals;
+    unless `reduced`, presolve makes no reductions."""
     if not bool(p.q.any()):
         nothing = certified(p, p.xp.zeros_like(p.q), p.xp.zeros_like(p.row_low))
-        if nothing.residuals.worst == 0.0:
+        if nothing.residuals.worst <= (0.0 if p.near is None else tol):
             return nothing
     proof = contradiction(p, tol) if proofs else None
     if proof is not None:
         raise _infeasible(proof)
-    small = presolve(p)
+    small = presolve(p, search=reduced)
     if not small.free.size:
         point = certified(p, *small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)))
         if point.residuals.worst <= tol:
-            return point
+            return _afloat(p, small, point, lambda: minimise(p, tol, solver, proofs, False))
         small = presolve(p, search=False)
         if not small.free.size:
             raise _infeasible(_violated(p, point.x))
@@ -153,7 +157,23 @@ def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = Tru
                 f"the iterates run away to {far:.0e} times the size of the data, and no ray was "
                 "found along which the objective falls for ever: bound the variables"
             )
-    return Point(best.x, best.y, best.z_box, best.residuals, steps)
+    found = Point(best.x, best.y, best.z_box, best.residuals, steps)
+    return _afloat(p, small, found, lambda: minimise(p, tol, solver, proofs, False))
+
+
+def _afloat(p: StandardQP, small: Presolved, found: Point, again: Callable[[], Point]) -> Point:
+    """The point found, or that of the program without reductions where multipliers have grown from
+    one to the next until their rounding reaches the forces that they balance."""
+    if not small.reductions:
+        return found
+    forces = p.xp.abs(p.q) + abs(p.P) @ p.xp.abs(found.x)
+    pushed = abs(p.C).T @ p.xp.abs(found.y)
+    if float(forces.max()) >= LIMITS.drowned * float(pushed.max()):
+        return found
+    try:
+        return again()
+    except NotConverged:
+        return found
 
 
 @dataclass(frozen=True)
@@ -193,6 +213,8 @@ class _Search:
                 break
             if attempt == 0 and proofs:
                 _prove(p, best, self.solver)
+                if p.near is None and with_rounding(p, certain=True) is not None:
+                    break  # it is solved as that
         if best is None:
             raise NotConverged(
                 "no system of the interior point can be factored: numbers of the problem overflow, "

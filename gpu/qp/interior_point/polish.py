@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from gpu.qp.data.equilibrate import Scaling, equilibrate
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, one_sided
-from gpu.qp.interior_point.equilibrate import Scaling, equilibrate
 from gpu.qp.interior_point.kkt_system import SparseSystem, System
 
 

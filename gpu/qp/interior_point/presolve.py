@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
+from gpu.qp.data.equilibrate import largest_side
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
-from gpu.qp.interior_point.equilibrate import largest_side
 
 
 class _Presolve(NamedTuple):  # limits of the search

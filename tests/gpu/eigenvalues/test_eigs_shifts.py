@@ -5,7 +5,7 @@ import importlib
 import numpy as np
 import pytest
 from scipy import linalg, sparse
-from scipy.sparse.linalg import LinearOperator
+from scipy.sparse.linalg import LinearOperator, splu
 
 from gpu import InputError, NotConverged, eigs, svds
 
@@ -195,6 +195,32 @@ def test_ill_conditioned_eigenvalues_are_said_to_be():
     Q = np.linalg.qr(rng.standard_normal((400, 400)))[0]
     with pytest.warns(RuntimeWarning, match="condition numbers up to"):
         eigs(Q @ A @ Q.T, 4, sigma=1.5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "n", "c", "true"),
+    [
+        ("sparse", 600, 1.1, 4.7e10),
+        ("dense", 600, 1.1, 4.7e10),
+        ("adjoint", 1000, 1.05, 8.2e8),
+        ("operator", 1000, 1.05, 8.2e8),
+    ],
+)
+def test_iterations_tell_of_ill_conditioned_eigenvalues(kind, n, c, true):
+    """Convection and diffusion beside an entry that no units make up for, or behind an inverse."""
+    T = convection(n, c)[0].tolil()
+    T[0, n // 20] = 1e-3
+    A, options = {"sparse": T.tocsr(), "dense": T.toarray()}.get(kind), {"sigma": 0}
+    if A is None:
+        factors = splu(T.tocsc())
+        A, options = LinearOperator(
+            T.shape, matvec=lambda x: factors.solve(x.ravel()), dtype=float,
+            rmatvec=(lambda y: factors.solve(y.ravel(), "T")) if kind == "adjoint" else None,
+        ), {}  # fmt: skip
+    with pytest.warns(RuntimeWarning, match="condition numbers up to") as caught:
+        eigs(A, 6, **options)
+    said = float(str(caught[0].message).split("up to ")[1].split(",")[0])
+    assert true / (5 if kind != "operator" else 500) < said < 5 * true
 
 
 @pytest.mark.parametrize("n", [100, 300])

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from gpu import QPFactor, batch_solve_qp, solve_qp
+from gpu import GpuError, QPFactor, Unbounded, batch_solve_qp, solve_qp
 from gpu.qp.data.standard_qp import StandardQP
+from gpu.qp.interior_point import kkt_system
 from gpu.qp.interior_point.kkt_system import LIMITS, safe_system
 
 SEEDS = [3, 7, 13, 26, 41, 60, 77, 83]
@@ -92,16 +93,19 @@ def differs(value, terms):
     return np.where(abs(value) <= 1e-12 * terms, 0.0, value)
 
 
-def moved(p, x):
-    """The problem in x - x0: what holds at x0 is exactly zero."""
+def moved(p, x, tidy=True):
+    """The problem in x - x0: what holds at x0 is exactly zero, or rounding if not `tidy`."""
+
+    def difference(value, terms):
+        return differs(value, terms) if tidy else value
 
     def side(M, r):
         finite = np.where(np.isfinite(r), r, 0.0)
-        difference = differs(finite - M @ x, abs(finite) + abs(M) @ abs(x))
-        return np.where(np.isfinite(r), difference, r)
+        shifted = difference(finite - M @ x, abs(finite) + abs(M) @ abs(x))
+        return np.where(np.isfinite(r), shifted, r)
 
     unit = np.eye(len(x))
-    q = differs(p.q + p.P @ x, abs(p.q) + abs(p.P) @ abs(x))
+    q = difference(p.q + p.P @ x, abs(p.q) + abs(p.P) @ abs(x))
     return SimpleNamespace(
         P=p.P, q=q, G=p.G, A=p.A, h=side(p.G, p.h), h_low=side(p.G, p.h_low), b=side(p.A, p.b),
         lb=side(unit, p.lb), ub=side(unit, p.ub),
@@ -117,6 +121,13 @@ def run(p, stored=np.asarray):
     arguments, keywords = problems.arguments(p)
     arguments = [stored(a) if np.ndim(a) == 2 else a for a in arguments]
     return solve_qp(*arguments, **keywords)
+
+
+def outcome(p):
+    try:
+        return run(p)
+    except GpuError as error:
+        return error
 
 
 def objective(p, x):
@@ -154,6 +165,64 @@ def test_the_origin_and_lengths_are_nothing_special(seeds, stored):
                     )
 
 
+def whole(seed, rounded):
+    """A program of integers, or of integers times numbers near one, and its solution; every second
+    one has no multipliers, so that at the origin q is nothing or rounding."""
+    rng = np.random.default_rng([36, seed])
+    n = int(rng.integers(1, 13))
+
+    def draw(*shape, most=5):
+        value = rng.integers(-most, most + 1, shape).astype(float)
+        return value * rng.uniform(0.5, 1.5, shape) if rounded else value
+
+    curved = seed % 3
+    L = draw([0, int(rng.integers(1, max(n // 2, 1) + 1)), n][curved], n)
+    P = L.T @ L + np.eye(n) * (curved == 2)
+    G, A = draw(int(rng.integers(0, 2 * n + 1)), n), draw(int(rng.integers(0, n // 2 + 1)), n)
+    x, pushed = draw(n, most=9), rng.random() < 0.5
+    z = rng.integers(0, 4, len(G)) * (rng.random(len(G)) < 0.5)
+    slack = np.where(z > 0, 0, rng.integers(0, 5, len(G)) * (rng.random(len(G)) < 0.5))
+    where = rng.integers(-1, 2, n)
+    free = rng.random(n) < rng.choice([0.0, 0.5, 1.0])
+    lb = np.where(free & (where >= 0), -np.inf, x - np.where(where < 0, 0, rng.integers(0, 5, n)))
+    ub = np.where(free & (where <= 0), np.inf, x + np.where(where > 0, 0, rng.integers(0, 5, n)))
+    q = G.T @ z + A.T @ draw(len(A)) + where * rng.integers(0, 4, n)
+    # Sums in another order than in `moved`, so that differences leave their rounding.
+    q = -(L.T @ (L @ x) + x * (curved == 2)) - pushed * q
+    h, b = ((M * x)[:, ::-1].sum(axis=1) for M in (G, A))
+    return SimpleNamespace(
+        P=(P + P.T) / 2, q=q, G=G, A=A, h=h + slack, h_low=np.full(len(G), -np.inf), b=b,
+        lb=lb, ub=ub,
+    ), x  # fmt: skip
+
+
+@pytest.mark.parametrize("rounded", [False, True], ids=["exact", "rounded"])
+@pytest.mark.parametrize(
+    "seeds", [range(12), pytest.param(range(12, 1000), marks=pytest.mark.slow)], ids=str
+)
+def test_what_translations_leave_of_zeros(seeds, rounded):
+    """To and beside the origin, where sides and forces are nothing but rounding."""
+    for seed in seeds:
+        p, x = whole(seed, rounded)
+        size = max(abs(p.q) @ abs(x), x @ p.P @ x, 1.0)
+        for unit, away in ((1.0, 0.0), (1e-12, 0.0), (1e12, 0.0), (1.0, 2.0**-30)):
+            here = away * x
+            program = moved(p, x - here, tidy=False)
+            result = outcome(in_lengths(program, unit))
+            if isinstance(result, GpuError):
+                # Nothing has a size beside rounding, or that of q is a ray where P is singular.
+                sides = np.concatenate([program.h, program.b, program.lb, program.ub])
+                alone = not (abs(sides[np.isfinite(sides)]) > 0.5).any()
+                assert rounded, seed
+                assert alone or (isinstance(result, Unbounded) and seed % 3 == 1), seed
+                continue
+            value = objective(program, result.x / unit) - objective(program, here)
+            assert abs(value) <= 1e-8 * size, seed
+            assert result.kkt.worst <= 1e-9, seed
+            if seed % 3 == 2:
+                np.testing.assert_allclose(result.x / unit, here, atol=1e-9)
+
+
 @pytest.mark.parametrize("unit", [1.0, 1e-12, 1e6, 1e12, 1e20])
 @pytest.mark.parametrize("sides", [(), (0.0,)], ids=["no sides", "sides at zero"])
 def test_curvature_alone_makes_every_length(sides, unit):
@@ -183,9 +252,18 @@ def test_a_sparse_program_that_failed_is_factored_with_symmetric_pivoting():
     K = np.block([[P + 1e-12 * np.eye(4), C.T], [C, -1e-12 * np.eye(2)]])
     expected = np.linalg.solve(K, np.concatenate([r, s]))
     np.testing.assert_allclose(np.concatenate(system.solve(r, s)), expected, rtol=1e-9)
-    free = np.full(LIMITS.dense, np.inf)
+    free = np.full(LIMITS.pivoted, np.inf)
     P, C = sparse.eye_array(free.size, format="csr"), sparse.csr_array(np.ones((2, free.size)))
     assert safe_system(program(P, C)) is None
+
+
+@pytest.mark.parametrize("seed", [832, 1190])
+def test_pivots_of_larger_sparse_programs_are_chosen_by_size(seed, monkeypatch):
+    """Above 600 unknowns there was no other system where pivots on the diagonal are poor."""
+    monkeypatch.setattr(kkt_system, "LIMITS", LIMITS._replace(dense=0))
+    p = problems.convex_problem(seed, 25)
+    for program in (p, moved(p, run(p).x)):
+        assert run(program, sparse.csr_array).kkt.worst <= 1e-9
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -157,3 +157,20 @@ def test_a_covariance_of_five_digits_is_nearly_convex():
         np.testing.assert_allclose(np.clip(step, 0.0, 0.2), result.x, atol=1e-9)
     with pytest.raises(InputError, match="not positive semidefinite"):
         solve_qp(P - 1e-3 * np.eye(40), np.zeros(40), lb=0.0, ub=1.0)
+
+
+@pytest.mark.parametrize("stored", [np.asarray, sparse.csr_array], ids=["dense", "sparse"])
+def test_multipliers_that_grow_from_reduction_to_reduction(stored):
+    """x_i <= 1e4 x_{i-1} holds all x at zero with multipliers up to 1e28, their sum with a few."""
+    n = 8
+    G = np.zeros((n + 2, n + 1))
+    G[:n, :n] = np.eye(n) - 1e4 * np.eye(n, k=-1)
+    G[n, n - 1 :] = -0.5, -1.0
+    G[n + 1] = 1.0
+    result = solve_qp(
+        stored(np.zeros((n + 1, n + 1))), np.append(-np.ones(n), 0.0), stored(G), np.zeros(n + 2),
+        lb=np.append(np.zeros(n), -np.inf),
+    )  # fmt: skip
+    assert not result.x.any()
+    assert abs(result.z).max() < 1e4
+    assert result.kkt.worst < 1e-12

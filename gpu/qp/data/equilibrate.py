@@ -11,7 +11,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +24,10 @@ class _Limits(NamedTuple):  # limits of the scaling
     rounds: int = 12  # square roots of all sizes: sixteen decades become 16 / 2^12
     curvature: float = 1e-6  # relative to the largest: a smaller c gives x no length |q| / c
     moderate: float = 1e3  # lengths up to which iterates go without another unit
+    apart: float = 1e11  # between lengths: the lesser ones may be rounding of the others
+    digits: float = 1e20  # between lengths: beyond, the lesser ones are meant as they stand
+    rounding: float = 1e-3  # of such a length: with a tol of 1e-9 it is known to 1e-12
+    force: float = 1e-9  # of what such lengths make of P: smaller ones are rounding
 
 
 LIMITS = _Limits()
@@ -69,14 +73,39 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
     return scaled, Scaling(D, E, c)
 
 
+def with_rounding(p: StandardQP, certain: bool = False) -> StandardQP | None:
+    """The program with `StandardQP.near`, and without a q that is rounding beside it; None where
+    sides and forces make lengths alike. It is relative to the largest where some are so much less
+    that they may be its rounding; else at most absolute, as a side may be far away (and None if
+    only what is `certain` counts)."""
+    xp = p.xp
+    scaled, scaling = equilibrate(p)
+    one = xp.ones(p.q.size)
+    lengths = (
+        _forced(scaled.q, _Sizes(scaled.P, xp).columns(one, one)),
+        *(scaled.row_low, scaled.row_high, scaled.lb, scaled.ub),
+    )
+    sizes = xp.abs(xp.concatenate(lengths))
+    sizes = xp.sort(sizes[(sizes > 0.0) & xp.isfinite(sizes)])
+    if not sizes.size:
+        return None
+    sizes = sizes[sizes <= LIMITS.digits * sizes[0]]
+    near = LIMITS.rounding * float(sizes[-1])
+    apart = bool((sizes[1:] > LIMITS.apart * sizes[:-1]).any())
+    if not near > float(sizes[0]) or (certain and not apart):
+        return None
+    near = near * scaling.variables
+    near = near if apart else xp.minimum(near, LIMITS.rounding)
+    nothing = bool((xp.abs(p.q) <= LIMITS.force * (abs(p.P) @ near)).all())
+    return replace(p, near=near, q=0.0 * p.q if nothing else p.q)
+
+
 def _length(p: StandardQP, D: Array, E: Array, curvature: _Sizes) -> Any:
     """The unit of length; what is far below it would be lost in rounding of the first iterates."""
     xp = p.xp
     side = largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D)
-    columns, force = curvature.columns(D, D), 0.0
-    curved = columns > LIMITS.curvature * (float(columns.max()) if D.size else 0.0)
-    if bool(curved.any()):
-        force = float((xp.abs(D * p.q)[curved] / columns[curved]).max())
+    forces = _forced(D * p.q, curvature.columns(D, D))
+    force = float(forces.max()) if forces.size else 0.0
     if side == 0.0 and force > 1.0:  # no side confines what curvature makes
         return xp.asarray(max(force / LIMITS.moderate, 1.0))
     if side < 1.0:
@@ -84,6 +113,13 @@ def _length(p: StandardQP, D: Array, E: Array, curvature: _Sizes) -> Any:
     # A side may be far from the solution: only what curvature makes as long is taken whole.
     whole = max(min(side, force) / LIMITS.moderate, 1.0)
     return xp.asarray(whole * np.sqrt(side / whole))
+
+
+def _forced(q: Array, curvature: Array) -> Array:
+    """The lengths that curvature makes of forces."""
+    curved = curvature > LIMITS.curvature * (float(curvature.max()) if q.size else 0.0)
+    lengths: Array = abs(q[curved]) / curvature[curved]
+    return lengths
 
 
 def largest_side(*sides: Array) -> float:
