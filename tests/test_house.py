@@ -106,6 +106,34 @@ def test_modules_hold_one_concept() -> None:
         assert path.stem not in {"utils", "helpers", "common", "misc"}, path
 
 
+# Modules below 150 lines that one other imports, and why each stays alone. The faces of packages count as none.
+ALONE = {
+    "contact.condensation.bisection": "kernels that numba compiles, imported where they run",
+    "contact.spectral.mirrored_factor": "registers a factor when contact is imported",
+    "gpu.qp.qpsolvers_backend": "an optional package",
+    "skfem_adini.assembly.affine_kernels": "kernels that numba compiles, imported where they run",
+}
+
+
+def test_small_modules_serve_several_others() -> None:
+    """Or are imported by the face of their package, or say why they stand alone."""
+    names = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in MODULES}
+    users: dict[str, set[str]] = {name: set() for name in names}
+    for user, path in names.items():
+        for node in ast.walk(_tree(path)):
+            if isinstance(node, ast.ImportFrom):
+                found = {str(node.module), *(f"{node.module}.{part.name}" for part in node.names)}
+                for name in found & set(names) - {user}:
+                    users[name].add(user)
+    alone = {
+        name
+        for name, path in names.items()
+        if len(users[name]) == 1 and len(path.read_text().splitlines()) < 150
+        if not next(iter(users[name])).endswith(("__init__", ".face"))
+    }
+    assert alone == set(ALONE)
+
+
 def test_functions_fit_on_a_page() -> None:
     """At most 60 lines of body, what stands in them and comments included, the docstring not."""
     longer = {}
