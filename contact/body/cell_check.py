@@ -171,8 +171,8 @@ def number_facets(mesh: Mesh) -> None:
 
 def number(t: Any, corners: Any, known: int, vertices: int, in_turn: bool) -> Any:
     """Sort the m corners of all facets of cells t (k, ncells), and count equal facets once.
-    Return facets (m, nfacets), cyclic if `in_turn`; numbers (facets a cell, ncells); first and
-    last cell (2, nfacets) or -1; whether `known` corners identify a facet."""
+    Return facets (m, nfacets), cyclic if `in_turn`; numbers (facets a cell, ncells); first and last
+    cell (2, nfacets) or -1; whether `known` corners identify a facet."""
     cells, (sides, m) = t.shape[1], corners.shape
     count = sides * cells
     ascending = np.empty((count, m), dtype=t.dtype)

@@ -8,8 +8,8 @@ error is only r machine precisions.
 
 Bodies of up to 3000 unknowns are factored and refined in this way, and solved up to r = 1e6. A
 column that only stands on a floor has a bending stiffness of r^-4 times its axial stiffness: it is
-solved up to r = 1e4, and beyond if the solution meets its certificate. If not, the error names
-the slender cells.
+solved up to r = 1e4, and beyond if the solution meets its certificate. If not, the error names the
+slender cells.
 """
 
 from __future__ import annotations

@@ -141,8 +141,8 @@ class TensorLaw:
     @classmethod
     def of(cls, C: Array, dim: int, plane: str | None) -> Self:
         """Law of a Voigt stiffness C; in 2-D the plane must be a plane of symmetry.
-        Plane strain takes the rows and columns xx, yy, xy of C; plane stress their Schur
-        complement :math:`C_{pp} - C_{pz} C_{zz}^{-1} C_{zp}` (Ting 1996, section 3.2)."""
+        Plane strain takes the rows and columns xx, yy, xy of C; plane stress their Schur complement
+        :math:`C_{pp} - C_{pz} C_{zz}^{-1} C_{zp}` (Ting 1996, section 3.2)."""
         if dim == 3:
             return cls(tensor_of(C), np.zeros((2, 2)), np.zeros(()))
         inside, across = [0, 1, 5], [3, 4]

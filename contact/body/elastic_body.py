@@ -300,10 +300,10 @@ class ElasticBody(BasisSolid):
         """Let the displacement on one boundary be that on another one, plus a jump.
 
         All dofs at matching points are linked; derivatives, if the element has them, are equal. The
-        body stays free to be translated; it cannot rotate, unless
-        supports and other conditions say otherwise. Contact points on both boundaries, as where
-        a contact boundary ends at a periodic one, share their unknowns: only the sum of their
-        forces is determined, and a result with contact there is refused.
+        body stays free to be translated; it cannot rotate, unless supports and other conditions say
+        otherwise. Contact points on both boundaries, as where a contact boundary ends at a periodic
+        one, share their unknowns: only the sum of their forces is determined, and a result with
+        contact there is refused.
 
         Parameters
         ----------

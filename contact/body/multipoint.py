@@ -42,8 +42,7 @@ def coupled(
 ) -> tuple[sparse.csr_array, Array]:
     """Free unknowns P (ndofs, nfree) and u0 of supports ``u = P y + u0`` and equations together.
     Each group of linked unknowns, scaled to displacements by `of_dof`, is solved by an SVD.
-    Unlinked
-    unknowns come first, unchanged; the other columns are orthonormal."""
+    Unlinked unknowns come first, unchanged; the other columns are orthonormal."""
     C = sparse.csr_array(sparse.vstack([each.C for each in couplings]))
     c = np.concatenate([each.c for each in couplings])
     owner = np.repeat(np.arange(len(couplings)), [each.c.size for each in couplings])

@@ -34,8 +34,8 @@ def _one_after_the_other(quantity: str) -> Any:
 
 class Bodies(Solid):
     """The distinct bodies of a contact problem, all of one dimension, as one `Solid`.
-    No matrix is copied: products are formed body by body. Loads, supports and material constants
-    of the bodies may change afterwards."""
+    No matrix is copied: products are formed body by body. Loads, supports and material constants of
+    the bodies may change afterwards."""
 
     def __init__(self, bodies: Sequence[Solid]) -> None:
         if isinstance(bodies, str) or not isinstance(bodies, Sequence) or not bodies:

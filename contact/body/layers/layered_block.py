@@ -109,12 +109,11 @@ class LayeredBlock(BlockVectors):
     a GPU. Contact may occur on its "bottom".
 
     In space, with another element or periodic sides, it is an `ElasticBody` whose contact is
-    condensed
-    by transforms if its side conditions allow it, else by a sparse factorisation;
+    condensed by transforms if its side conditions allow it, else by a sparse factorisation;
     ``problem.condense().path`` names the method.
 
-    Node (i, j), counted from the bottom left, carries dofs ``6 ((columns + 1) j + i) + k``, k
-    k = 0, ..., 5 for ``u, v, u_x, v_x, u_y, v_y``.
+    Node (i, j), counted from the bottom left, carries dofs ``6 ((columns + 1) j + i) + k``, k = 0,
+    ..., 5 for ``u, v, u_x, v_x, u_y, v_y``.
 
     Parameters
     ----------
