@@ -230,12 +230,14 @@ def _about(motion: Array, body: LayeredBlock) -> Array:
 # the matrix
 #
 # .. math:: \begin{pmatrix} a_k & b_k \\ b_k^T & c_k \end{pmatrix} .
+#
 # A slab of one material is symmetric up-down: with the signs P of unknowns under this reflection,
 # ``a = P c P`` and ``b^T = P b P``, so that the matrix ``c_k + a_k`` of the row between two slabs
 # splits into blocks of sign + and -. With its Cholesky factor L and ``Y = L^-1 b_k``,
 #
 # .. math::
 #     c_{k+1} = c_k - Y_+^T Y_+ - Y_-^T Y_-, \qquad b_{k+1} = -P (Y_+^T Y_+ - Y_-^T Y_-),
+#
 # about 1.6 m^3 operations for m unknowns per node row. Layers, split into powers of two, are added
 # from the top: a slab below a body of stiffness A has the stiffness ``a - b (c + A)^-1 b^T``. All
 # factored matrices belong to slabs clamped below, so they are definite without supports too.

@@ -138,8 +138,8 @@ class GridProblem:
 
     @cached_property
     def at_rest(self) -> Grid | None:
-        """Tangential components fixed by a side without obstacle motion, or None: friction
-        there cannot be distinguished from the reactions of the side.
+        """Tangential components fixed by a side without obstacle motion, or None: friction there
+        cannot be distinguished from the reactions of the side.
         """
         if self.fixed is None:
             return None
