@@ -124,8 +124,7 @@ class BasisSolid(Solid):
     def compute_with(
         self, arrays: HostArrays, beside: int = 0, stiffness: SparseRows | None = None
     ) -> Space:
-        """Compute on the device of the arrays, if memory suffices, while the returned object is
-        kept.
+        """Compute on the device of the arrays, if it fits, while the returned object is kept.
 
         Parameters
         ----------

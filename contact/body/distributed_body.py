@@ -177,8 +177,7 @@ class DistributedBody(Solid):
         return self.space.gather(self.to_local(u))
 
     def chosen_backend(self, rows: int) -> str:
-        """The back end for a number of contact rows; the choice of "auto" is logged with its
-        reason.
+        """The back end for a number of contact rows; the choice of "auto" is logged.
 
         Parameters
         ----------

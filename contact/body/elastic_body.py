@@ -467,8 +467,7 @@ class ElasticBody(BasisSolid):
         return self._held_anew()
 
     def load(self, boundary: Boundary, traction: Field) -> Self:
-        """Add a surface traction (force per area) on a boundary, in a ring on its whole
-        circumference.
+        """Add a surface traction (force per area) on a boundary, in a ring all around it.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Contact and friction on the condensed problem: which point is open, sticks or slips.
 
-Input: a `BoundaryProblem`, a friction law, an initial guess.
-Output: `Forces` that satisfy the laws, and the history of the iteration.
+In: a `BoundaryProblem`, a friction law, an initial guess.
+Out: `Forces` that satisfy the laws, and the history of the iteration.
 Start: `methods` chooses the algorithm; `law` has the zones, residual and linearisation of contact
 and friction, `newton` the iteration, `condensed_newton` and `primal_newton` its linear systems;
 `active_set` solves box quadratic programs.
