@@ -512,8 +512,7 @@ class ElasticBody(BasisSolid):
         """Add a change of temperature: thermal strains, and the forces equivalent to them on `f`.
 
         Stresses in results exclude the thermal strain. Repeated calls add up. Set the material
-        first:
-        the forces depend on it.
+        before, since the forces depend on it.
 
         Parameters
         ----------

@@ -13,8 +13,7 @@ from contact.condensation.boundary_problem import Array
 
 def guessed_diagonal(parts: tuple[Any, ...]) -> Array:
     """Approximate diagonal of the compliance, shape (n,), used only for scaling.
-    Relative values come from the diagonals of the stiffness, their common factor from a few
-    rows."""
+    Relative values come from the diagonals of the stiffness, their scale from a few rows."""
     guess = np.asarray(sum(part.row_compliance() for part in parts))
     live = np.flatnonzero(guess > 0)
     some = live[np.unique(np.linspace(0, live.size - 1, 16).astype(np.int64))]

@@ -46,8 +46,7 @@ logger = logging.getLogger(__name__)
 
 class HistoryFolder:
     """The folder of a run, in which the first of the processes `comm`, if any, writes.
-    `fingerprint` is the checksum of problem, loads and motions; `damage`: the error of
-    `finished`."""
+    `fingerprint`: checksum of problem, loads and motions; `damage`: the error of `finished`."""
 
     def __init__(self, path: Path, about: dict[str, Any], comm: Any = None) -> None:
         self.path, self.times, self.comm = path, np.array(about["times"], dtype=float), comm
@@ -87,8 +86,7 @@ class HistoryFolder:
 
     @classmethod
     def opened(cls, path: Path, body: Any = None) -> HistoryFolder:
-        """Open an existing folder, on all processes of the body; `InputError` if it has no
-        history."""
+        """Open a folder on all processes of the body; `InputError` if it has no history."""
 
         def about() -> dict[str, Any]:
             try:

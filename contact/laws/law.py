@@ -111,7 +111,7 @@ class ContactLaw:
         g, c = self.bound(xp.where(active, trial, 0.0)), self.scale[1]
         q = self._moving(t + c * v)
         length = lengths(q)
-        if self.swept is not None:  # they slip from the first step, with a larger c if needed
+        if self.swept is not None:  # they slip from the first step, with another c if needed
             moves = lengths(self._moving(v))
             stuck = self.swept & (length <= g) & (moves > 0)
             more = 4.0 * (g + lengths(t)) / xp.where(stuck, moves, 1.0)

@@ -70,8 +70,7 @@ class ContactSystem:
 
     def with_held_points(self, u: Array, mu: Array, t: Array, w: Array | None) -> Array:
         """t, (m, dim - 1), with friction g along the slip where the whole slip is prescribed.
-        Zero for zero prescribed slip, where friction is indistinguishable from support
-        reactions."""
+        Zero for zero prescribed slip, where friction cannot be distinguished from reactions."""
         held = self.held if np.any(self.friction > 0) else np.zeros(mu.size, dtype=bool)
         if not held.any():
             return t
@@ -91,8 +90,7 @@ class ContactSystem:
         return of_law(self.friction).bound(mu)
 
     def scaled_friction(self, scale: Array) -> Friction | None:
-        """The friction law with forces multiplied by the scale of each point; None if
-        frictionless."""
+        """The friction law, forces multiplied by the scale of each point; None if frictionless."""
         if self.law is None:
             return None
         return Coulomb(self.friction) if self.law == "coulomb" else Tresca(self.friction * scale)

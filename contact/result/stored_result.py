@@ -239,8 +239,7 @@ def rebuild(
     path: Path, arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None = None
 ) -> ContactState:
     """The state in the arrays of problem and state together, certified again.
-    Body and rows of `near` are reused if given; `with_checksum`: the file's checksum was
-    correct."""
+    Body and rows of `near` are reused if given; `with_checksum`: the checksum was correct."""
     with reading(path):
         state = _rebuild(arrays, with_checksum, near)
         _check_state(state)

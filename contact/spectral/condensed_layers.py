@@ -54,8 +54,7 @@ class CondensedLayers:
 
     @property
     def loose(self) -> NDArray[np.intp]:
-        """Node unknowns of the top that are not fixed; a fixed value fixes its lateral
-        derivatives."""
+        """Free node unknowns of the top; a fixed value fixes its lateral derivatives."""
         dim = self.held.size
         component = np.arange(self.kinds.size) % dim
         along = (self.kinds >= -1) & (self.kinds < dim - 1)

@@ -156,8 +156,7 @@ class GridProblem:
         return self.v0 - self.W(forces) + self.moved(a)
 
     def size(self, forces: Grid) -> float:
-        """Scale of residuals: the largest force, at least 1e-12 times the forces due to the
-        data."""
+        """Scale of residuals: the largest force, at least 1e-12 of the forces due to the data."""
         overlap = self.xp.where(self.can_touch, self.v0[0] - self.gap, -np.inf).max()
         along = float(self.xp.abs(self.v0[1:]).max())
         causes = (self.scale_normal * float(overlap), self.scale_along * along if along else 0.0)

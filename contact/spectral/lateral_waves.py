@@ -126,8 +126,7 @@ class LateralWaves:
         return zero
 
     def missing(self, kinds: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Mask (m, *shape), on the host, of waves that do not exist: the constant and the shortest
-        wave of odd unknowns."""
+        """Host mask (m, *shape) of the waves that odd unknowns lack: constant and shortest."""
         none = np.zeros((kinds.size, *self.shape), dtype=bool)
         for axis, parity in enumerate(self.odd):
             if parity is not None:

@@ -8,8 +8,8 @@ blocks :math:`K_{ab}` of a cell's stiffness for its corners a and b at the later
 .. math:: L_{st}(k) = \sum_{a \in s, b \in t} K_{ab} e^{i k (o_b - o_a)}
 
 with s and t the lower or the upper plane. A slab is the triple (P, Q, R) of its lower, coupling and
-upper blocks. Two adjacent slabs are joined by elimination of the plane between them, with :math:`M
-= R_1 + P_2`:
+upper blocks. Two adjacent slabs are joined by eliminating the plane between them, of stiffness
+:math:`M = R_1 + P_2`:
 
 .. math::
     P = P_1 - Q_1 M^{-1} Q_1^H, \quad Q = -Q_1 M^{-1} Q_2, \quad R = R_2 - Q_2^H M^{-1} Q_2 ,
@@ -93,8 +93,7 @@ class Stack:
 
     @classmethod
     def of(cls, layers: Sequence[tuple[Slab, int]], kinks: Sequence[Any] = ()) -> Stack:
-        """The stack from single-layer slabs and their numbers; `kinks` are unshared unknowns of
-        each lower side."""
+        """Stack slabs of one layer and their numbers; `kinks`: unshared unknowns of lower sides."""
         none = np.zeros(0, dtype=int)
         pieces: list[tuple[Slab, ...]] = []
         own: list[Any] = []

@@ -136,9 +136,8 @@ class LayeredBlock(BlockVectors):
         Scalar. Default: `ElementQuadAdini`, in space `ElementHex1`.
     path : {"fourier"}, optional
         Require transforms: sides are periodic, on rollers or fixed tangentially, and derivatives
-        that
-        vanish by symmetry are fixed as well, see `PeriodicLayers`. By default transforms serve only
-        periodic sides and elements without derivatives.
+        that vanish by symmetry are fixed as well, see `PeriodicLayers`. By default transforms serve
+        only periodic sides and elements without derivatives.
 
     Raises
     ------
