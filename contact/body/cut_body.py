@@ -76,7 +76,7 @@ class CutBody(ElasticBody):
 
     Notes
     -----
-    A level set is a function, which no file holds. `ContactResult.save` keeps the quadrature of the
+    A level set is a function and cannot be stored. `ContactResult.save` keeps the quadrature of the
     cut cells and of the curve, from which everything is computed, and for pictures the values of
     the level set at the places where `ContactResult.to_pyvista` takes them by default; between
     these the loaded body interpolates.

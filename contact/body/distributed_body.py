@@ -78,8 +78,8 @@ class DistributedBody(Solid):
     plane, dilatation, material
         As for `ElasticBody`.
     backend : {"auto", "mumps", "krylov"}
-        "mumps" condenses the body onto its contact boundary by one parallel factorisation: a dense
-        matrix of that boundary is held by every process. "krylov" makes the contact rows unknowns
+        "mumps" condenses the body onto its contact boundary by one parallel factorisation: every
+        process stores a dense matrix of that boundary. "krylov" makes the contact rows unknowns
         and solves each Newton step by multigrid; no dense matrix exists. It refuses contact points
         of which supports move one tangential component and leave the other free. "auto" takes
         "krylov" in space from 100,000 unknowns on, or where the factor would fill more than half of

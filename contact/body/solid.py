@@ -166,7 +166,7 @@ class Solid(Portable, ABC):
         )
 
     def named(self, name: str) -> Self:
-        """Give the body a name, by which errors and results of several bodies know it.
+        """Give the body a name, used in errors and results of several bodies.
 
         Parameters
         ----------

@@ -100,7 +100,7 @@ def head(
     arrays: Mapping[str, Any], kind: str | None, formats: tuple[int, ...], beside: str, reads: str
 ) -> dict[str, Any]:
     """The JSON head of a file; `InputError` for another kind or format, which it names.
-    Results of bodies have no kind; `beside` and `reads` are text on checksum and known formats."""
+    Results of bodies have no kind; `beside` and `reads` are parts of the error message."""
     about: dict[str, Any] = json.loads(str(arrays["about"])) if "about" in arrays else {}
     held = about.get("kind")
     if held != kind:

@@ -1,7 +1,6 @@
 """Results on disk: one compressed NumPy archive that holds the whole discrete problem.
 
-A file may hold anything: besides the checksum and the residuals of the equations, shapes and ranges
-are checked before arrays are used.
+Files are not trusted: checksum, shapes, ranges and residuals of the equations are checked.
 """
 
 from __future__ import annotations

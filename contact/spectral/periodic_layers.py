@@ -205,7 +205,7 @@ class PeriodicLayers(FilteredCompliance):
         Returns
         -------
         array, shape (dim, nx[, ny])
-            The motion of the top included, without translations that nothing holds.
+            Includes the motion of the top, but not free translations.
 
         Raises
         ------
@@ -231,7 +231,7 @@ class PeriodicLayers(FilteredCompliance):
         Returns
         -------
         ndarray, shape (dim, n)
-            The motion of the top included, without translations that nothing holds.
+            Includes the motion of the top, but not free translations.
 
         Raises
         ------

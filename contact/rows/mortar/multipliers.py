@@ -34,7 +34,7 @@ of its two neighbours: facet f has the share of :math:`c_f` in :math:`b_v` added
 of :math:`c_f`, and the share of :math:`c_g` as a function of a contact point of facet g. Facets
 that approximate a curve have degree one, see `contact.rows.shares`.
 
-A tie has one degree less on the last facet where a support holds the end of the boundary, because
+A tie has one degree less on the last facet where a support fixes the end of the boundary, because
 the displacement has less freedom there: :math:`c_0 = c_1`, :math:`c_0 = 2 c_1 - c_2`,
 :math:`c_0 = 3 c_1 - 3 c_2 + c_3` for p = 1, 2, 3 (C. Bernardi, Y. Maday and A. T. Patera, in
 Nonlinear Partial Differential Equations and Their Applications, Longman 1994).
