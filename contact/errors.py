@@ -13,14 +13,14 @@ from skfem_adini.ground.errors import (  # noqa: F401
 )
 
 ContactError = AdiniError
-CHANGED = 0.25  # change of the gap along a motion, over the penetration, worth a warning
+CHANGED = 0.25  # change of the gap relative to the penetration that causes a warning
 
 
 class ContactWarning(UserWarning):
-    """The problem is well posed, but hardly the one that was meant; the message says what to do.
+    """The problem is well posed, but probably not the intended one; the message says what to do.
 
-    A result is returned and is certified. Do what the message says, or filter the warning where the
-    problem is meant so.
+    The returned result is certified. Follow the message, or filter the warning if the problem is
+    intended.
 
     Examples
     --------
@@ -39,13 +39,13 @@ class ContactWarning(UserWarning):
 
 
 class LargeMotionWarning(ContactWarning):
-    """Loaded points have moved along the obstacle so far that their gaps are others by now.
+    """Loaded points have moved along the obstacle so far that their gaps have changed.
 
-    Contact is linearised at rest: points keep the partners, normals and gaps which they have there.
-    Let bodies slide with `LoadStepper(..., sliding="finite")`; place a rigid obstacle where it has
+    Contact is linearised in the undeformed state: points keep their partners, normals and gaps. Let
+    bodies slide with `LoadStepper(..., sliding="finite")`; place a rigid obstacle where it has
     moved to, as `LoadStepper.obstacle` does, instead of a large motion of a `Rigid`; or measure the
-    gap by `ClosestPoint`, which a motion along a plane does not change. Where the gaps are off by
-    more than bodies are pressed together, the result is refused with an `InputError`.
+    gap by `ClosestPoint`, which a motion along a plane does not change. If the gaps change by more
+    than the penetration, the result is refused with an `InputError`.
 
     Examples
     --------

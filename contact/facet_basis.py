@@ -1,8 +1,9 @@
 """Bases on facets of a mesh, with reference coordinates that are computed in closed form.
 
 scikit-fem inverts the mapping by Newton's method with a tolerance in reference coordinates. In
-cells some 1e4 times as long as wide the rounding of coordinates exceeds it, and a bare Exception is
-raised. No inversion is needed: the corners of a facet determine its place in the reference cell.
+cells with an aspect ratio of about 1e4 the rounding of coordinates exceeds it, and a bare Exception
+is raised. No inversion is needed: the corners of a facet determine its position in the reference
+cell.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def places_on_facets(mesh: Mesh, facets: NDArray[np.int64], points: Array, side:
         mesh.elem.refdom.p[:, np.argmax(cells == corner, axis=0)]
         for corner in corners[[0, 1, -1][: mesh.dim()]]
     )
-    # The last corner of a ring of four, as that of three, is the other neighbour of the first.
+    # The last corner of a ring of three or four is the other neighbour of the first.
     along = np.stack([other - first for other in others], axis=-1)
     found: Array = first[..., None] + along @ points
     return found

@@ -94,7 +94,7 @@ def plot_tractions(
     ax.set_xlabel(xlabel or "arc length along the contact boundary")
     ax.set_ylabel("contact traction")
     handles, names = ax.get_legend_handles_labels()
-    once = dict(zip(names, handles, strict=True))  # of several runs
+    once = dict(zip(names, handles, strict=True))  # once for several runs
     return legend_below(ax, once.values(), once.keys())
 
 
@@ -349,7 +349,7 @@ def draw_edges(
 
 
 def _name_parts(ax: Any, result: Drawn, s: Array) -> None:
-    """Name the pairs of several bodies over the axes, and part them by lines."""
+    """Label the pairs of several bodies above the axes, separated by lines."""
     count = int(result.part.max()) + 1
     if count == 1 or len(result.system.body.bodies) == 1:
         return
@@ -364,7 +364,7 @@ def _name_parts(ax: Any, result: Drawn, s: Array) -> None:
 
 
 def _owners(result: Drawn, tied: bool) -> list[int]:
-    """Numbers of the bodies that contact points lie on, or tied ones."""
+    """Numbers of the bodies that have contact points, or tied points."""
     rows = result.system.rows
     owner = rows.owner if rows.owner.size else np.zeros(rows.gap.size, dtype=np.int64)
     return np.unique(owner[rows.ties == tied]).tolist()

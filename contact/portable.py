@@ -1,4 +1,4 @@
-"""Objects that can be copied and pickled, with their functions as far as pickle can carry them."""
+"""Objects that can be copied and pickled, with their functions if pickle supports these."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from contact.errors import InputError
 
 
 class Portable:
-    """Base of classes that pickle without cached values and without functions pickle cannot carry.
+    """Base of classes that pickle without cached values and unpicklable functions.
 
     A copy shares everything with the original; a deep copy shares functions only.
     """
 
-    _ANEW: ClassVar[tuple[str, ...]] = ()  # attributes that are computed when they are missing
-    _KEPT: ClassVar[tuple[str, ...]] = ()  # what functions gave, where these may stay behind
-    _FUNCTIONS: ClassVar[tuple[str, ...]] = ()  # attributes that may be or hold the caller's
+    _ANEW: ClassVar[tuple[str, ...]] = ()  # attributes that are computed if missing
+    _KEPT: ClassVar[tuple[str, ...]] = ()  # values of functions that may be dropped
+    _FUNCTIONS: ClassVar[tuple[str, ...]] = ()  # attributes with the caller's functions
 
     def __getstate__(self) -> dict[str, Any]:
         for name in self._KEPT:
@@ -43,7 +43,7 @@ class Portable:
 
 @dataclass(frozen=True)
 class LostFunction:
-    """Placeholder of a function that pickle could not carry; calling it raises.
+    """Placeholder of an unpicklable function; calling it raises an `InputError`.
 
     Attributes
     ----------
@@ -62,20 +62,20 @@ class LostFunction:
 
 
 def carried(value: Any) -> Any:
-    """The value, with a `LostFunction` for each function in it that pickle cannot carry."""
+    """The value, with each unpicklable function replaced by a `LostFunction`."""
     if isinstance(value, np.ndarray | str | int | float | None):
         return value
     if type(value) in (list, tuple):
         return type(value)(carried(part) for part in value)
     try:
         pickle.dumps(value)
-    except Exception:  # of every kind, depending on what it holds
+    except Exception:  # errors of any type, depending on the contents
         return LostFunction(repr(value))
     return value
 
 
 class PortableBasis:
-    """A Basis for pickle: its arguments instead of its tables, which are many times larger.
+    """A Basis for pickle: its arguments instead of its much larger tables.
 
     Bodies that share one Basis share one of these, and so one Basis after unpickling.
     """

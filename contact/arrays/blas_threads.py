@@ -20,7 +20,7 @@ def one_blas_thread(size: int) -> Iterator[None]:
     Threads of OpenBLAS and MKL PARDISO busy-wait and take the cores from each other. Without
     threadpoolctl (extra ``mkl``) nothing is limited."""
     global _inside
-    # Of smaller matrices one thread is faster, by measurements at 260 and 1040.
+    # For smaller matrices one thread is faster, as measured at 260 and 1040.
     openblas = _openblas() if size < 2000 else None
     if openblas is None:
         yield

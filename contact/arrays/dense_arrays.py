@@ -21,7 +21,7 @@ class HostArrays:
     xp: Any = np
 
     def room(self) -> int | None:
-        """Free memory of the device in bytes; None where there is no bound of its own."""
+        """Free memory of the device in bytes; None for the host."""
         return None
 
     def put(self, x: Any) -> Any:
@@ -37,7 +37,7 @@ class HostArrays:
         return matrix.toarray(order="F")
 
     def rows(self, matrix: Any) -> SparseRows:
-        """A sparse matrix of the host for products with vectors where these arrays lie."""
+        """A sparse host matrix for products with vectors on the device of these arrays."""
         return SparseRows(matrix)
 
     def matrix(self, W: Any) -> Any:
@@ -45,7 +45,7 @@ class HostArrays:
         return W
 
     def values(self, W: Any) -> Any:
-        """The array behind what `matrix` returned."""
+        """The array of the output of `matrix`."""
         return W
 
     def cholesky(self, A: Any) -> Any:
@@ -80,16 +80,16 @@ class HostArrays:
         W as `matrix` returned it, rows and added of shape (n,), border (n, k)."""
         xp: Any = self.xp
         n, k = border.shape
-        A = xp.zeros((n + k, n + k), order="F")  # as LAPACK takes it
+        A = xp.zeros((n + k, n + k), order="F")  # column-major for LAPACK
         at, i = xp.asarray(rows), xp.arange(n)
-        # W lies by columns: entries of one column are gathered together.
+        # W is column-major: gather entries column by column.
         A[:n, :n] = self.values(W).T[at[:, None], at].T
         A[i, i] += xp.asarray(added)
         A[:n, n:] = xp.asarray(border)
         return A
 
     def shifted(self, W: Any, shift: float) -> Any:
-        """``W + shift I`` for what `matrix` returned, in the same form."""
+        """``W + shift I`` for the output of `matrix`, in the same form."""
         W = self.values(W).copy()
         i = self.xp.arange(W.shape[0])
         W[i, i] += shift
@@ -97,7 +97,7 @@ class HostArrays:
 
     def solve_square(self, A: Any, b: Any, definite: bool = False) -> Any:
         """Solve ``A x = b`` for a square A, which may be overwritten; b and x are on the host.
-        `definite`: symmetric positive definite but for rounding. Raises LinAlgError if singular."""
+        `definite`: symmetric positive definite up to rounding. Raises LinAlgError if singular."""
         _, _, x, info = dgesv(A, b, overwrite_a=True, overwrite_b=True)
         return regular(x, info)
 
@@ -126,7 +126,7 @@ class DeviceArrays(HostArrays):
         self.xp, self._solve = cupy, solve_triangular
 
     def room(self) -> int | None:
-        """Free memory of the device in bytes, with what CuPy keeps for its next arrays."""
+        """Free memory of the device in bytes, including CuPy's memory pool."""
         free = self.xp.cuda.runtime.memGetInfo()[0]
         return int(free + self.xp.get_default_memory_pool().free_bytes())
 
@@ -157,7 +157,7 @@ class DeviceArrays(HostArrays):
         return DeviceMatrix(self, W)
 
     def values(self, W: Any) -> Any:
-        """The array behind what `matrix` returned."""
+        """The array of the output of `matrix`."""
         return W.values
 
     def cholesky(self, A: Any) -> Any:
@@ -266,7 +266,7 @@ def symmetric(A: Any) -> Any:
 
 def mirrored(lower: Any) -> Any:
     """Complete a symmetric matrix from its lower triangle, in place."""
-    n, width = lower.shape[0], 256  # blocks that stay in the cache
+    n, width = lower.shape[0], 256  # block size that fits the cache
     for i in range(0, n, width):
         block = slice(i, i + width)
         corner = lower[block, block]
@@ -276,15 +276,15 @@ def mirrored(lower: Any) -> Any:
 
 
 def regular(x: Any, info: int = 0) -> Any:
-    """The solution of a linear system, if it is one.
-    Raises LinAlgError for a zero pivot by the solver, or entries that are not finite."""
+    """Check the solution of a linear system.
+    Raises LinAlgError if the solver reports a zero pivot, or entries are not finite."""
     if info != 0 or not np.all(np.isfinite(x)):
         raise np.linalg.LinAlgError("singular linear system")
     return x
 
 
 def arrays_of(W: Any) -> HostArrays:
-    """The arrays among which a matrix lies that `HostArrays.matrix` returned."""
+    """`HostArrays` or `DeviceArrays` of a matrix that `HostArrays.matrix` returned."""
     return getattr(W, "arrays", None) or HostArrays()
 
 

@@ -47,9 +47,9 @@ def gmres(
 
 
 class _Basis:
-    """Orthonormal vectors, in blocks that are made as they are needed."""
+    """Orthonormal vectors, in blocks that are allocated when needed."""
 
-    rows = 8  # vectors of a block, which are multiplied at once
+    rows = 8  # vectors per block, multiplied at once
 
     def __init__(self, first: Any) -> None:
         self._xp, self._size = namespace(first), 0
@@ -66,7 +66,8 @@ class _Basis:
         self._size += 1
 
     def orthogonal(self, w: Any) -> tuple[Any, Any]:
-        """w less its parts along the vectors; on the host these parts and the norm of the rest."""
+        """w orthogonalised to the vectors; on the host the coefficients and the norm of the
+        rest."""
         parts = 0.0
         for _ in range(2):  # twice is enough (Giraud, Langou and Rozloznik 2005)
             along = [block @ w for block in self._blocks]

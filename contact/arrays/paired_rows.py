@@ -13,12 +13,12 @@ from contact.arrays.ranges import in_ranges
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_TOGETHER = 2**15  # entries of A in a range: their products stay in the cache of a core
+_TOGETHER = 2**15  # entries of A per range: their products fit the cache of a core
 
 
 def rows_times(matrix: Any, x: Any) -> Pairs:
     """``A x``, shape (n,), every row to twice the working precision of its products.
-    Rows of equal numbers of entries are computed together, as whole arrays."""
+    Rows with equal numbers of entries are computed together."""
     A, x = sparse.csr_array(matrix), Pairs.of(x)
     counts, result, plain = np.diff(A.indptr), Pairs.zeros(A.shape[0]), not np.any(x.low)
     for count in np.unique(counts[counts > 0]).tolist():

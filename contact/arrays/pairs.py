@@ -1,9 +1,8 @@
 """Numbers of twice the working precision: each is the sum of two float64.
 
 The sum and the product of two float64 are each a float64 and a float64 error (Dekker 1971, Knuth
-1997), of which sums and products of pairs are made (Hida, Li and Bailey 2001). Results are within
-about :math:`2^{-102}` of the moduli of what was added, for products from 1e-290 and numbers up to
-1e299.
+1997), of which sums and products of pairs are made (Hida, Li and Bailey 2001). Errors are about
+:math:`2^{-102}` relative to the sum of moduli, for products above 1e-290 and numbers up to 1e299.
 
 T. J. Dekker, Numer. Math. 18 (1971), 224-242. D. E. Knuth, The Art of Computer Programming, volume
 2, 3rd edition, 1997, section 4.2.2. Y. Hida, X. S. Li and D. H. Bailey, ARITH-15 (2001), 155-162.
@@ -48,11 +47,11 @@ def _halves(a: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """An array of pairs; it adds, multiplies and divides with others and with arrays of float64."""
+    """An array of pairs, with arithmetic among pairs and with arrays of float64."""
 
     high: Array  # the sum as rounded
     low: Array  # the rest, of the same shape
-    __array_ufunc__ = None  # arrays on the left leave the operation to this class
+    __array_ufunc__ = None  # arrays on the left defer to this class
 
     @staticmethod
     def of(x: Any) -> Pairs:

@@ -1,4 +1,4 @@
-"""Work on ranges of rows, cells or facets, by several threads where there is much of it."""
+"""Work on ranges of rows, cells or facets, by several threads if there are many."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from scipy import sparse
 Found = TypeVar("Found")
 
 
-class _Limits(NamedTuple):  # when threads are used
-    threads: int = 8  # at most: more only share the bandwidth of the memory
-    entries: int = 4_000_000  # of a matrix for each thread: SciPy reads them in a few ms
+class _Limits(NamedTuple):  # of threads
+    threads: int = 8  # at most: more threads only share the memory bandwidth
+    entries: int = 4_000_000  # matrix entries per thread: SciPy reads them in a few ms
 
 
 LIMITS = _Limits()
@@ -32,8 +32,8 @@ def cores() -> int:
 
 def in_ranges(work: Callable[[slice], Found], count: int, together: int = 2**13) -> list[Found]:
     """Results of ``work(range)`` for ranges of at most `together` that cover 0 to count, in order;
-    the arrays of 2^13 cells or facets stay in the cache of a core. Threads run while NumPy works;
-    nested calls stay in their thread, because waiting ones would keep threads from the others."""
+    the arrays of 2^13 cells or facets stay in the cache of a core. NumPy releases the lock for
+    threads; nested calls run in their own thread, since waiting ones would block the pool."""
     ranges = [slice(at, min(at + together, count)) for at in range(0, count, together)]
     threads = min(cores(), LIMITS.threads, len(ranges))
     if threads < 2 or current_thread().name.startswith("contact-ranges"):
@@ -43,12 +43,12 @@ def in_ranges(work: Callable[[slice], Found], count: int, together: int = 2**13)
 
 @cache
 def _pool(process: int) -> ThreadPoolExecutor:
-    """Threads of this process, which a forked one would not have; they wait for the next ranges."""
+    """The thread pool of this process; a forked process needs its own."""
     return ThreadPoolExecutor(min(cores(), LIMITS.threads), "contact-ranges")
 
 
 def diagonal(matrix: sparse.csr_array) -> NDArray[Any]:
-    """``matrix.diagonal()`` of a square matrix by threads: SciPy looks at all entries."""
+    """``matrix.diagonal()`` of a square matrix by threads, since SciPy reads all entries."""
     n = matrix.shape[0]
     threads = min(cores(), LIMITS.threads, matrix.nnz // LIMITS.entries)
     if threads < 2:

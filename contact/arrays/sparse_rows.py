@@ -1,4 +1,4 @@
-"""Products of a sparse matrix with vectors where these lie, and of the moduli of both."""
+"""Products of a sparse matrix and vectors on host or device, and of the moduli of both."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SparseRows:
         return self._matrix @ x
 
     def diagonal(self) -> Any:
-        """Diagonal of a square matrix, shape (n,), where products lie."""
+        """Diagonal of a square matrix, shape (n,), on the device of products."""
         return diagonal(self._matrix)
 
     def moduli(self, x: Any) -> Any:
@@ -36,7 +36,7 @@ class SparseRows:
 
     @cached_property
     def _absolute(self) -> Any:
-        """|A| with the pattern of A, which is not copied."""
+        """|A|, sharing the pattern of A."""
         A = self._matrix
         return type(A)((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
 
@@ -47,7 +47,7 @@ class SparseRows:
 
 
 class DeviceRows(SparseRows):
-    """A sparse matrix on a CUDA device (xp: CuPy), 32-bit indices; x and products lie there."""
+    """A sparse matrix, x and products on a CUDA device (xp: CuPy), with 32-bit indices."""
 
     def __init__(self, matrix: Any, xp: Any) -> None:
         rows = sparse.csr_array(matrix) if isinstance(matrix.data, np.ndarray) else matrix
@@ -73,7 +73,7 @@ class DeviceRows(SparseRows):
 def _kernel() -> Any:
     import cupy
 
-    # The sum of a row in the order of its columns, so that equal calls give equal bits.
+    # Sum each row in the order of its columns, for bitwise reproducibility.
     code = """
     double sum = 0.0;
     for (int k = start; k < end; ++k) {

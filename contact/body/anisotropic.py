@@ -152,7 +152,7 @@ def _triple(name: str, value: ArrayLike) -> Array:
 
 
 def _check_ratios(E: Array, nu: Array) -> None:
-    """`InputError` that names the pair of axes whose energy is not positive."""
+    """Raise an `InputError` that names the axes whose ratio makes the energy indefinite."""
     try:
         E, nu = np.broadcast_arrays(E, nu)
     except ValueError:

@@ -9,8 +9,8 @@ are (Timoshenko and Goodier, Theory of Elasticity, 3rd ed., McGraw-Hill 1970, ar
     2 \epsilon_{rz} = \partial_z u_r + \partial_r u_z .
 
 All integrals are those over the whole ring: their measure is :math:`2 \pi r \, dr \, dz`, so that
-forces are forces of the ring, and pressures stay forces per area. On the axis :math:`u_r = 0`, with
-its derivative along the axis; the hoop strain there is the limit :math:`\partial_r u_r`.
+forces are forces of the ring, and pressures stay forces per area. On the axis :math:`u_r` and its
+derivative along the axis are zero; the hoop strain there is the limit :math:`\partial_r u_r`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 AXISYMMETRIC = "axisymmetric"
-_NEAR = 1e-10  # places whose r is less than this part of the largest extent lie on the axis
+_NEAR = 1e-10  # points with r below this fraction of the largest extent are on the axis
 
 
 def circumference(x: Array) -> Array:
@@ -79,7 +79,7 @@ def with_hoop(gradient: Array, radial: Array, r: Array) -> Array:
     The hoop strain is radial / r, on the axis its limit d u_r / dr."""
     full = np.zeros((3, 3, *gradient.shape[2:]))
     full[:2, :2] = gradient
-    # A place closer to the axis than this lies on it, up to the rounding of coordinates.
+    # Points closer to the axis than the rounding of coordinates count as on it.
     away = r > _NEAR * float(np.abs(r).max(initial=0.0))
     full[2, 2] = np.where(away, radial / np.where(away, r, 1.0), gradient[0, 0])
     return full
@@ -105,7 +105,7 @@ def strains(basis: Basis, cells: slice = slice(None)) -> Array:
 
 def stiffness(basis: Basis, elastic: Array, volumetric: Array | None = None) -> sparse.csr_array:
     r"""Stiffness of the whole ring; `elastic` (ncells, 4, 4) maps `strains` to stresses.
-    With mean dilatation it is without lambda, which `volumetric` (ncells,) holds for the part
+    With mean dilatation `elastic` has no lambda: `volumetric` (ncells,) is lambda in the term
     :math:`\lambda |K|^{-1} \int_K \operatorname{div} u \int_K \operatorname{div} v`."""
     total = sparse.csr_array((basis.N, basis.N))
     for cells in _chunks(basis):
@@ -148,7 +148,7 @@ def ring_weights(basis: Basis) -> Array:
 
 def _chunks(basis: Basis) -> Iterator[slice]:
     count = len(basis.dx)
-    together = 2048  # cells whose element matrices are in memory at a time
+    together = 2048  # number of cells whose element matrices are in memory at once
     for start in range(0, count, together):
         yield slice(start, min(start + together, count))
 
@@ -166,7 +166,7 @@ def forces_of_stress(basis: Basis, sigma: Array) -> Array:
 
 
 def refuse_motions(motion: Array, force: Array) -> None:
-    """Raise an `InputError` if a rigid obstacle moves otherwise than along the axis.
+    """Raise an `InputError` if a rigid obstacle does not move along the axis.
     Motion and force (3,) are those of `contact.obstacles.rigid.Rigid.components`."""
     for k, name in ((0, "displacement or force along the radius x"), (2, "rotation or moment")):
         if motion[k] != 0.0 or not np.isnan(force[k]):
@@ -207,11 +207,11 @@ class AxisymmetricLaw:
         return self.solid.stress(gradient, dilatation)
 
     def out_of_plane(self, sigma: Array, thermal_strain: Array | None = None) -> Array:
-        """The hoop stress, which is among the stresses."""
+        """Return the hoop stress, a component of sigma."""
         return np.asarray(sigma[2, 2])
 
     def in_plane(self, strain: Array) -> Array:
-        """The strain itself."""
+        """Return the strain unchanged."""
         return strain
 
     def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
@@ -237,5 +237,6 @@ class AxisymmetricLaw:
         return found, np.broadcast_to(self.solid.lam, (cells,))
 
     def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
-        """Refuse: the hoop strain is no gradient; see `contact.body.axisymmetry.strain_roots`."""
+        """Raise an error: the hoop strain is not a gradient; see
+        `contact.body.axisymmetry.strain_roots`."""
         raise InputError("strain_rows: those of an axisymmetric body need values and radii too")

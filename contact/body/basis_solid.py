@@ -1,4 +1,4 @@
-"""The part of the interface of elastic bodies that those with a Basis share."""
+"""Elastic bodies with a scikit-fem Basis."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class BasisSolid(Solid):
     _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
     _values: NDArray[np.bool_] | None = None
     _slender: bool | None = None
-    takes_strains = False  # though its cells are not slender
+    takes_strains = False  # compute forces from strains although no cell is slender
     _rigid: Array | None = None
 
     @property
@@ -78,7 +78,7 @@ class BasisSolid(Solid):
         return of_dof, of_free
 
     def snapshot(self) -> Self:
-        """A copy for a result, which shares the matrices."""
+        """Copy the body for a result; the matrices are shared."""
         _ = self.vectors
         return super().snapshot()
 
@@ -93,11 +93,11 @@ class BasisSolid(Solid):
 
     @property
     def trace(self) -> Self:
-        """The body itself."""
+        """The body itself, which has a Basis."""
         return self
 
     def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
-        """The same rows."""
+        """Return the rows unchanged: the trace has all dofs."""
         return matrix
 
     def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
@@ -112,32 +112,32 @@ class BasisSolid(Solid):
         return KeptSpaces()
 
     def stiffness_on(self, xp: Any) -> Any | None:
-        """S of NumPy or CuPy by rows, assembled there; None where cells have too many shapes."""
+        """S in CSR format, assembled with NumPy or CuPy; None if cells have too many shapes."""
         few = self.law.classes(self.basis, self.dilatation == "mean")
         return None if few is None else few[0].matrix(few[1], xp)
 
     @property
     def vectors(self) -> Space:
-        """What computes with vectors of all dofs, shared by all copies of the body."""
+        """The `Space` that computes with vectors of all dofs, shared by all copies of the body."""
         return self._kept.of(self)
 
     def compute_with(
         self, arrays: HostArrays, beside: int = 0, stiffness: SparseRows | None = None
     ) -> Space:
-        """Compute where the arrays lie, if that fits, for as long as the returned object is kept.
+        """Compute on the device of the arrays, if it fits, while the returned object is kept.
 
         Parameters
         ----------
         arrays : HostArrays
         beside : int
-            Bytes that must stay free there.
+            Bytes that must stay free on the device.
         stiffness : SparseRows, optional
-            That of the body, if it lies there.
+            Stiffness of the body, if it is on the device.
         """
         return self._kept.on(arrays, self, beside, stiffness)
 
     def on_host(self) -> Self:
-        """The same body computing on the host alone; itself if it does so already."""
+        """A copy that computes on the host; the body itself if it does so already."""
         if self.vectors.arrays.xp is np:
             return self
         other = copy(self)
@@ -145,7 +145,7 @@ class BasisSolid(Solid):
         return other
 
     def placed(self, v: Any) -> Any:
-        """A vector of all dofs where the body computes: in the memory of its device."""
+        """Move a vector of all dofs to the device on which the body computes."""
         return self.vectors.placed(v)
 
     @property
@@ -158,7 +158,7 @@ class BasisSolid(Solid):
 
     @property
     def rigid(self) -> Array:
-        """`contact.body.rigid_modes.rigid_modes` of this body, which nobody may change."""
+        """`contact.body.rigid_modes.rigid_modes` of this body (read-only)."""
         if self._rigid is None:
             self._rigid = rigid_modes(self)
             self._rigid.setflags(write=False)
@@ -174,14 +174,15 @@ class BasisSolid(Solid):
 
     @property
     def chosen(self) -> NDArray[np.integer] | None:
-        """The dof of each free unknown where unknowns are dofs, shape (nfree,); else None."""
+        """The dof of each free unknown, shape (nfree,); None unless every unknown is a dof."""
         P = self.constraint[0]
         if self._chosen is None or self._chosen[0] is not P:
             self._chosen = P, selected(P)
         return self._chosen[1]
 
     def forces_on(self, u: Any) -> Any:
-        """S u where u lies; slender cells: from strains, see `contact.body.cell_strains`."""
+        """S u on the device of u; from strains if cells are slender
+        (`contact.body.cell_strains`)."""
         space = self.vectors
         if not self.slender:
             return space.forces(u)
@@ -192,18 +193,18 @@ class BasisSolid(Solid):
 
     @property
     def slender(self) -> bool:
-        """Whether cells are too slender to compute forces with the assembled matrix."""
+        """Whether cells are so slender that forces are computed from strains, not from S."""
         if self._slender is None:
             self._slender = has_slender_cells(self.mesh)
         return self._slender
 
     def take_strains(self) -> bool:
-        """Compute forces from strains from now on, with the digits that a slender body needs.
+        """Compute forces from strains from now on, which is more accurate in a slender body.
 
         Returns
         -------
         bool
-            False if they are already, or cannot be.
+            False if they are already, or if the body has no such computation.
         """
         if self.slender or type(self)._slender is False:
             return False
@@ -233,18 +234,18 @@ class BasisSolid(Solid):
     def gradients(self, u: Array) -> Array:
         """Gradient of the displacement in the quadrature points, (dim, dim, ncells, npoints).
 
-        In an axisymmetric body that in the axes r, z, theta, shape (3, 3, ncells, npoints).
+        In an axisymmetric body its axes are r, z, theta and its shape is (3, 3, ncells, npoints).
         """
         field = self.basis.interpolate(u)
         return self.in_space(field, np.asarray(self.basis.global_coordinates()))
 
     def in_space(self, field: Any, x: Array) -> Array:
-        """Gradient of a displacement field at places x; in an axisymmetric body with the hoop.
+        """Gradient of a displacement field at points x, with the hoop strain if axisymmetric.
 
         Parameters
         ----------
         field : skfem DiscreteField
-            Of vectors, shape (dim, ...), and gradients.
+            Displacement of shape (dim, ...) with its gradient.
         x : ndarray, shape (dim, ...)
         """
         gradient = np.asarray(field.grad)
@@ -266,7 +267,7 @@ class BasisSolid(Solid):
     def gradient(self, u: Array, points: Array) -> Array:
         """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints).
 
-        In an axisymmetric body that in the axes r, z, theta, shape (3, 3, npoints).
+        In an axisymmetric body its axes are r, z, theta and its shape is (3, 3, npoints).
         """
         cells = self.cells_of(points)
         gradient = sum(
@@ -278,11 +279,11 @@ class BasisSolid(Solid):
         return with_hoop(gradient, self.displacement(u, points)[0], points[0])
 
     def law_at(self, points: Array) -> StressLaw:
-        """Stress from strain at points, shape (dim, npoints)."""
+        """`StressLaw` of the cells that hold the points, shape (dim, npoints)."""
         return self.law.at(self.cells_of(points))
 
     def _local(self, points: Array, cells: NDArray[np.int64]) -> Any:
-        """Each local basis function at the points, and its dof in the cell of each point."""
+        """Values of each local basis function at the points, and its dofs there."""
         basis = self.basis
         X = places_in(self.mesh, basis.mapping, points, cells)[:, :, None]
         for i in range(basis.Nbfun):

@@ -63,8 +63,7 @@ def select_components(dim: int, components: str | int | Sequence[int] | None) ->
 
 def read_mesh(path: str | Path) -> Mesh:
     """Read a mesh by meshio; physical groups of Gmsh become named boundaries and subdomains.
-    Cells of one kind, of first or second order; boundary cells of second order keep their names,
-    too."""
+    All cells have one shape and order, first or second."""
     import meshio
     from skfem.io.meshio import from_meshio
 
@@ -72,13 +71,13 @@ def read_mesh(path: str | Path) -> Mesh:
     if not path.is_file():
         raise InputError(f"mesh file {path} does not exist")
     try:
-        quiet = io.StringIO()  # its Gmsh reader prints empty lines, and errors besides raising
+        quiet = io.StringIO()  # meshio's Gmsh reader prints empty lines and errors
         with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
             if path.suffix == ".msh":
                 _check_gmsh_nodes(path.read_bytes())
             file = meshio.read(path)
         mesh = from_meshio(_named(file), ignore_orientation=True)
-    except (Exception, SystemExit) as error:  # meshio raises whatever its readers meet
+    except (Exception, SystemExit) as error:  # meshio's readers raise errors of any type
         raise InputError(f"mesh file {path} cannot be read: {error or 'bad format'}") from error
     if mesh.dim() not in (2, 3):
         raise InputError(f"mesh file {path}: expected a mesh of dimension 2 or 3")
@@ -91,15 +90,15 @@ def read_mesh(path: str | Path) -> Mesh:
 
 
 def _check_gmsh_nodes(data: bytes) -> None:
-    """Refuse node numbers that are out of proportion, repeated, or other than announced.
+    """Refuse node numbers that are huge, repeated, or not as many as the file declares.
     meshio makes an array as long as the largest number and leaves missing ones uninitialised.
     Formats 2.2, 4.0 and 4.1 (Gmsh reference manual, "MSH file format")."""
     words, begin, end = data[:80].split(), data.find(b"$Nodes\n"), data.find(b"$EndNodes")
     if words[:1] != [b"$MeshFormat"] or min(begin, end) < 0:
-        return  # meshio says what is wrong
+        return  # meshio reports the error
     version, at = float(words[1]), begin + len(b"$Nodes\n")
     integer, size, real = "<i4", "<u8", "<f8"
-    if words[2] == b"0":  # text: the same as binary numbers of one type
+    if words[2] == b"0":  # text is converted to binary numbers of one type
         data, at = np.array(data[at:end].split(), dtype=float).tobytes(), 0
         integer = size = real
 
@@ -111,7 +110,7 @@ def _check_gmsh_nodes(data: bytes) -> None:
 
     rows = [("tag", integer), ("place", real, 3)]
     if version < 4:
-        line = at if at == 0 else data.index(b"\n", at) + 1  # a text in binary files, too
+        line = at if at == 0 else data.index(b"\n", at) + 1  # text even in binary files
         total = take(size, 1)[0] if at == 0 else int(data[at:line])
         at = max(at, line)
         tags = [take(rows, total)["tag"]]

@@ -23,7 +23,7 @@ _compiled = cache(compiled)
 
 
 def check_cells(mesh: Mesh) -> None:
-    """Raise unless every cell is mapped one to one and lies beside its neighbours, not on them."""
+    """Raise unless every cell's mapping is injective and no cell overlaps a neighbour."""
     if not mesh.nelements:
         raise InputError("mesh: has no cells")
     _check_numbers(mesh)
@@ -40,7 +40,7 @@ def check_cells(mesh: Mesh) -> None:
 
 
 def _check_numbers(mesh: Mesh) -> None:
-    """Raise where compiled code would read past an array."""
+    """Raise if vertex numbers are out of range: compiled code does not check them."""
     if len(mesh.doflocs) != mesh.dim():
         raise InputError(
             f"mesh: {type(mesh).__name__} has points of {mesh.dim()} coordinates, got "
@@ -52,7 +52,7 @@ def _check_numbers(mesh: Mesh) -> None:
             f"mesh: cell {wrong[0]} has the vertices {mesh.t[:, wrong[0]].tolist()}, of 0 to "
             f"{mesh.p.shape[1] - 1}; it names one that does not exist"
         )
-    # The numbering of a curved mesh, which all threads read later.
+    # Number the dofs of a curved mesh now: threads read them later.
     if not is_straight(mesh) and mesh.doflocs.shape[1] < mesh.dofs.N:
         raise InputError(
             f"mesh: its cells have {mesh.dofs.N} nodes, and places are given for "
@@ -61,14 +61,14 @@ def _check_numbers(mesh: Mesh) -> None:
 
 
 def _sound(mesh: Mesh, cells: slice) -> NDArray[np.bool_]:
-    """Cells that are not flat, nor folded over at a corner or at a node of a curved one."""
+    """Whether each cell has a positive thickness and a Jacobian of one sign at its nodes."""
     places = mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T
     det, _, size = measures(mesh, cells, places)
-    flat = 1e-12  # thickness over size: less is rounding of the vertices' places
+    flat = 1e-12  # thickness over size below which rounding of coordinates dominates
     with np.errstate(all="ignore"):
         limit = flat * size[:, None] ** mesh.dim()
         sound = np.all(det > limit, axis=1) | np.all(det < -limit, axis=1)
-    # Needles of many times their width in two directions: the determinant does not tell.
+    # The determinant does not detect cells that are thin in two directions.
     doubtful = np.flatnonzero(~sound & (size > 0))
     near = jacobians(mesh, cells.start + doubtful, places)
     sign = np.sign(np.linalg.det(near))
@@ -78,7 +78,7 @@ def _sound(mesh: Mesh, cells: slice) -> NDArray[np.bool_]:
 
 
 def _check_beside(mesh: Mesh) -> None:
-    """Raise where a facet has more than two cells, or both lie on the same side of it."""
+    """Raise if a facet has more than two cells, or two on the same side."""
     shared = np.bincount(mesh.t2f.ravel(), minlength=mesh.nfacets)
     if shared.max(initial=0) > 2:
         raise InputError(
@@ -106,11 +106,11 @@ def _on_one_side(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 def _normals_agree(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Product of the outward normals of both cells in the middle of curved facets."""
+    """Product of both cells' outward normals at the middle of curved facets."""
     middle = mesh.brefdom.p.mean(axis=1)[:, None]
 
     def compared(some: slice) -> NDArray[np.float64]:
-        # Of its own in each thread, with its tables.
+        # Each thread has its own mapping, which stores tables.
         here, mapping = facets[some], MappingIsoparametric(mesh, mesh.elem(), mesh.bndelem)
         ours, theirs = (
             mapping.normals(
@@ -131,9 +131,9 @@ def check_basis(basis: Basis) -> None:
 
 
 def check_functions(basis: Basis) -> None:
-    """Raise where an element of scikit-fem has other shape functions than its cells need.
-    Elements by global functionals keep the functions of the first mesh they were used on; those
-    of Bogner, Fox and Schmit jump along sides that are not parallel to an axis."""
+    """Raise if an element's shape functions do not suit the cells.
+    Elements by global functionals keep the functions of the first mesh they were used on; those of
+    Bogner, Fox and Schmit are discontinuous across sides not parallel to an axis."""
     mesh, element = basis.mesh, basis.elem.elem
     if functions_of_another_mesh(element, basis.mapping):
         name = type(element).__name__
@@ -155,24 +155,24 @@ def check_functions(basis: Basis) -> None:
 
 
 def number_facets(mesh: Mesh) -> None:
-    """Give a mesh its ``facets``, ``t2f`` and ``f2t``, unless it has computed them.
-    A facet is known by two corners in the plane and by three in space, which are sorted by
-    counting; scikit-fem sorts records of all corners, and their numbers twice."""
+    """Set ``facets``, ``t2f`` and ``f2t`` of a mesh, unless it has computed them.
+    Two corners identify a facet in the plane and three in space; they are sorted by counting.
+    scikit-fem sorts records of all corners, which is slower."""
     if hasattr(mesh, "_t2f") or mesh.refdom not in (RefTri, RefQuad, RefTet, RefHex):
         return
     t, corners = np.ascontiguousarray(mesh.t), np.array(mesh.refdom.facets)
     facets, numbers, beside, sound = _compiled(number)(
         t, corners, mesh.dim(), mesh.nvertices, mesh.refdom is RefHex
     )
-    if sound:  # no facets that have three corners in common, and not the fourth
+    if sound:  # no two facets share three corners but not the fourth
         found: Any = mesh
         found._facets, found._t2f, found._f2t = facets, numbers, beside
 
 
 def number(t: Any, corners: Any, known: int, vertices: int, in_turn: bool) -> Any:
     """Sort the m corners of all facets of cells t (k, ncells), and count equal facets once.
-    Return facets (m, nfacets), cyclic if `in_turn`; numbers (facets a cell, ncells); first and
-    last cell (2, nfacets) or -1; whether facets with `known` equal corners are equal."""
+    Return facets (m, nfacets), cyclic if `in_turn`; numbers (facets a cell, ncells); first and last
+    cell (2, nfacets) or -1; whether `known` corners identify a facet."""
     cells, (sides, m) = t.shape[1], corners.shape
     count = sides * cells
     ascending = np.empty((count, m), dtype=t.dtype)
@@ -198,7 +198,7 @@ def number(t: Any, corners: Any, known: int, vertices: int, in_turn: bool) -> An
             begin[vertex] += 1
         order, spare = spare, order
     numbers, sound, found, before = np.empty(count, dtype=np.int64), True, -1, 0
-    first = spare  # where each facet occurs first
+    first = spare  # first occurrence of each facet
     for i in order:
         same = found >= 0
         for j in range(known):
@@ -227,8 +227,8 @@ def number(t: Any, corners: Any, known: int, vertices: int, in_turn: bool) -> An
 
 def on_one_side(p: Any, t: Any, facets: Any, f2t: Any, some: Any) -> Any:
     """Positive where both cells of a facet lie on one side of it: the product of their signs, (n,).
-    A straight cell lies on the side of the opposite vertex or facet. Differences of vertices
-    come before their sums, which round by the distance from the origin."""
+    A straight cell lies on the side of the opposite vertex or facet. Differences of vertices avoid
+    rounding errors that grow with the distance from the origin."""
     (dim, _), corners, nodes = p.shape, facets.shape[0], t.shape[0]
     product = np.ones(some.size)
     x, normal = np.zeros((corners, 3)), np.zeros(3)

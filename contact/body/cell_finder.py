@@ -14,7 +14,7 @@ from contact.errors import InputError
 Array = NDArray[np.float64]
 INSIDE = 1e-8  # distance from the reference cell, in its coordinates, that counts as inside
 CURVED_MESHES = (MeshTri2, MeshQuad2, MeshTet2, MeshHex2)
-ROUNDINGS = 16  # of the largest coordinate, by which a point may lie off its cell
+ROUNDINGS = 16  # rounding units of the largest coordinate by which a point may miss its cell
 
 
 def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:
@@ -28,7 +28,7 @@ def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:
 
 
 def _find_straight(mesh: Mesh, points: Array) -> NDArray[np.int64]:
-    """Cells of points by scikit-fem, -1 where it finds none: it allows for no rounding."""
+    """Cells of points by scikit-fem's finder, which has no tolerance; -1 where it finds none."""
     if not points.size:
         return np.zeros(0, dtype=np.int64)
     finder = mesh.element_finder()
@@ -36,20 +36,18 @@ def _find_straight(mesh: Mesh, points: Array) -> NDArray[np.int64]:
     def find(part: Array) -> NDArray[np.int64]:
         try:
             return np.asarray(finder(*part), dtype=np.int64)
-        except ValueError:  # one of them lies outside
+        except ValueError:  # a point lies outside
             if part.shape[1] == 1:
                 return np.array([-1])
             return np.concatenate([find(half) for half in np.array_split(part, 2, axis=1)])
 
-    # It compares every point with the neighbours of all points: the cost grows like the square of
-    # their number, so it gets about a hundred at a time.
+    # The finder's cost grows like the square of the number of points: pass about a hundred.
     some = np.array_split(points, max(points.shape[1] // 100, 1), axis=1)
     return np.concatenate([find(part) for part in some])
 
 
 def _nearest(mesh: Mesh, point: Array) -> int:
-    """The cell that a point lies in or exceeds least; -1 if by more than the rounding of
-    coordinates."""
+    """The cell that holds or is nearest to a point; -1 if it is farther than rounding."""
     rounding = ROUNDINGS * np.finfo(float).eps * float(np.abs(mesh.p).max())
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
     low, high = nodes.min(axis=1), nodes.max(axis=1)
@@ -67,19 +65,19 @@ def _nearest(mesh: Mesh, point: Array) -> int:
         return -1
     best = int(np.nanargmin(outside))
     J = mapping.DF(np.clip(X[:, best : best + 1, None], 0.0, 1.0), tind=cells[[best]])
-    # What rounding of the place is in reference coordinates: more, the thinner the cell.
+    # Rounding of the point in reference coordinates, larger in thinner cells.
     thickness = np.linalg.svd(J[:, :, 0, 0], compute_uv=False)[-1]
     return int(cells[best]) if outside[best] <= INSIDE + rounding / thickness else -1
 
 
 def _find_curved(mesh: Mesh, points: Array) -> NDArray[np.int64]:
     middles = mesh.p[:, mesh.t].mean(axis=1)
-    tried = min(48, mesh.nelements)  # those with the nearest middles
+    tried = min(48, mesh.nelements)  # number of cells tried, nearest middles first
     near = scipy.spatial.KDTree(middles.T).query(points.T, k=tried)[1].reshape(-1, tried)
     found = np.full(points.shape[1], -1, dtype=np.int64)
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
     low, high = nodes.min(axis=1), nodes.max(axis=1)
-    bulge = 0.25 * (high - low)  # of a cell of second order beyond its nodes
+    bulge = 0.25 * (high - low)  # how far a curved cell may extend beyond its nodes
     where = points[:, :, None]
     boxed = np.all((where >= (low - bulge)[:, near]) & (where <= (high + bulge)[:, near]), axis=0)
     turn = np.where(boxed, np.cumsum(boxed, axis=1), 0)
@@ -104,7 +102,7 @@ def _newton(mapping: Any, points: Array, cells: NDArray[np.int64]) -> Array:
     size = np.abs(mapping.detDF(np.full((len(points), 1), 0.25), tind=cells))[:, 0]
     size = size ** (1 / len(points))
     rounding = ROUNDINGS * np.finfo(float).eps * np.abs(points).max(axis=0, initial=0.0)
-    near = np.maximum(1e-10 * size, rounding)  # distances that count as reached
+    near = np.maximum(1e-10 * size, rounding)  # distance at which Newton's method has converged
     X = np.full((*points.shape, 1), 0.25)
     for _ in range(20):
         off = points[:, :, None] - mapping.F(X, tind=cells)
@@ -115,7 +113,7 @@ def _newton(mapping: Any, points: Array, cells: NDArray[np.int64]) -> Array:
         J[flat] = np.eye(len(points))
         step = np.linalg.solve(J, np.moveaxis(off, 0, -1)[..., None])[..., 0]
         step[flat] = 0.0
-        # Outside its cell a map of second order may fold.
+        # Outside its cell a mapping of second order need not be injective.
         X = np.clip(X + np.moveaxis(step, -1, 0), -0.5, 1.5)
     off = points[:, :, None] - mapping.F(X, tind=cells)
     met = np.linalg.norm(off[:, :, 0], axis=0) <= near

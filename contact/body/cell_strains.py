@@ -6,10 +6,10 @@ assembled matrix is :math:`r^2` machine precisions. The strains of a cell are di
 displacements at its own nodes. If they are computed first and the stresses from them, the rounding
 error is only r machine precisions.
 
-Bodies of up to 3000 unknowns are factored and refined in this way, and solved up to r = 1e6. The
-exception is a column that only stands on a floor, whose bending stiffness is r^-4 of its axial
-stiffness: it is solved up to r = 1e4, and beyond if the solution still meets its certificate.
-Where it does not, the error names the slender cells.
+Bodies of up to 3000 unknowns are factored and refined in this way, and solved up to r = 1e6. A
+column that only stands on a floor has a bending stiffness of r^-4 times its axial stiffness: it is
+solved up to r = 1e4, and beyond if the solution meets its certificate. If not, the error names the
+slender cells.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 
 
 def has_slender_cells(mesh: Mesh, ratio: float = 300.0) -> bool:
-    """Whether a cell is `ratio` times as long as it is wide, in whatever direction; at 300
-    a product with the stiffness matrix loses five digits."""
+    """Whether any cell's aspect ratio exceeds `ratio`; at 300 a product with S loses five
+    digits."""
     middle = mesh.elem.refdom.p.mean(axis=1)[:, None]
 
     def slender(cells: slice) -> bool:
@@ -90,7 +90,7 @@ def internal_forces(body: Elastic, u: Array) -> Array:
 
 
 def _of_positive_weights(basis: Basis) -> Basis:
-    """The basis, or one with roots of its weights: some rules on simplices have negative ones."""
+    """The basis, or one with positive weights: some rules on simplices have negative weights."""
     order = 2 * basis.elem.maxdeg
     while np.any(basis.W <= 0):
         basis = Basis(basis.mesh, basis.elem, mapping=basis.mapping, intorder=order)

@@ -1,7 +1,6 @@
 """Hooke's law in a body, isotropic or by a tensor: stress, energy and stiffness of its cells.
 
-Code that needs the material of a body calls its `StressLaw`, whatever the kind. A law belongs to
-all cells; `StressLaw.at` is that of some of them, or of points in them.
+A `StressLaw` belongs to all cells; `StressLaw.at` returns the law of some cells or points.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class StressLaw(Protocol):
-    """Stress from strain in every cell; constants are numbers or one a cell."""
+    """Stress from strain in every cell; material constants are scalar or one per cell."""
 
     def at(self, cells: NDArray[np.int64]) -> Self:
         """The law of the given cells, or of points in them, shape (n,)."""
@@ -47,7 +46,7 @@ class StressLaw(Protocol):
 
     def in_plane(self, strain: Array) -> Array:
         """Strain of shape (dim, dim, ...) whose stress is that of a strain (3, 3, ...).
-        In plane strain the part along z counts, because it is prevented."""
+        In plane strain it includes the effect of the prevented strain along z."""
         ...
 
     def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
@@ -55,7 +54,7 @@ class StressLaw(Protocol):
         ...
 
     def classes(self, basis: Basis, mean_dilatation: bool = False) -> Classes | None:
-        """Few classes of congruent cells with the local stiffness of each, or None."""
+        """Classes of congruent cells with the local stiffness of each; None if there are many."""
         ...
 
 
@@ -133,7 +132,7 @@ class IsotropicLaw:
 
 @dataclass(frozen=True, eq=False)
 class TensorLaw:
-    """``sigma_ij = C_ijkl eps_kl``, the tensor of the plane in two dimensions."""
+    """``sigma_ij = C_ijkl eps_kl``; in two dimensions C is reduced to the plane."""
 
     tensor: Array  # C, shape (dim,) * 4, then (ncells,) if it varies
     zz: Array  # sigma_zz = zz_ab sigma_ab without thermal strain, shape (2, 2), then (ncells,)
@@ -141,14 +140,14 @@ class TensorLaw:
 
     @classmethod
     def of(cls, C: Array, dim: int, plane: str | None) -> Self:
-        """Law of a Voigt stiffness C; in 2-D the plane must be one of symmetry.
-        Plane strain takes the rows and columns xx, yy, xy of C; plane stress their Schur
-        complement :math:`C_{pp} - C_{pz} C_{zz}^{-1} C_{zp}` (Ting 1996, section 3.2)."""
+        """Law of a Voigt stiffness C; in 2-D the plane must be a plane of symmetry.
+        Plane strain takes the rows and columns xx, yy, xy of C; plane stress their Schur complement
+        :math:`C_{pp} - C_{pz} C_{zz}^{-1} C_{zp}` (Ting 1996, section 3.2)."""
         if dim == 3:
             return cls(tensor_of(C), np.zeros((2, 2)), np.zeros(()))
         inside, across = [0, 1, 5], [3, 4]
         for place in (*inside, 2):
-            if np.abs(C[..., place, across]).max() > 1e-12 * np.abs(C).max():  # more than rounding
+            if np.abs(C[..., place, across]).max() > 1e-12 * np.abs(C).max():  # above rounding
                 raise InputError(
                     "material: in two dimensions the plane must be one of symmetry, that is "
                     "C_14, C_15, C_24, C_25, C_34, C_35, C_46 and C_56 zero in the axes of the "
@@ -160,7 +159,7 @@ class TensorLaw:
             C_pp, C_pz = C_pp - outer / C[..., 2, 2, None, None], np.zeros_like(C_pz)
         row = np.linalg.solve(C_pp, C_pz[..., None])[..., 0]
         axial = C[..., 2, 2] - np.sum(C_pz * row, axis=-1) if plane == "strain" else np.zeros(())
-        row[..., 2] *= 0.5  # sigma_xy stands twice in the double sum
+        row[..., 2] *= 0.5  # sigma_xy occurs twice in the double sum
         index = np.where(VOIGT[:2, :2] == 5, 2, VOIGT[:2, :2])
         tensor = C_pp[..., index[:, :, None, None], index[None, None]]
         zz = row[..., index]
@@ -177,7 +176,7 @@ class TensorLaw:
         return type(self)(self.tensor[..., cells], zz, axial)
 
     def stress(self, gradient: Array, dilatation: Array | None = None) -> Array:
-        """Stress of displacement gradients; the tensor has its own volumetric part."""
+        """Stress of displacement gradients; `dilatation` is ignored."""
         C = self.tensor
         C = C.reshape(C.shape + (1,) * (gradient.ndim - 3)) if C.ndim == 5 else C
         return np.asarray(np.einsum("abcd...,cd...->ab...", C, gradient))
@@ -247,5 +246,5 @@ def total_stress(
 
 
 def _over(value: Any, axes: int) -> Any:
-    """Constants of the cells, with `axes - 1` more axes to multiply arrays (ncells, ...)."""
+    """Constants of the cells with `axes - 1` trailing axes, to multiply arrays (ncells, ...)."""
     return value.reshape(value.shape + (1,) * (axes - 1)) if value.ndim else value

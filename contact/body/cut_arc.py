@@ -20,14 +20,14 @@ class CutArc:
     """Part of the curved boundary of a `CutBody`, by its n quadrature points."""
 
     body: ElasticBody  # the `CutBody` itself
-    index: NDArray[np.int64]  # numbers among all points of the boundary, to tell arcs that overlap
+    index: NDArray[np.int64]  # numbers among all points of the boundary, to detect overlaps
     x: Array  # points, shape (2, n)
     normals: Array  # outward unit normals, shape (2, n)
     weights: Array
     size: Array  # extent of the cell along the arc, shape (n,)
     part: NDArray[np.int64]  # leaf of the level set, or side of the polygon
     trace: sparse.csr_array  # scalar functions at the points, (n, scalar dofs)
-    spacing: float  # between neighbouring multipliers, in cell sizes
+    spacing: float  # distance of neighbouring multipliers, in cell sizes
 
     def __repr__(self) -> str:
         return f"CutArc({self.index.size} points)"
@@ -38,7 +38,7 @@ class CutArc:
         return curves(self.x, self.normals, self.weights, self.size, self.part)
 
     def integral(self, density: Array) -> Array:
-        """Load vector of all dofs of a traction at the points, shape (2, n)."""
+        """Load vector on all dofs of a traction, shape (2, n), at the points."""
         load = np.zeros(2 * self.trace.shape[1])
         for c in range(2):
             load[c::2] = self.trace.T @ (self.weights * density[c])
@@ -53,7 +53,7 @@ class Curve:
     """One connected curve."""
 
     points: Index  # its quadrature points in order, the body on the left, shape (n,)
-    s: Array  # place of each along the curve, in units of the cells there, shape (n,)
+    s: Array  # arc length of each point, in units of the local cell size, shape (n,)
     length: float  # in the same units
     closed: bool
 
@@ -62,7 +62,7 @@ def curves(x: Array, normals: Array, weights: Array, size: Array, part: Index) -
     """Put quadrature points x (2, n) of smooth curves in order; curves end where `part` changes.
     The successor of a point is the nearest one ahead along the tangent whose own nearest one
     behind it is. Distances, in units of `size`, are chords, corrected as on circles."""
-    # Lighter points have no safe order along the curve.
+    # Points of smaller weight cannot be ordered reliably.
     heavy = np.flatnonzero(weights > 1e-9 * weights.max())
     successor = np.full(weights.size, -1)
     for k in np.unique(part[heavy]):
@@ -84,7 +84,7 @@ def _nearest(x: Array, tangents: Array, weights: Array, sign: float) -> Index:
     left = np.arange(count)
     k = min(16, count)
     while left.size and count > 1:
-        # Points crowd where a curve clips the corner of a cell: then more neighbours are needed.
+        # Points are dense where a curve cuts the corner of a cell: more neighbours are needed.
         near = np.asarray(tree.query(x[:, left].T, k=k)[1]).reshape(left.size, k)
         way = x[:, near] - x[:, left, None]
         along = sign * np.sum(way * tangents[:, left, None], axis=0)
@@ -138,7 +138,7 @@ def _measured(
 
 
 def _with_the_rest(found: list[Curve], heavy: Index, x: Array) -> list[Curve]:
-    """Add the points of negligible weight, each where its nearest neighbour lies."""
+    """Insert each point of negligible weight next to its nearest neighbour."""
     rest = np.setdiff1d(np.arange(x.shape[1]), heavy)
     if rest.size == 0:
         return found

@@ -36,7 +36,7 @@ from skfem_adini.ground.arguments import (
 )
 
 Array = NDArray[np.float64]
-_LATTICE = 4  # intervals along the edge of a cell, as in pictures by default
+_LATTICE = 4  # intervals along a cell's edge, as by default in pictures
 
 
 @settled("make a new CutBody", "domain", "threshold", "level_set")
@@ -76,7 +76,7 @@ class CutBody(ElasticBody):
 
     Notes
     -----
-    A level set is a function, which no file holds. `ContactResult.save` keeps the quadrature of the
+    A level set is a function and cannot be stored. `ContactResult.save` keeps the quadrature of the
     cut cells and of the curve, from which everything is computed, and for pictures the values of
     the level set at the places where `ContactResult.to_pyvista` takes them by default; between
     these the loaded body interpolates.
@@ -97,7 +97,7 @@ class CutBody(ElasticBody):
 
     _COUPLES = False
     _KEPT, _FUNCTIONS = ("constraint", "picked"), ("_supports", "level_set")
-    _slender = False  # integrals over parts of cells are in the matrix alone
+    _slender = False  # forces from strains would need integrals over parts of cells
 
     def __init__(
         self,
@@ -131,9 +131,9 @@ class CutBody(ElasticBody):
         super().__init__(Basis(domain.mesh, element), E, nu, plane)
 
     def stored(self) -> dict[str, Any]:
-        """The arrays that a file keeps of the cut: its quadrature, and the level set on lattices.
+        """The arrays of the cut that a file stores: its quadrature, and the level set on lattices.
 
-        These are what pictures are clipped by; nothing is computed from them.
+        The lattices serve only to clip pictures.
         """
         rule = self.domain.quadrature
         lattice = np.moveaxis(_lattice(rule.lower, rule.upper), 0, -1)
@@ -144,8 +144,7 @@ class CutBody(ElasticBody):
     def from_stored(
         cls, mesh: MeshQuad, arrays: dict[str, Any], E: Any, nu: Any, plane: Any, threshold: float
     ) -> CutBody:
-        """The body of arrays as in `stored`, without supports and extension to the nodes
-        outside."""
+        """The body from the arrays of `stored`, without supports and extension."""
         level = arrays["level"]
         if level.shape != (mesh.nelements, _LATTICE + 1, _LATTICE + 1):
             raise InputError(f"cut/level: its shape {level.shape} does not fit the mesh")
@@ -159,7 +158,7 @@ class CutBody(ElasticBody):
 
     @classmethod
     def from_mesh(cls, *args: Any, **options: Any) -> NoReturn:
-        """Refuse: the level set is needed as well."""
+        """Raise an error: a level set is needed."""
         raise InputError("from_mesh: a CutBody is made as CutBody(mesh, level_set, E=, nu=)")
 
     def arc(
@@ -229,7 +228,7 @@ class CutBody(ElasticBody):
         )
 
     def _numbered(self, basis: Any, parts: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Number and part of the rule's points in the padded order of a basis."""
+        """Number and part of the quadrature points, in the padded order of a basis."""
         rule = self.domain.quadrature
         keep = np.arange(rule.parts.size)
         if parts is not None:
@@ -266,11 +265,11 @@ class CutBody(ElasticBody):
         return self
 
     def heat(self, temperature: Any, expansion: ArrayLike) -> NoReturn:
-        """Refuse: the forces would have to be integrated over the parts inside."""
+        """Raise an error: thermal forces on cut cells are not implemented."""
         raise InputError("heat: a CutBody takes no thermal strains; make an ElasticBody")
 
     def whole_facets(self, boundary: Any) -> NDArray[np.int64]:
-        """Facet numbers of a boundary, none of which a cut cell has.
+        """Facet numbers of a boundary that no cut cell touches.
 
         Raises
         ------
@@ -333,7 +332,7 @@ class CutBody(ElasticBody):
 
     @cached_property
     def stiffness(self) -> sparse.csr_array:
-        """S, integrated over the part of the cells inside; all dofs of the active cells."""
+        """S on all dofs of the active cells, integrated over their parts inside."""
         total = sparse.csr_array((self.basis.N, self.basis.N))
         for basis in self.domain.groups(self.basis.elem):
             total = total + self.law.at(basis.tind).stiffness(basis)
@@ -355,7 +354,7 @@ class CutBody(ElasticBody):
 
     @cached_property
     def picked(self) -> sparse.csr_array:
-        """E with ``E^T P = I``: every free unknown is a dof of its own."""
+        """E with ``E^T P = I``: every free unknown is a dof."""
         P = self.constraint[0]
         single = np.flatnonzero(np.diff(P.indptr) == 1)
         single = single[P.data[P.indptr[single]] == 1.0]
@@ -390,7 +389,7 @@ class CutBody(ElasticBody):
 
 
 class LatticeLevel:
-    """A level set known on a lattice in each cell, and interpolated bilinearly between."""
+    """A level set interpolated bilinearly from a lattice in each cell."""
 
     def __init__(self, mesh: MeshQuad, lower: Array, upper: Array, values: Array) -> None:
         self.mesh, self.lower, self.upper, self.values = mesh, lower, upper, values
@@ -401,7 +400,7 @@ class LatticeLevel:
         cell = find_cells(self.mesh, points)
         low = self.lower[:, cell]
         at = _LATTICE * (points - low) / (self.upper[:, cell] - low)
-        at = np.where(np.abs(at - np.rint(at)) < 1e-9, np.rint(at), at)  # known there
+        at = np.where(np.abs(at - np.rint(at)) < 1e-9, np.rint(at), at)  # lattice points
         i, j = np.clip(at.astype(np.int64), 0, _LATTICE - 1)
         s, t = at - (i, j)
         v = self.values
@@ -411,7 +410,7 @@ class LatticeLevel:
 
 
 def _lattice(lower: Array, upper: Array) -> Array:
-    """Places of the lattices of cells, shape (2, ncells, n + 1, n + 1)."""
+    """Points of the lattices of cells, shape (2, ncells, n + 1, n + 1)."""
     s = np.arange(_LATTICE + 1) / _LATTICE
     along = lower[..., None] + (upper - lower)[..., None] * s
     shape = along.shape[1], s.size, s.size

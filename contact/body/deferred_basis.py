@@ -1,4 +1,4 @@
-"""A Basis with cheap numberings, whose tables of shape functions are computed when first used."""
+"""A Basis whose tables of shape functions are computed when first used."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from contact.body.jacobians import is_straight, measures
 
 
 class DofNumbers(Dofs):
-    """A `skfem.assembly.Dofs` that is made without stacking its rows one after another."""
+    """A `skfem.assembly.Dofs` whose table is allocated once, not stacked row by row."""
 
     def __init__(self, topo: Any, element: Any) -> None:
         self.topo, self.element = topo, element
@@ -49,8 +49,8 @@ class DofNumbers(Dofs):
 
 class DeferredBasis(CellBasis):
     """A `skfem.CellBasis` of all cells that computes its tables of shape functions when first used.
-    Those of a block of 64^3 bricks fill tens of gigabytes, while its stiffness needs one cell.
-    Shape functions of one point are evaluated at once, so that elements refuse unfit cells here."""
+    Tables of 64^3 bricks fill tens of gigabytes, while their stiffness needs one cell.
+    The constructor evaluates one point, so that elements refuse unsuitable cells."""
 
     def __init__(self, mesh: Any, elem: Any, intorder: int) -> None:
         dofs = DofNumbers(mesh, elem)
@@ -64,11 +64,11 @@ class DeferredBasis(CellBasis):
 
     @cached_property
     def doflocs(self) -> NDArray[np.float64]:
-        """Places of the dofs, shape (dim, ndofs); the components of a vector share one."""
+        """Coordinates of the dofs, shape (dim, ndofs), equal for the components of a vector."""
         k = self.elem.dim if isinstance(self.elem, ElementVector) else 1
         found, at = np.zeros((self.mesh.dim(), self.N)), self.elem.doflocs[::k]
         nodal, corners = self.dofs.nodal_dofs, self.mesh.refdom.p.T
-        done = nodal.shape[0] // k * len(corners)  # places in a cell, those of vertices first
+        done = nodal.shape[0] // k * len(corners)  # dof locations in a cell, vertices first
         if np.array_equal(at[:done], np.repeat(corners, nodal.shape[0] // k, axis=0)):
             found[:, nodal] = self.mesh.p[:, None, : nodal.shape[1]]
         else:
@@ -111,8 +111,8 @@ Index = NDArray[np.int64]
 
 
 def dofs_on_facets(basis: Any, facets: Index) -> Index:
-    """What ``basis.get_dofs(facets).flatten()`` returns: ascending dofs of vertices, edges, facets.
-    scikit-fem numbers all edges of a mesh in space for it, also where they carry no dofs."""
+    """``basis.get_dofs(facets).flatten()``: ascending dofs of vertices, edges and facets.
+    scikit-fem numbers all edges of a mesh in space for it, even if they carry no dofs."""
     dofs, mesh = basis.dofs, basis.mesh
     if mesh.dim() == 3 and mesh.bndelem is None:
         return np.asarray(basis.get_dofs(facets).flatten(), dtype=np.int64)

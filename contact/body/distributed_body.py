@@ -45,7 +45,7 @@ class ContactStrip(ElasticBody):
     offered: tuple[str, ...] = ()
 
     def whole_facets(self, boundary: Any) -> NDArray[np.int64]:
-        """Facets of boundaries that were named as those of contact."""
+        """Facet numbers of boundaries in the constructor's `contact`."""
         names = [boundary] if isinstance(boundary, str) else boundary
         if not isinstance(names, list | tuple) or any(n not in self.offered for n in names):
             raise InputError(
@@ -78,8 +78,8 @@ class DistributedBody(Solid):
     plane, dilatation, material
         As for `ElasticBody`.
     backend : {"auto", "mumps", "krylov"}
-        "mumps" condenses the body onto its contact boundary by one parallel factorisation: a dense
-        matrix of that boundary is held by every process. "krylov" makes the contact rows unknowns
+        "mumps" condenses the body onto its contact boundary by one parallel factorisation: every
+        process stores a dense matrix of that boundary. "krylov" makes the contact rows unknowns
         and solves each Newton step by multigrid; no dense matrix exists. It refuses contact points
         of which supports move one tangential component and leave the other free. "auto" takes
         "krylov" in space from 100,000 unknowns on, or where the factor would fill more than half of
@@ -88,8 +88,7 @@ class DistributedBody(Solid):
         For "krylov": PETSc's smoothed aggregation, or BoomerAMG.
     intorder : int, optional
         Order of quadrature, as for `skfem.Basis`. Its default takes 64 points in a trilinear brick,
-        which fill the memory beyond some 10^5 of them; 2, with 8 points, is exact if the bricks are
-        rectangular.
+        too many for 10^5 bricks; 2, with 8 points, is exact for rectangular bricks.
     comm : mpi4py.MPI.Comm, optional
 
     Raises
@@ -169,7 +168,7 @@ class DistributedBody(Solid):
         Parameters
         ----------
         u : ndarray
-            Of this body, such as ``result.u``.
+            A vector of this body, such as ``result.u``.
 
         Returns
         -------
@@ -178,7 +177,7 @@ class DistributedBody(Solid):
         return self.space.gather(self.to_local(u))
 
     def chosen_backend(self, rows: int) -> str:
-        """The back end for a number of contact rows; that of "auto" is logged with its reason.
+        """The back end for a number of contact rows; the choice of "auto" is logged.
 
         Parameters
         ----------
@@ -192,7 +191,7 @@ class DistributedBody(Solid):
         return found
 
     def _has(self, boundary: Any) -> tuple[list[str], bool, bool]:
-        """Names of a boundary; whether it has facets in the local piece, and in the strip."""
+        """Names of a boundary, and whether it has facets in the local cells and in the strip."""
         names = [boundary] if isinstance(boundary, str) else list(boundary)
         if not names or any(not isinstance(name, str) for name in names):
             raise InputError(
@@ -302,7 +301,7 @@ class DistributedBody(Solid):
         return body
 
     def _place(self, cells: Index) -> None:
-        """Find the strip's dofs among the local ones, and which process has each of them."""
+        """Find the strip's dofs among the local ones, and the process that owns each."""
         space, dofs = self.space, self._strip.basis.element_dofs
         own = np.flatnonzero(space.piece.owner == self.comm.rank)
         here, there = np.intersect1d(space.piece.cells[own], cells, return_indices=True)[1:]
@@ -318,7 +317,7 @@ class DistributedBody(Solid):
         found = np.searchsorted(space.numbers[order], numbers).clip(max=order.size - 1)
         local = order[found]
         known_here = space.numbers[local] == numbers
-        # Local places of the strip's dofs: all that occur here, and those that are owned.
+        # Local numbers of the strip's dofs: all that exist here, and the owned ones.
         self._seen = np.flatnonzero(known_here), local[known_here]
         is_owned = np.zeros(space.basis.N, dtype=bool)
         is_owned[space.owned] = True
@@ -335,11 +334,11 @@ class DistributedBody(Solid):
         return self.space.update(x)
 
     def of_owned(self, x: Array) -> Array:
-        """A vector of this body from local values that are right where the dofs are owned."""
+        """A vector of this body from local values, of which the owned ones are used."""
         return np.concatenate((self.shared(x), x[self.others]))
 
     def shared(self, x: NDArray[Any]) -> NDArray[Any]:
-        """Values at the strip's dofs, on every process, from local ones that are right if owned."""
+        """Values at the strip's dofs, on every process, from the owned local values."""
         values = np.zeros((self._shared, *x.shape[1:]), dtype=x.dtype)
         for where, part in self.comm.allgather((self._mine[0], x[self._mine[1]])):
             values[where] = part
@@ -354,7 +353,7 @@ class DistributedBody(Solid):
         return own
 
     def places(self) -> dict[str, Index]:
-        """For each owned dof a cell of the whole mesh, and its number among the dofs of the cell.
+        """For each owned dof, a cell of the whole mesh and the dof's number in that cell.
 
         Returns
         -------
@@ -372,7 +371,7 @@ class DistributedBody(Solid):
     def from_places(
         self, parts: Iterable[dict[str, Any]], names: Sequence[str]
     ) -> dict[str, Array]:
-        """Vectors of this body from values at the places of `places`, of any number of processes.
+        """Vectors of this body from values keyed as in `places` by any number of processes.
 
         Parameters
         ----------
@@ -401,7 +400,7 @@ class DistributedBody(Solid):
 
     @property
     def trace(self) -> ElasticBody:
-        """The cells around the contact boundary, supported as the body; its dofs come first."""
+        """The cells around the contact boundary with their supports; their dofs come first."""
         return self._strip
 
     def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
@@ -423,7 +422,7 @@ class DistributedBody(Solid):
 
     @cached_property
     def absolute_rows(self) -> sparse.csr_array:
-        """``|S|`` entry by entry, against which residuals are judged."""
+        """Entrywise ``|S|``, the scale of residuals."""
         rows = self.rows
         return sparse.csr_array((np.abs(rows.data), rows.indices, rows.indptr), shape=rows.shape)
 
@@ -465,16 +464,16 @@ class DistributedBody(Solid):
 
     @cached_property
     def rigid(self) -> Array:
-        """Rigid motions of all of space about the body's middle, at the local dofs."""
+        """Rigid motions about the body's middle, at the local dofs."""
         return rigid_field(self.local, 0.5 * np.sum(self._ends(), axis=0))
 
     @cached_property
     def vectors(self) -> SpreadSpace:
-        """What computes with the owned dofs of this process."""
+        """The `Space` that computes with the owned dofs of this process."""
         return SpreadSpace(self)
 
     def under(self, f: Array, u0: Array, thermal: Any = None) -> Self:
-        """The same body under other loads and other values of the same supports."""
+        """The same body with other loads and other prescribed displacements."""
         other = copy(self)
         other.f, other.constraint = f, (self.constraint[0], u0)
         return other
@@ -512,7 +511,7 @@ class DistributedBody(Solid):
         return self._at(points, lambda p: self.local.stress_at(x, p), (self.dim, self.dim))
 
     def law_at(self, points: Array) -> StressLaw:
-        """Stress from strain at points, shape (dim, npoints), of a uniform body.
+        """`StressLaw` at points, shape (dim, npoints), of a uniform body.
 
         Raises
         ------
@@ -528,17 +527,17 @@ class DistributedBody(Solid):
 
     @property
     def basis(self) -> Any:
-        """Refused: each process has a piece of it."""
+        """Raise an `InputError`: each process has a part of it."""
         raise self._in_pieces("basis")
 
     @property
     def mesh(self) -> Any:
-        """Refused: each process has a piece of it."""
+        """Raise an `InputError`: each process has a part of it."""
         raise self._in_pieces("mesh")
 
     @property
     def law(self) -> Any:
-        """Refused: each process has that of its cells."""
+        """Raise an `InputError`: each process has the law of its cells."""
         raise self._in_pieces("law")
 
     def _in_pieces(self, name: str) -> InputError:
@@ -550,7 +549,7 @@ class DistributedBody(Solid):
         )
 
     def _at(self, points: Array, evaluate: Any, shape: tuple[int, ...]) -> Array:
-        """Values at points from the first process that has a cell around each."""
+        """Values at points, each from the first process with a cell that holds it."""
         here = self._cells_here(points)
         found = evaluate(points[:, here]) if here.any() else np.zeros((*shape, 0))
         value, missing = np.zeros((*shape, points.shape[1])), np.ones(points.shape[1], dtype=bool)
@@ -578,7 +577,7 @@ class DistributedBody(Solid):
         return inside
 
     def stacked(self, rows: Array) -> Array:
-        """Triangular factor of the QR decomposition of rows that are spread over processes."""
+        """Triangular QR factor of rows that are distributed over processes."""
         parts = self.comm.allgather(np.linalg.qr(rows, mode="r"))
         return np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
 
@@ -590,7 +589,7 @@ class DistributedBody(Solid):
 
 
 class _Product:
-    """The stiffness of a body as an operator."""
+    """The stiffness of a body as an operator ``S @ u``."""
 
     def __init__(self, body: DistributedBody) -> None:
         self._body = body
@@ -600,7 +599,7 @@ class _Product:
 
 
 class SpreadSpace(Space):
-    """The vectors of a body on many processes, each of which computes with the dofs it owns."""
+    """The vectors of a distributed body; each process computes with its owned dofs."""
 
     def __init__(self, body: DistributedBody) -> None:
         z, kind = body.unknowns, dof_kinds(body.space.basis)
@@ -628,7 +627,7 @@ class SpreadSpace(Space):
         return largest(self._body.comm, float(np.abs(x).max(initial=0.0)))
 
     def strained(self, left: Array, rigid: Array) -> Array:
-        """What rigid motions do not explain of owned values in `lengths`."""
+        """Owned values in units of `lengths` without their rigid-body part."""
         modes = rigid[self._owned] * self.lengths[:, None]
         R = self._body.stacked(np.column_stack((modes, left)))
         motion = np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=None)[0]
@@ -641,17 +640,17 @@ class SpreadSpace(Space):
 
 
 def _element(given: Any, mesh: Any) -> Any:
-    """The vector element on a mesh, the default one if none was given."""
+    """The vector element on a mesh; the default if none was given."""
     return vector_element(deepcopy(given), mesh)
 
 
 def _present(names: list[str], body: ElasticBody) -> list[str]:
-    """Those boundaries of which a process has facets."""
+    """The boundaries that have facets on some process."""
     return [n for n in names if np.size((body.mesh.boundaries or {}).get(n, ()))]
 
 
 def _of_cells(name: str, value: Any, cells: NDArray[np.int64], total: int) -> Any:
-    """A number, or those of some cells of the whole mesh."""
+    """A scalar as it is, or the values of some cells of the whole mesh."""
     if value is None or np.ndim(value) == 0:
         return value
     if np.shape(value) != (total,):
@@ -663,7 +662,7 @@ def _of_cells(name: str, value: Any, cells: NDArray[np.int64], total: int) -> An
 
 
 def factor_memory(unknowns: int, rows: int, dim: int, processes: int) -> float:
-    """Estimate the bytes that the condensation needs on all processes; `rows` are in contact."""
+    """Estimate the bytes that condensation onto `rows` contact rows needs on all processes."""
     n = float(max(unknowns, 2))
     if dim == 3:
         sparse = 1.8e9 / 107_811 ** (4 / 3) * n ** (4 / 3)  # MUMPS's factors of 107,811 unknowns

@@ -42,7 +42,7 @@ from contact.settled import settled
 from skfem_adini import essential_constraints
 from skfem_adini.ground.arguments import evaluated, function_of_places, numbers
 
-_OF_RADII = 2  # degrees that r and 1 / r add to those of the quadrature in the plane
+_OF_RADII = 2  # degrees added to the quadrature order for the factors r and 1 / r
 Array = NDArray[np.float64]
 Boundary = str | Sequence[str] | ArrayLike
 Field = float | ArrayLike | Callable[[Array], ArrayLike]
@@ -60,7 +60,6 @@ def _property(name: str, text: str) -> Any:
 class ElasticBody(BasisSolid):
     """A linearly elastic body, discretised by any scikit-fem vector basis.
 
-    The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.
     E, nu, plane, dilatation and f may be assigned later: problems then use the new values, results
     keep those that they were solved with.
 
@@ -78,7 +77,7 @@ class ElasticBody(BasisSolid):
     plane : {"strain", "stress", "axisymmetric"}
         Two dimensions only. "axisymmetric": x is the radius and y the axis, see
         `contact.body.axisymmetry`. Loads are integrated over the whole ring, tractions and
-        pressures stay forces per area; on the axis the radial displacement is held.
+        pressures stay forces per area; on the axis the radial displacement is zero.
     dilatation : {"pointwise", "mean"}
         "mean" replaces div u in each Q1 cell by its mean, so that nearly incompressible materials
         do not lock, see `stiffness_matrix`. All other elements are "pointwise".
@@ -89,7 +88,7 @@ class ElasticBody(BasisSolid):
     Raises
     ------
     InputError
-        Not a vector basis, a material constant outside its range, or a material beside E and nu.
+        Not a vector basis, a material constant outside its range, or both a material and E, nu.
 
     Examples
     --------
@@ -228,7 +227,7 @@ class ElasticBody(BasisSolid):
 
     @cached_property
     def turning_move(self) -> float:
-        """Displacement of corners below which no cell is turned inside out; see `turning_move`."""
+        """Corner displacement below which no cell inverts; see `contact.body.jacobians`."""
         return turning_move(self.mesh)
 
     def facets(self, boundary: Boundary) -> NDArray[np.int64]:
@@ -238,9 +237,9 @@ class ElasticBody(BasisSolid):
         return select_facets(self.mesh, boundary)
 
     def whole_facets(self, boundary: Boundary) -> NDArray[np.int64]:
-        """The given facets, refused if the boundary of the body cuts their cells (`CutBody`).
+        """Facet numbers of a boundary; refuses facets of cut cells (`CutBody`).
 
-        Those on the axis of an axisymmetric body are refused too: they have no area.
+        Facets on the axis of an axisymmetric body are refused too: they have no area.
         """
         facets = self.facets(boundary)
         if self.is_ring:
@@ -300,11 +299,11 @@ class ElasticBody(BasisSolid):
     ) -> Self:
         """Let the displacement on one boundary be that on another one, plus a jump.
 
-        All dofs on the two boundaries are linked where they lie: of the elements with derivatives
-        these too, which are equal. The body stays free to be translated; it cannot rotate, unless
-        supports and other conditions say otherwise. Contact points on both boundaries, as where
-        a contact boundary ends at a periodic one, share their unknowns: only the sum of their
-        forces is determined, and a result with contact there is refused.
+        All dofs at matching points are linked; derivatives, if the element has them, are equal. The
+        body stays free to be translated; it cannot rotate, unless supports and other conditions say
+        otherwise. Contact points on both boundaries, as where a contact boundary ends at a periodic
+        one, share their unknowns: only the sum of their forces is determined, and a result with
+        contact there is refused.
 
         Parameters
         ----------
@@ -353,7 +352,7 @@ class ElasticBody(BasisSolid):
         components: str | int | Sequence[int] | None = None,
         rigid: bool = False,
     ) -> Self:
-        """Let all points of a boundary share one displacement, which is unknown.
+        """Let all points of a boundary share one unknown displacement.
 
         A load on the boundary then acts by its resultant. With Adini elements the tangential
         derivatives follow, as for `fix`.
@@ -364,8 +363,8 @@ class ElasticBody(BasisSolid):
         components : "x", "y", "z", "xy", ..., numbers, or None for all
             Components that are the same at all points of the boundary.
         rigid : bool
-            The boundary moves as a rigid body instead: it is translated, and turned by small
-            angles. In all components only.
+            The boundary moves as a rigid body instead: a translation and small rotations. Requires
+            all components.
 
         Returns
         -------
@@ -468,7 +467,7 @@ class ElasticBody(BasisSolid):
         return self._held_anew()
 
     def load(self, boundary: Boundary, traction: Field) -> Self:
-        """Add a surface traction (force per area) on a boundary, of a ring on all its surface.
+        """Add a surface traction (force per area) on a boundary, in a ring all around it.
 
         Parameters
         ----------
@@ -512,8 +511,8 @@ class ElasticBody(BasisSolid):
     def heat(self, temperature: Any, expansion: ArrayLike) -> Self:
         """Add a change of temperature: thermal strains, and the forces equivalent to them on `f`.
 
-        All stresses that are read out are those without the thermal strain. Repeated calls add.
-        Give the material before: it enters the forces.
+        Stresses in results exclude the thermal strain. Repeated calls add up. Set the material
+        before, since the forces depend on it.
 
         Parameters
         ----------
@@ -523,8 +522,8 @@ class ElasticBody(BasisSolid):
         expansion : array, shape (), (3,) or (3, 3)
             Coefficient of thermal expansion, one over the unit of `temperature`: isotropic, three
             coefficients along x, y, z, or a symmetric tensor in the axes of the mesh. The third
-            direction counts in plane strain too. In each cell another: with a leading axis ncells,
-            for one coefficient a cell shape (ncells, 1, 1).
+            direction counts in plane strain too. For values that vary by cell add a leading axis
+            ncells; scalar coefficients then have the shape (ncells, 1, 1).
 
         Returns
         -------
@@ -557,7 +556,7 @@ class ElasticBody(BasisSolid):
         return self
 
     def thermal_strain_in(self, X: Array) -> Array | None:
-        """Thermal strain at reference places, the same ones or others in each cell.
+        """Thermal strain at reference points, common to all cells or given for each.
 
         Parameters
         ----------

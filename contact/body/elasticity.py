@@ -132,7 +132,7 @@ def stiffness_matrix(
     few = isotropic_classes(basis, lame_lambda, lame_mu, mean_dilatation)
     if few is not None:
         return _as_array(few[0].matrix(few[1]))
-    # Means of a cell are no products of gradients.
+    # Cell means are not products of gradients.
     straight = None if mean_dilatation else AffineCells.of(basis)
     if straight is not None:
         tensor = isotropic_tensor(lame_lambda, lame_mu, basis.mesh.dim())
@@ -152,8 +152,7 @@ def isotropic_tensor(
 
 def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_array:
     """Stiffness of ``C eps(u) : eps(v)`` for a basis of an ElementVector.
-    C_ijkl has the symmetries of elasticity and the shape (dim,) * 4, then (ncells,) if it
-    varies."""
+    C_ijkl has the shape (dim,) * 4, then (ncells,) if it varies."""
     few = tensor_classes(basis, tensor)
     if few is not None:
         return _as_array(few[0].matrix(few[1]))
@@ -163,8 +162,7 @@ def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_ar
 
 
 def _as_array(matrix: sparse.csr_matrix) -> sparse.csr_array:
-    """The matrix as an array that keeps the flag of sorted columns: checking it reads all
-    entries."""
+    """The matrix as an array; keeps the flag of sorted columns, whose check reads all entries."""
     result = sparse.csr_array(matrix)
     result.has_canonical_format = matrix.has_canonical_format
     return result
@@ -204,7 +202,7 @@ def stress(
     return result
 
 
-Classes = tuple[CongruentCells, NDArray[np.float64]]  # with the local matrix of each
+Classes = tuple[CongruentCells, NDArray[np.float64]]  # cells, and the local matrix of each class
 Local = Iterator[tuple[slice, NDArray[np.float64]]]  # cells with their local matrices
 
 
@@ -214,7 +212,7 @@ def isotropic_classes(
     lame_mu: NDArray[np.float64],
     mean_dilatation: bool = False,
 ) -> Classes | None:
-    """Classes of congruent cells with the stiffness of each, if these are few; else None.
+    """Classes of congruent cells with the stiffness of each; None if there are many.
     The stiffnesses have the shape (classes, dofs of a cell, dofs of a cell)."""
 
     def of_each(part: Basis, cells: Any) -> Local:
@@ -240,7 +238,7 @@ def _few(basis: Basis, of_each: Callable[..., Local], *fields: Any) -> Classes |
         return None
     part = classes.basis_of(basis.elem.elem)
     whole = np.concatenate([local for _, local in of_each(part, classes.cells)])
-    # Exactly symmetric: other solvers converge on it where rounding had broken the symmetry.
+    # Make it exactly symmetric: some solvers fail to converge on rounding asymmetry.
     return classes, 0.5 * (whole + whole.transpose(0, 2, 1))
 
 
@@ -285,8 +283,7 @@ def tensor_matrices(basis: Basis, tensor: NDArray[np.float64]) -> Local:
 
 def _products(basis: Basis) -> Iterator[tuple[slice, Any, dict[tuple[int, int], Any]]]:
     """Weighted gradients of a chunk of cells, and K_ab = int d_a phi_i d_b phi_j.
-    The basis is that of a component, or of a vector, of which each component has its own
-    functions."""
+    The basis is scalar, or a vector basis with functions for each component."""
     dim = basis.mesh.dim()
     if isinstance(basis.elem, ElementVector):
         scalar = [basis.basis[i][0].grad[0] for i in range(0, basis.Nbfun, dim)]

@@ -14,11 +14,11 @@ from contact.errors import Unbounded
 
 Array = NDArray[np.float64]
 
-RIGID = 1e-12  # rounding of motions at supports or at a boundary, over the largest
+RIGID = 1e-12  # relative to the largest motion: smaller ones at supports or boundaries are zero
 
 
 def free_motions(body: Any) -> Array:
-    """Rigid motions that no support resists, as vectors z (nfree, k) of ``u = P z + u0``.
+    """Rigid motions that no support prevents, as vectors z (nfree, k) of ``u = P z + u0``.
     Translations are separated from rotations where possible."""
     P, modes, of_dof = body.constraint[0], body.rigid, body.lengths[0]
     dofs = body.chosen
@@ -38,9 +38,8 @@ def free_motions(body: Any) -> Array:
 
 
 def strained_by_rotation(body: Any) -> str:
-    """End of an error message if free rigid motions strain the body; else an empty string.
-    On curved cells an element of lower order than the cells does not contain the linear
-    functions."""
+    """Text for an error message if free rigid motions strain the body; else an empty string.
+    An element of lower order than its curved cells does not contain the linear functions."""
     mesh, element = body.mesh, body.element
     if mesh.affine or not isinstance(mesh, CURVED_MESHES) or element.maxdeg >= mesh.elem.maxdeg:
         return ""
@@ -58,19 +57,19 @@ def strained_by_rotation(body: Any) -> str:
 
 def unseen_motion(modes: Array, on_boundary: Array) -> Array | None:
     """A combination of modes, shape (n, k), that is zero on the boundary, or None.
-    It moves a piece neither supported nor connected to the contact boundary, and is looked for
-    before the factorisation, in which rounding decides whether a pivot is zero."""
+    It moves a piece that is neither supported nor in contact. It is sought before the
+    factorisation, which detects zero pivots only up to rounding."""
     size = np.linalg.norm(modes, axis=0)
     if not size.size:
         return None
-    wide = len(on_boundary) < size.size  # the last row of V is then beyond the singular values
+    wide = len(on_boundary) < size.size  # the last row of V then has no singular value
     _, singular, V = np.linalg.svd(on_boundary / size, full_matrices=wide)
     seen = singular.size == size.size and singular[-1] > RIGID * singular[0]
     return None if seen else modes @ (V[-1] / size)
 
 
 def not_held(body: Any, name: str, u: Array) -> Unbounded:
-    """The error that names a rigid motion u, shape (ndofs,), of a body."""
+    """The error for an unsupported rigid motion u, shape (ndofs,), of a body."""
     f = body.f
     idle = abs(body.dot(f, u)) <= 1e-12 * body.dot(np.abs(f), np.abs(u))
     lack = ", and no load says how far it goes" if idle else " that could balance the loads"

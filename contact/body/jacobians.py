@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 def jacobians(mesh: Mesh, cells: NDArray[np.integer], places: Array) -> Array:
     """d x_i / d X_k of some cells at places (dim, n) of the reference cell, shape (cells, n, i, k).
-    scikit-fem sums over the nodes for each place and derivative anew."""
+    scikit-fem repeats the sum over nodes for each point and derivative."""
     x, nodes, slopes = _arguments(mesh, places)
     return np.einsum("ivc,vkq->cqik", x[:, nodes[:, cells]], slopes)
 
@@ -40,24 +40,24 @@ def measures(mesh: Mesh, cells: slice, places: Array) -> tuple[Array, Array, Arr
 
 
 def middle_determinants(mesh: Mesh, p: Array) -> Array:
-    """Determinants in the middle of cells whose corners have moved to p, shape (cells,)."""
+    """Determinants at the middle of cells whose corners are at p, shape (cells,)."""
     return _in_the_middle(mesh, p)[0]
 
 
 def turning_move(mesh: Mesh) -> float:
-    r"""Displacement of corners, beside a translation, below which no cell is turned inside out.
+    r"""Corner displacement, apart from a translation, below which no cell inverts.
 
     With :math:`u = \sum_v u_v \phi_v` and the derivative J of the mapping, I + grad u is regular if
     :math:`\max |u_v| \sum_v |\phi_v'| < \sigma_{\min}(J)`, where
     :math:`\sigma_{\min}(J) \ge |\det J| / |\mathrm{cof} J|`.
     """
     det, norms, slopes = _in_the_middle(mesh, mesh.p)
-    cofactors = norms ** (1 - 1 / mesh.dim())  # or less, in space
+    cofactors = norms ** (1 - 1 / mesh.dim())  # an upper bound in space
     return float((np.abs(det) / cofactors).min() / np.linalg.norm(slopes, axis=1).sum())
 
 
 def _in_the_middle(mesh: Mesh, p: Array) -> tuple[Array, Array, Array]:
-    """Determinants and norms, as in `measures`, and slopes (corners, dim, 1)."""
+    """Determinants and norms as in `measures`, and shape derivatives (corners, dim, 1)."""
     refdom = mesh.elem.refdom
     p1 = {RefTri: ElementTriP1, RefQuad: ElementQuad1, RefTet: ElementTetP1, RefHex: ElementHex1}
     element, middle = p1[refdom](), refdom.p.mean(axis=1)[:, None]
@@ -74,7 +74,7 @@ def is_straight(mesh: Mesh) -> bool:
 
 
 def _arguments(mesh: Mesh, places: Array) -> tuple[Array, NDArray[np.integer], Array]:
-    """Places of nodes, nodes of cells, derivatives of the functions of nodes (nodes, dim, n)."""
+    """Node coordinates, nodes of each cell, and shape derivatives (nodes, dim, n)."""
     nodes = np.ascontiguousarray(mesh.t if is_straight(mesh) else mesh.dofs.element_dofs)
     element, slopes = mesh.elem(), np.empty((len(nodes), *places.shape))
     for v in range(len(nodes)):
@@ -89,8 +89,7 @@ def _kernel() -> Callable[..., Any]:
 
 def _measures(x: Any, nodes: Any, slopes: Any, start: Any, stop: Any, corners: Any) -> Any:
     """Return determinants, norms and sizes, for numba.
-    In corners of straight cells the sums of products with 0 and +-1 are differences, rounded
-    once."""
+    At corners of straight cells the derivatives are differences of vertices, rounded once."""
     dim, n, J = x.shape[0], slopes.shape[2], np.empty((3, 3))
     here = np.empty((dim, nodes.shape[0]))
     det, norms, size = (

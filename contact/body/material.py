@@ -13,7 +13,7 @@ from skfem_adini.ground.arguments import choice, numbers
 
 
 def isotropic(new: dict[str, Any], element: Any, count: int) -> dict[str, Any]:
-    """Check E and nu, which become read-only arrays, and return what follows from them."""
+    """Check E and nu, make them read-only arrays, and return the quantities derived from them."""
     for name in ("E", "nu"):
         value = numbers(name, new[name])
         if value.shape not in ((), (count,)):

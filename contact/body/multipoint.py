@@ -1,4 +1,4 @@
-"""Linear equations between dofs: those of links, and the free unknowns that they leave."""
+"""Linear equations between dofs (multipoint constraints), and the remaining free unknowns."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from skfem_adini.ground.arguments import numbers
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_NOISE = 1e-14  # smaller entries of matrices with rows or columns of unit length are rounding
+_NOISE = 1e-14  # entries below this are rounding, in matrices with rows or columns of unit norm
 
 
 @dataclass(frozen=True)
 class Coupling:
-    """Equations C u = c, and what error messages call them."""
+    """Equations C u = c, with their name in error messages."""
 
     C: sparse.csr_array
     c: Array
     name: str
 
     def at_rest(self) -> Coupling:
-        """The same equations with zero on the right."""
+        """The same equations with a zero right-hand side."""
         return Coupling(self.C, np.zeros(self.c.size), self.name)
 
 
@@ -41,8 +41,8 @@ def coupled(
     P: sparse.csr_array, u0: Array, couplings: Sequence[Coupling], of_dof: Array
 ) -> tuple[sparse.csr_array, Array]:
     """Free unknowns P (ndofs, nfree) and u0 of supports ``u = P y + u0`` and equations together.
-    Each group of linked unknowns is solved by an SVD, in displacements by `of_dof`. Unknowns of
-    no equation come first, unchanged; the other columns are orthonormal."""
+    Each group of linked unknowns, scaled to displacements by `of_dof`, is solved by an SVD.
+    Unlinked unknowns come first, unchanged; the other columns are orthonormal."""
     C = sparse.csr_array(sparse.vstack([each.C for each in couplings]))
     c = np.concatenate([each.c for each in couplings])
     owner = np.repeat(np.arange(len(couplings)), [each.c.size for each in couplings])
@@ -52,15 +52,15 @@ def coupled(
     A.data[np.abs(A.data) < _NOISE] = 0.0
     A.eliminate_zeros()
     right = unit * (c - C @ u0)
-    # Right sides that differ by less agree.
+    # Right-hand sides that differ by less are equal.
     allowed = 1e-9 * float(np.max(unit * (np.abs(c) + abs(C) @ np.abs(u0)), initial=0.0))
-    # A support's constant value has derivatives that are zero up to the rounding of the value.
+    # Derivatives of a constant prescribed value are zero up to its rounding.
     allowed = max(allowed, 1e-13 * float(np.max(of_dof * np.abs(u0), initial=0.0)))
     groups = _groups(A)
     empty = np.flatnonzero(np.diff(A.indptr) == 0)
     _refuse_contradiction(right[empty], allowed, owner[empty], couplings)
     columns, y = [], np.zeros(P.shape[1])
-    largest = 4000  # unknowns that equations may link: they are solved as a dense matrix
+    largest = 4000  # limit of linked unknowns, solved as a dense matrix
     for rows, members in groups:
         if members.size > largest:
             raise InputError(
@@ -88,8 +88,8 @@ def coupled(
 
 
 def picked_by(P: sparse.csr_array, lengths: Callable[[], Array]) -> sparse.csr_array:
-    """E with ``E^T P = I``: P itself where its columns hold dofs of one kind only.
-    The function `lengths` of the dofs is called where columns hold several kinds."""
+    """E with ``E^T P = I``: P itself if each column has dofs of one kind.
+    `lengths` is called only if columns mix values and derivatives."""
     if _single(P):
         return P
     of_dof = lengths()
@@ -104,11 +104,11 @@ def picked_by(P: sparse.csr_array, lengths: Callable[[], Array]) -> sparse.csr_a
 
 
 def column_lengths(P: sparse.csr_array, of_dof: Array) -> Array:
-    """Length that makes each free unknown a displacement: that of its dofs, 1 if they differ."""
+    """Length that scales each free unknown to a displacement; 1 if its dofs have different ones."""
     if _single(P):
         lengths = np.empty(P.nnz)
         entries = np.diff(P.indptr)
-        alone = entries.max(initial=0) <= 1  # as everywhere but at couplings, and soon told
+        alone = entries.max(initial=0) <= 1  # quick test: true without couplings
         lengths[P.indices] = of_dof[entries > 0] if alone else np.repeat(of_dof, entries)
         return lengths
     columns = sparse.csc_array(P)
@@ -126,7 +126,7 @@ def _single(P: sparse.csr_array) -> bool:
 
 
 def _mixed(columns: sparse.csc_array, of_dof: Array) -> NDArray[np.bool_]:
-    """Columns that hold dofs of several lengths."""
+    """Columns whose dofs have different lengths."""
     of_entry = of_dof[columns.indices]
     start = columns.indptr[:-1]
     first = np.repeat(of_entry[start], np.diff(columns.indptr))
@@ -139,7 +139,7 @@ def _groups(A: sparse.csr_array) -> list[tuple[Index, Index]]:
     m = A.shape[0]
     graph: Any = sparse.block_array([[None, A], [A.T, None]], format="csr")
     _, label = connected_components(graph, directed=False)
-    linked = np.flatnonzero(np.isin(label, label[:m]))  # most unknowns stand alone
+    linked = np.flatnonzero(np.isin(label, label[:m]))  # most unknowns are not linked
     order = linked[np.argsort(label[linked], kind="stable")]
     parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
     return [(part[part < m], part[part >= m] - m) for part in parts if part.size > 1]
@@ -148,7 +148,7 @@ def _groups(A: sparse.csr_array) -> list[tuple[Index, Index]]:
 def _solve(A: Array, right: Array) -> tuple[Array, Array, Array]:
     """Orthonormal null space, least-norm solution, and its residual."""
     U, s, V = np.linalg.svd(A)
-    rank = int(np.sum(s > 1e-10 * s[0]))  # less is rounding
+    rank = int(np.sum(s > 1e-10 * s[0]))  # smaller ones are rounding
     y = V[:rank].T @ ((U[:, :rank].T @ right) / s[:rank])
     null = V[rank:].T
     null = np.where(np.abs(null) < _NOISE, 0.0, null) * np.where(null.sum(axis=0) < 0, -1.0, 1.0)
@@ -175,10 +175,10 @@ def _norms(rows: sparse.csr_array) -> Array:
 def periodic_equations(
     body: Any, facets: Index, other: Index, jump: list[float | None]
 ) -> tuple[sparse.csr_array, Array]:
-    """C and c of ``u(facets) - u(other) = jump``; components with None take no part.
-    The boundaries must be congruent by a translation."""
+    """C and c of ``u(facets) - u(other) = jump``; components with None are not linked.
+    A translation must map one boundary onto the other."""
     mesh, basis = body.mesh, body.basis
-    near = 1e-8 * float(np.ptp(mesh.p, axis=1).max())  # closer places are the same
+    near = 1e-8 * float(np.ptp(mesh.p, axis=1).max())  # closer points coincide
     here, there = (np.unique(mesh.facets[:, f]) for f in (facets, other))
     low, high = (mesh.p[:, v].min(axis=1) + mesh.p[:, v].max(axis=1) for v in (here, there))
     shift = 0.5 * (high - low)
@@ -224,9 +224,9 @@ def periodic_equations(
 def tied_equations(
     body: Any, facets: Index, held: sparse.csr_array, components: list[int], rigid: bool
 ) -> sparse.csr_array:
-    """C of ``C u = 0`` where the boundary is translated as one, or moves as a rigid body.
-    What a support prescribes on it equals the motion there, whose amounts are eliminated; the
-    columns of `held` (ndofs, n) are orthonormal, the free unknowns if the boundary were fixed."""
+    """C of ``C u = 0`` for a boundary that only translates, or moves as a rigid body.
+    The amplitudes of the motion are eliminated; columns of `held` (ndofs, n) are orthonormal: the
+    free unknowns with the boundary fixed."""
     basis, of_dof = body.basis, dof_lengths(body)
     H = sparse.csr_array(sparse.eye_array(basis.N) - held @ held.T)
     H.data[np.abs(H.data) < 1e-14] = 0.0
@@ -266,7 +266,7 @@ def jump_of(value: Any) -> float | None:
 
 
 def words_of(boundary: Any) -> str:
-    """A boundary in the words of an error message."""
+    """Name of a boundary for an error message."""
     if isinstance(boundary, str):
         return repr(boundary)
     names = isinstance(boundary, list | tuple) and all(isinstance(b, str) for b in boundary)

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class Discretised(Protocol):
-    """A body by its Basis of a vector element; `is_ring`: the mesh is the section of a ring."""
+    """A body with a Basis of a vector element; `is_ring`: the mesh is the section of a ring."""
 
     basis: Basis
 
@@ -29,7 +29,7 @@ class Discretised(Protocol):
 
 
 class Elastic(Discretised, Protocol):
-    """A body by its Basis and its material."""
+    """A body with a Basis and a material."""
 
     lam: Array
     law: StressLaw
@@ -39,13 +39,13 @@ class Elastic(Discretised, Protocol):
     def measure(self) -> Array: ...  # noqa: D102
 
 
-_VALUE = -1  # of `dof_kinds`
+_VALUE = -1  # a value dof in `dof_kinds`
 
 
 def rigid_modes(body: Discretised) -> Array:
     """Rigid motions of every connected piece, shape (ndofs, npieces * dim (dim + 1) / 2).
-    Translations, then rotations about the piece's middle, u_a = -x_b and u_b = x_a for a < b; of
-    a ring the translation along the axis alone. Supports are ignored."""
+    Translations, then rotations about the piece's middle, u_a = -x_b and u_b = x_a for a < b; in a
+    ring only the axial translation. Supports are ignored."""
     basis = body.basis
     entity, points, cells = dof_entities(basis)
     pieces, piece = _pieces(cells, points.shape[1])
@@ -54,7 +54,7 @@ def rigid_modes(body: Discretised) -> Array:
     modes = np.zeros((pieces, each, basis.N))
     for k, own in enumerate(modes):
         middle = _middle(points[:, piece == k])
-        for c in range(dim):  # of dofs that move along x_c
+        for c in range(dim):  # dofs of component c
             mine = slice(c, None, dim)
             inside = piece[entity[mine]] == k
             value = inside & (kind[mine] == _VALUE)
@@ -72,9 +72,9 @@ def rigid_modes(body: Discretised) -> Array:
 
 
 def rigid_field(body: Discretised, centre: Array) -> Array:
-    """Rigid motions of all of space in the body's dofs, shape (ndofs, dim (dim + 1) / 2).
+    """One set of rigid motions for the whole body, shape (ndofs, dim (dim + 1) / 2).
     Translations, then rotations about `centre`: counter-clockwise in 2-D, about x, y, z in 3-D.
-    Those of the section of a ring are not rigid, but for that along the axis."""
+    In a ring only the axial translation is strain-free."""
     basis = body.basis
     kind, dim = dof_kinds(basis), basis.elem.dim
     component = np.arange(basis.N) % dim
@@ -113,7 +113,7 @@ def dof_kinds(basis: Basis) -> NDArray[np.int64]:
 
 
 def _kinds_of_rows(basis: Basis) -> Iterator[tuple[NDArray[np.int32], int]]:
-    """Dofs of each kind at the entities of a mesh."""
+    """Kinds of the dofs at vertices, edges, facets and cells."""
     dofs, names = basis.dofs, iter(basis.elem.dofnames)
     kinds = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2, "u_xy": -2}
     for table in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
@@ -133,7 +133,7 @@ def value_dofs(body: Discretised) -> NDArray[np.bool_]:
 
 
 def dof_lengths(body: Discretised) -> Array:
-    """Factor that makes each dof a displacement, (ndofs,): 1 for values, else a mean cell size.
+    """Factor that scales each dof to a displacement, (ndofs,): 1 for values, else a mean cell size.
     Residuals and norms over dofs of several kinds use these units."""
     basis = body.basis
     lengths = np.ones(basis.N)
@@ -148,8 +148,8 @@ def dof_lengths(body: Discretised) -> Array:
 
 def describe_motion(body: Discretised, u: Array) -> str:
     """Name a rigid motion, e.g. "a translation along x" or "a rotation about (0, 1)".
-    The motion may come from a linear program that friction within 1e-6 of its limit satisfies:
-    its rotation is then known to that order only, and its direction to the square root of it."""
+    From a linear program with friction satisfied to 1e-6, its rotation has that accuracy and its
+    direction the square root of it."""
     if body.is_ring:
         return "a translation along the axis y"
     modes = rigid_modes(body)
@@ -175,7 +175,7 @@ def describe_motion(body: Discretised, u: Array) -> str:
 
 
 def reduced_echelon(rows: Array) -> Array:
-    """Reduced row echelon form: as many zeros as the span of the rows allows."""
+    """Reduced row echelon form."""
     rows, done = rows.copy(), 0
     for column in range(rows.shape[1]):
         if done == rows.shape[0]:
@@ -201,7 +201,7 @@ def dof_entities(basis: Basis) -> tuple[Index, Array, Index]:
     dofs, mesh, dim = basis.dofs, basis.mesh, basis.elem.dim
     tables = (
         (dofs.nodal_dofs, None, "t"),
-        (dofs.edge_dofs, "edges", "t2e"),  # which a mesh numbers when they are asked for
+        (dofs.edge_dofs, "edges", "t2e"),  # numbered by the mesh on first access
         (dofs.facet_dofs, "facets", "t2f"),
         (dofs.interior_dofs, "t", None),
     )

@@ -1,4 +1,4 @@
-"""Several bodies as one `Solid`: their dofs one body after the other, their matrices as blocks."""
+"""Several bodies as one `Solid` with concatenated dofs and block-diagonal matrices."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def _one_after_the_other(quantity: str) -> Any:
 
 
 class Bodies(Solid):
-    """The bodies of a contact problem, each once and of one dimension, as one `Solid`.
-    No matrix is copied: products are formed body by body. Loads, supports and material constants
-    of the bodies may change afterwards."""
+    """The distinct bodies of a contact problem, all of one dimension, as one `Solid`.
+    No matrix is copied: products are formed body by body. Loads, supports and material constants of
+    the bodies may change afterwards."""
 
     def __init__(self, bodies: Sequence[Solid]) -> None:
         if isinstance(bodies, str) or not isinstance(bodies, Sequence) or not bodies:
@@ -72,7 +72,7 @@ class Bodies(Solid):
 
     @property
     def slices(self) -> tuple[slice, ...]:
-        """Where the dofs of each body stand among all dofs."""
+        """Slice of each body's dofs among all dofs."""
         ends = np.cumsum([body.ndofs for body in self._bodies]).tolist()
         return tuple(slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
 
@@ -104,8 +104,7 @@ class Bodies(Solid):
         return tuple(link for body in self._bodies for link in body._couplings)
 
     def number_of(self, body: Any) -> int:
-        """Position of a body given by itself, an earlier state or copy of it, its number or its
-        name."""
+        """Position of a body given as object, copy, number or name."""
         found = [k for k, own in enumerate(self._bodies) if own is body]
         if not found and isinstance(body, Solid):
             found = [k for k, own in enumerate(self._bodies) if own.is_same_body(body)]
@@ -119,16 +118,16 @@ class Bodies(Solid):
         return found[0]
 
     def number_of_trace(self, trace: Any) -> int:
-        """Which of the bodies has this trace."""
+        """Number of the body with this trace."""
         return next(k for k, own in enumerate(self._bodies) if own.trace is trace)
 
     def called(self, k: int) -> str:
-        """Name of a body, or its number in words."""
+        """Name of a body, or its number as words."""
         name = self._bodies[k].name
         return repr(name) if name else f"body {k}"
 
     def describe(self, k: int, motion: str) -> str:
-        """A motion of body k in the words of an error message."""
+        """Describe a motion of body k for an error message."""
         return f"{motion} of {self.called(k)}"
 
     def check_unchanged(self) -> None:
@@ -155,7 +154,7 @@ class Bodies(Solid):
         return other
 
     def has_stiffness_of(self, other: Solid) -> bool:
-        """Whether the bodies answer alike, as far as their matrices are at hand."""
+        """Whether all bodies have the same stiffness as those of `other`."""
         pairs = zip(self.bodies, other.bodies, strict=False)
         same = len(self.bodies) == len(other.bodies)
         return same and all(a.has_stiffness_of(b) for a, b in pairs)
@@ -185,7 +184,7 @@ class Bodies(Solid):
         return sparse.csr_array(P), np.concatenate([u0 for _, u0 in each])
 
     def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
-        """The same rows."""
+        """Return the rows unchanged."""
         return matrix
 
     def embedded(self, k: int, matrix: sparse.csr_array) -> sparse.csr_array:
@@ -196,7 +195,7 @@ class Bodies(Solid):
         return sparse.csr_array((rows.data, place, rows.indptr), shape=(rows.shape[0], total))
 
     def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that are live in some body: those that its supports do not fix."""
+        """Rows that the supports leave free in at least one body."""
         P, lengths = [], []
         for body in self._bodies:
             trace = body.trace
@@ -216,7 +215,7 @@ class Bodies(Solid):
         ]
 
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
-        """Residual and sum of moduli of the body in which the residual is relatively largest."""
+        """Residual and sum of moduli of the body with the largest relative residual."""
         found = [body.equilibrium(*own) for body, *own in self._each(u, contact, load)]
         return max(found, key=lambda pair: pair[0] / (pair[1] or 1.0))
 
@@ -230,11 +229,11 @@ class Bodies(Solid):
         return np.sum([body.total(own) for body, own in self._each(forces)], axis=0)
 
     def displacement(self, u: Array, points: Array) -> NoReturn:
-        """Raise an `InputError`: a place may belong to several bodies."""
+        """Raise an `InputError`: a point may belong to several bodies."""
         raise InputError("body: there are several; choose one, as in result[body].sample(points)")
 
     gradient = displacement
 
     def law_at(self, points: Array) -> NoReturn:
-        """Raise an `InputError`: a place may belong to several bodies."""
+        """Raise an `InputError`: a point may belong to several bodies."""
         raise InputError("body: there are several; choose one")

@@ -69,7 +69,7 @@ def _no_links(name: str) -> Any:
 
 
 class Solid(Portable, ABC):
-    """An elastic body under loads and supports, as contact sees it."""
+    """An elastic body under loads and supports: the interface that contact uses."""
 
     dim: int
     plane: str | None
@@ -83,7 +83,7 @@ class Solid(Portable, ABC):
         rigid: Any
         vectors: Any  # its `contact.body.space.Space`
     _material: Any = None
-    thermal: Any = None  # strain by temperature, see `contact.body.thermal_strain`
+    thermal: Any = None  # thermal strain, see `contact.body.thermal_strain`
     _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports",)
     _IDENTITY: ClassVar[str] = "basis"  # the attribute that all copies of a body share
 
@@ -99,7 +99,7 @@ class Solid(Portable, ABC):
         return self.plane == AXISYMMETRIC
 
     def depth(self, x: Array) -> Array | float:
-        """What integrals over the mesh are multiplied with to be those of the body.
+        """Factor that turns integrals over the mesh into integrals over the body.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class Solid(Portable, ABC):
 
     @property
     def loads(self) -> Array:
-        """The load on every dof, to be read only, shape (ndofs,)."""
+        """The load on every dof, read-only, shape (ndofs,)."""
         return self.f
 
     @property
@@ -154,20 +154,19 @@ class Solid(Portable, ABC):
         return other
 
     def has_stiffness_of(self, other: Solid) -> bool:
-        """Whether two bodies have the same material, or the same stiffness matrix up to
-        rounding."""
+        """Whether two bodies have the same material, or stiffnesses equal up to rounding."""
         if self._material is other._material:
             return True
         S: Any = self.stiffness
         if not isinstance(S, sparse.csr_array):
             return True
-        # Rounding of another machine, should one of them come from a file.
+        # A body from a file may carry the rounding of another machine.
         return S.shape == other.stiffness.shape and bool(
             abs(S - other.stiffness).max() <= 1e-12 * abs(S).max()
         )
 
     def named(self, name: str) -> Self:
-        """Give the body a name, by which errors and results of several bodies know it.
+        """Give the body a name, used in errors and results of several bodies.
 
         Parameters
         ----------
@@ -229,12 +228,12 @@ class Solid(Portable, ABC):
 
     @property
     def bodies(self) -> tuple[Any, ...]:
-        """The bodies that this one consists of: itself alone, but for `Bodies`."""
+        """The bodies that this one consists of: itself, except for `Bodies`."""
         return (self,)
 
     @property
     def slices(self) -> tuple[slice, ...]:
-        """Where the dofs of each of the `bodies` stand among all dofs."""
+        """Slice of the dofs of each of the `bodies` among all dofs."""
         return (slice(0, self.ndofs),)
 
     @property
@@ -243,12 +242,12 @@ class Solid(Portable, ABC):
         return float(np.ptp(self.trace.mesh.p, axis=1).max())
 
     def number_of(self, body: Any) -> int:
-        """Which of the `bodies` is meant by one of them, as it is or was, a number or a name.
+        """Position among the `bodies` of one given as object, copy, number or name.
 
         Raises
         ------
         InputError
-            None of them, or not one alone.
+            No such body, or several.
         """
         if isinstance(body, Solid) and body.is_same_body(self):
             return 0
@@ -264,7 +263,7 @@ class Solid(Portable, ABC):
         return other is self or (ours is not None and theirs is ours)
 
     def describe(self, k: int, motion: str) -> str:
-        """A motion of body k in the words of an error message."""
+        """Describe a motion of body k for an error message."""
         return motion
 
     @property
@@ -281,15 +280,15 @@ class Solid(Portable, ABC):
         """Rows that the supports do not fix; see `contact.body.supports.unconstrained_rows`."""
 
     def forces_on(self, u: Any) -> Any:
-        """The own part of S u, without the mean translations, which would only add rounding."""
+        """S u on the own dofs, without mean translations, which would only add rounding."""
         return self.vectors.forces(u)
 
     def moduli_on(self, u: Any) -> Any:
-        """The own part of ``|S| |u|``, against which residuals are judged."""
+        """``|S| |u|`` on the own dofs, the scale of residuals."""
         return self.vectors.moduli(u)
 
     def internal(self, u: Any) -> Any:
-        """Internal forces S u of a displacement, where it lies; nobody may change them."""
+        """Internal forces S u on the device of u (read-only)."""
         return self.vectors.returned(self.forces_on(self.placed(u)), u)
 
     def equilibrium(self, u: Any, contact: Any, load: Any) -> tuple[float, float]:
@@ -322,12 +321,14 @@ class Solid(Portable, ABC):
         return float(at_nodes or space.largest(space.lengths * own))
 
     def deformation(self, u: Any) -> float:
-        """Largest part of a displacement that no rigid motion explains, in the units of `reach`."""
+        """Largest component of a displacement after removing rigid motions, scaled as in
+        `reach`."""
         space = self.vectors
         return float(space.largest(space.strained(space.lengths * space.own(u), self.rigid)))
 
     def support_error(self, u: Any) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times their length."""
+        """Largest deviation from a prescribed displacement; derivatives are scaled by their
+        length."""
         space = self.vectors
         off = space.own(u) - space.own(self.constraint[1])
         return float(space.largest(space.lengths * (off - space.P @ (space.picks @ off))))
@@ -339,24 +340,24 @@ class Solid(Portable, ABC):
         return space.returned(own - space.picked @ (space.transposed @ own), forces)
 
     def total(self, forces: Any) -> Array:
-        """Resultant of forces on all dofs, shape (dim,); of a ring along its axis only."""
+        """Resultant of forces on all dofs, shape (dim,); in a ring only the axial component."""
         space = self.vectors
         return np.asarray(space.resultant(space.own(forces)))
 
     def placed(self, v: Any) -> Any:
-        """A vector of all dofs where the body computes: in the memory of its device."""
+        """Move a vector of all dofs to the device on which the body computes."""
         return v
 
     def contact_forces(self, rows: Any, mu: Array, t: Array) -> Any:
-        """``G^T mu + T^T t`` on all dofs, where the body computes, from `ContactRows`."""
+        """``G^T mu + T^T t`` on all dofs, from `ContactRows`, on the device of the body."""
         return rows.G.T @ mu + rows.T.T @ t.ravel()
 
     def at_points(self, rows: sparse.csr_array, u: Any) -> Array:
-        """The product of contact rows, shape (n, ndofs), and a displacement where it lies."""
+        """Product of contact rows, shape (n, ndofs), and a displacement, on the device of u."""
         return np.asarray(rows @ u)
 
     def in_unknowns(self, rows: sparse.csr_array) -> sparse.csr_array:
-        """Rows given on all dofs, on the free unknowns."""
+        """Rows on all dofs, restricted to the free unknowns."""
         own: Any = self
         return sparse.csr_array(rows @ own.constraint[0])
 
@@ -372,12 +373,12 @@ class Solid(Portable, ABC):
     def gradient(self, u: Array, points: Array) -> Array:
         """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints).
 
-        In an axisymmetric body that in the axes r, z, theta, shape (3, 3, npoints).
+        In an axisymmetric body its axes are r, z, theta and its shape is (3, 3, npoints).
         """
 
     @abstractmethod
     def law_at(self, points: Array) -> StressLaw:
-        """Stress from strain at points, shape (dim, npoints)."""
+        """`StressLaw` of the cells that hold the points, shape (dim, npoints)."""
 
     def stress_at(self, u: Array, points: Array) -> Array:
         """Cauchy stress at points, shape (dim, dim, npoints)."""
@@ -390,7 +391,7 @@ class Solid(Portable, ABC):
         return None
 
     def support_motion(self, boundary: Any, components: Any, value: Any) -> Array:
-        """Displacement that one of the supports prescribes, on all dofs, the others at rest.
+        """Displacement of all dofs prescribed by one support, with the others zero.
 
         Raises
         ------
@@ -409,7 +410,7 @@ class Solid(Portable, ABC):
 
 
 def motion_of_support(held: Any, boundary: Any, components: Any, value: Any) -> Array:
-    """Displacement of all dofs that a support on a boundary would prescribe by a value.
+    """Displacement of all dofs if the support on a boundary prescribed this value.
     The body must be fixed there; boundary, components and value are as for `ElasticBody.fix`."""
     at_rest = copy(held)
     at_rest._supports = []

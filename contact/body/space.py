@@ -1,4 +1,4 @@
-"""Where the vectors of all dofs of a body lie, and the matrices that its quantities need there."""
+"""Vectors of all dofs of a body, and its matrices, on the host or a device."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _log = logging.getLogger(__name__)
 
 
 class Space:
-    """The vectors of all dofs of a body with a Basis, which lie where `arrays` do.
-    `contact.body.solid.Solid` computes its quantities from the `own` part of each: here all of it.
-    Nothing depends on loads or on values that supports prescribe: one space serves a history."""
+    """Operations on vectors of all dofs of a body with a Basis, on the device of `arrays`.
+    `Solid` computes with the `own` part of a vector: here all of it. A space does not depend on
+    loads or prescribed values, so one space serves a whole load history."""
 
-    P: Any  # as operators: P, P^T, E of ``z = E^T (u - u0)``, E^T, and P^T for sums of moduli
+    P: Any  # operators P, P^T, E of ``z = E^T (u - u0)``, E^T, and P^T for sums of moduli
     transposed: Any
     picked: Any
     picks: Any
@@ -41,32 +41,32 @@ class Space:
         self.values = put(body.are_values)
         self._of_nodes = self.values.reshape(-1, body.dim)
         self.diagonal = stiffness.diagonal() if stiffness else put(body.diagonal)
-        # Those components along which a translation is rigid.
+        # The components along which a translation is rigid.
         self._moved = put(np.arange(body.dim) == 1 if body.is_ring else np.ones(body.dim, bool))
         self._count = self._of_nodes.sum(axis=0)
         self._last: tuple[Any, Any, bool] | None = None
         self._modes: tuple[Any, Array] | None = None
 
     def are_of(self, body: Any) -> bool:
-        """Whether the body still has the matrices that this was made of."""
+        """Whether the body still has the matrices from which this space was made."""
         materials, P = self._of
         same = all(a is b for a, b in zip(materials, body.materials, strict=True))
         return same and P is body.constraint[0]
 
     @staticmethod
     def bytes(body: Any, stiffness: SparseRows | None = None) -> int:
-        """Memory that vectors, and a stiffness that is not there, take on a device, about."""
+        """Estimated bytes of the vectors, and of a stiffness not yet there, on a device."""
         matrix = 0 if stiffness else SparseRows.bytes(body.stiffness)
         return matrix + 8 * 40 * int(body.f.size)  # some forty vectors, with temporary ones
 
     def placed(self, v: Any) -> Any:
-        """A vector of all dofs, on the host or device where this computes."""
+        """Move a vector of all dofs to the host or device of this space."""
         return self.arrays.xp.asarray(v)
 
     own = placed
 
     def returned(self, v: Any, like: Any) -> Any:
-        """A computed vector, copied to the host if `like` lies there."""
+        """A computed vector, copied to the host if `like` is there."""
         return self.arrays.get(v) if isinstance(like, np.ndarray) else v
 
     def forces(self, u: Any) -> Any:
@@ -74,8 +74,8 @@ class Space:
         return self.remembered(u, lambda: self._S @ (u - self.mean_translation(u)))
 
     def remembered(self, u: Any, compute: Any, strained: bool = False) -> Any:
-        """The forces of a displacement, computed unless it is the last one; nobody may change them.
-        `strained` tells whether they come from strains, in which copies of a body may differ."""
+        """Read-only forces of a displacement, computed anew only if it differs from the last one.
+        `strained`: whether forces come from strains, which may differ between copies of a body."""
         known = self._last
         same = known is not None and known[2] is strained
         if known is None or not (same and bool(self.arrays.xp.array_equal(known[0], u))):
@@ -100,7 +100,7 @@ class Space:
         return float(abs(x).max()) if x.size else 0.0
 
     def strained(self, left: Any, rigid: Array) -> Any:
-        """What rigid motions, which lie on the host, do not explain of a vector in `lengths`."""
+        """A vector in units of `lengths` without its part in the rigid motions (host arrays)."""
         xp, get = self.arrays.xp, self.arrays.get
         if self._modes is None:
             modes = self.placed(rigid) * self.lengths[:, None]
@@ -109,12 +109,12 @@ class Space:
             gram = np.linalg.pinv(get(modes.T @ modes), rcond=1e-12, hermitian=True)
             self._modes = modes, gram
         modes, inverse = self._modes
-        for _ in range(2):  # the second removes what rounding leaves of the first
+        for _ in range(2):  # the second pass removes the rounding error of the first
             left = left - modes @ self.placed(inverse @ get(modes.T @ left))
         return left
 
     def resultant(self, forces: Any) -> Array:
-        """Sum of each component, shape (dim,), on the host; of a ring along its axis only."""
+        """Sum of each component, shape (dim,), on the host; in a ring only the axial one."""
         xp = self.arrays.xp
         sums = xp.where(self._of_nodes, forces.reshape(self._of_nodes.shape), 0.0).sum(axis=0)
         sums = np.asarray(self.arrays.get(xp.where(self._moved, sums, 0.0)))
@@ -123,14 +123,14 @@ class Space:
 
 class KeptSpaces:
     """The `Space` of a body and of its copies under other loads.
-    Those on a device are kept by the condensation that made them, and go with it."""
+    A condensation owns the spaces on a device, which are freed with it."""
 
     def __init__(self) -> None:
         self._host: Space | None = None
         self._there: weakref.ref[Space] | None = None
 
     def of(self, body: Any) -> Space:
-        """Those on the device, as long as they are there, or those on the host."""
+        """The space on the device while it exists, else the one on the host."""
         there = None if self._there is None else self._there()
         if there is not None and there.are_of(body):
             return there
@@ -141,8 +141,8 @@ class KeptSpaces:
     def on(
         self, arrays: HostArrays, body: Any, beside: int, stiffness: SparseRows | None = None
     ) -> Space:
-        """Those where the arrays lie; `of` returns them as long as somebody keeps them.
-        Unless `beside` more bytes are free on the device they lie on the host, which is logged."""
+        """The space on the device of the arrays; `of` returns it while a reference exists.
+        Falls back to the host, with a log entry, unless `beside` more bytes are free there."""
         room, needed = arrays.room(), Space.bytes(body, stiffness) + beside
         if room is not None and needed > room:
             _log.info(

@@ -1,4 +1,4 @@
-"""Unknowns of a body on many processes: their numbers, and blocks of equal size, one a node."""
+"""Unknowns of a distributed body: their numbering, and blocks of equal size per node."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class SpreadUnknowns:
 
     @classmethod
     def of(cls, body: Any) -> SpreadUnknowns:
-        """Number the unknowns that the supports of a `DistributedBody` leave.
+        """Number the free unknowns of a `DistributedBody`.
         No condition may link dofs of several processes."""
         space, comm = body.space, body.comm
         P, u0 = body.local.constraint
@@ -50,7 +50,7 @@ class SpreadUnknowns:
         own = sparse.csr_array(mine[:, columns])
         counts = np.array(comm.allgather(columns.size))
         first = int(counts[: comm.rank].sum())
-        # Rows of P as tables, which can be sent: numbers of unknowns and their coefficients.
+        # Rows of P as tables, for communication: numbers of unknowns and their coefficients.
         width = max(comm.allgather(int(np.diff(own.indptr).max(initial=0))))
         number = np.full((space.basis.N, width), -1, dtype=np.int64)
         factor = np.zeros((space.basis.N, width))
@@ -78,11 +78,11 @@ class SpreadUnknowns:
         )
 
     def known(self, own: Array) -> Array:
-        """Values of all unknowns that are known here, from those of the own ones."""
+        """Values of all unknowns known to this process, from the owned values of all processes."""
         mine = (self.table >= self.first) & (self.table < self.first + own.size)
         values = np.zeros(self.table.shape)
         values[mine] = own[self.table[mine] - self.first]
-        # Of an own dof all unknowns are own.
+        # All unknowns of an owned dof are owned.
         values, there = self.space.update(values), self.table >= 0
         found = np.zeros(self.numbers.size)
         found[np.searchsorted(self.numbers, self.table[there])] = values[there]
@@ -115,10 +115,10 @@ def _in_columns(rows: Any, numbers: Index, wanted: Index) -> sparse.csr_array:
 
 @dataclass(frozen=True)
 class NodeBlocks:
-    """A numbering in which unknowns that supports take away keep a place, with a unit row.
-    Multigrid joins the unknowns of a node only where all nodes have equally many."""
+    """A numbering in which eliminated unknowns keep a place, with a unit row.
+    Multigrid groups unknowns by node only if all nodes have equally many."""
 
-    size: int  # of a block; 1 where supports turn the unknowns
+    size: int  # unknowns per block; 1 if supports rotate the unknowns
     place: Index  # place of each own unknown among the own places
     count: int  # number of own places
     first: int  # number of the first own place
@@ -126,7 +126,7 @@ class NodeBlocks:
 
     @classmethod
     def of(cls, body: Any) -> NodeBlocks:
-        """Blocks of the vertices if all dofs are there, else of the components of a scalar dof."""
+        """Blocks per vertex if all dofs are at vertices, else per scalar dof."""
         z, comm = body.unknowns, body.comm
         dofs = body.local.basis.dofs
         own = sparse.csc_array(z.own)
@@ -150,18 +150,18 @@ class NodeBlocks:
         return (self.first + self.place).astype(np.float64)
 
     def own(self, numbers: Index) -> NDArray[np.bool_]:
-        """Which numbers are those of own places."""
+        """Mask of the numbers that are own places."""
         mine: NDArray[np.bool_] = (numbers >= self.first) & (numbers < self.first + self.count)
         return mine
 
     def put(self, own: Array) -> Array:
-        """Values of own unknowns at their places, zero at the others."""
+        """Own unknowns at their places, with zero at the others."""
         values = np.zeros((self.count, *own.shape[1:]))
         values[self.place] = own
         return values
 
     def rows(self, S: sparse.csr_array, z: Any) -> tuple[sparse.csr_array, Index]:
-        """Own rows of a matrix with one on the diagonal of empty places, and column numbers."""
+        """Own rows of a matrix, with a unit diagonal at empty places, and column numbers."""
         numbers = np.rint(z.known(self.numbers)).astype(np.int64)
         empty = np.setdiff1d(np.arange(self.count), self.place)
         here = S.tocoo()
@@ -180,8 +180,7 @@ class NodeBlocks:
         return rows, np.concatenate((numbers, self.first + empty))
 
     def change(self, change: sparse.csr_array, at: Index) -> tuple[sparse.csr_array, Index]:
-        """Own rows, and their columns, of a matrix that is `change` (n, n) at the places `at`,
-        else identity."""
+        """Own rows and columns of the matrix with `change` (n, n) at places `at`, else identity."""
         own = self.first + np.arange(self.count)
         numbers = np.union1d(own, at)
         block = change.tocoo()

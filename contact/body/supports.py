@@ -15,8 +15,7 @@ def unconstrained_rows(
     rows: sparse.csr_array, P: sparse.csr_array, lengths: tuple[Array, Array]
 ) -> NDArray[np.bool_]:
     """Rows that the prescribed displacements do not fix: those with ``rows @ P`` not zero.
-    P maps the free unknowns z of ``u = P z + u0``; the lengths turn dofs, and unknowns, into
-    displacements."""
+    P is that of ``u = P z + u0``; the lengths scale dofs and unknowns to displacements."""
     of_dof, of_free = lengths
     left, given = few_times(rows, P), rows.copy()
     left.data /= of_free[left.indices]
@@ -25,13 +24,13 @@ def unconstrained_rows(
 
 
 def scaled_columns(matrix: sparse.csr_array, by: Array) -> sparse.csr_array:
-    """The matrix times a diagonal one; the pattern is shared, not computed anew."""
+    """The matrix times a diagonal matrix, sharing the sparsity pattern."""
     parts = matrix.data * by[matrix.indices], matrix.indices, matrix.indptr
     return sparse.csr_array(parts, shape=matrix.shape)
 
 
 def few_times(rows: sparse.csr_array, P: sparse.csr_array) -> sparse.csr_array:
-    """``rows @ P`` for few rows of few entries, without work for each column of P."""
+    """``rows @ P`` for few sparse rows, at a cost independent of the columns of P."""
     touched, at = np.unique(rows.indices, return_inverse=True)
     part = sparse.csr_array(P[touched])
     seen, to = np.unique(part.indices, return_inverse=True)
@@ -44,7 +43,7 @@ def few_times(rows: sparse.csr_array, P: sparse.csr_array) -> sparse.csr_array:
 
 
 def selected(P: sparse.csr_array) -> NDArray[np.integer] | None:
-    """The dof of each free unknown where unknowns are dofs, shape (nfree,); else None."""
+    """The dof of each free unknown, shape (nfree,); None unless every unknown is a dof."""
     if P.nnz != P.shape[1] or not np.all(P.data == 1.0):
         return None
     dofs = np.empty(P.nnz, dtype=P.indices.dtype)
@@ -53,7 +52,7 @@ def selected(P: sparse.csr_array) -> NDArray[np.integer] | None:
 
 
 def transposed(P: sparse.csr_array, chosen: NDArray[np.integer] | None) -> Any:
-    """``P^T``, by rows without a sort where unknowns are the chosen dofs."""
+    """``P^T`` in CSR format, without sorting if unknowns are the chosen dofs."""
     if chosen is None:
         return P.T
     parts = np.ones(chosen.size), chosen, np.arange(chosen.size + 1, dtype=P.indptr.dtype)
@@ -68,7 +67,7 @@ def norms(rows: sparse.csr_array) -> Array:
 
 def in_order(P: sparse.csr_array) -> sparse.csr_array:
     """The same free unknowns in the order of the dofs, where each is one dof; else P itself.
-    The free rows and columns of a matrix then keep their order, which spares sorting them."""
+    Free rows and columns of a matrix then stay sorted."""
     filled = np.zeros(P.shape[1], dtype=bool)
     filled[P.indices] = True
     if P.nnz != P.shape[1] or not filled.all() or np.any(np.diff(P.indptr) > 1):

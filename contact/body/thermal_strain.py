@@ -1,4 +1,4 @@
-r"""Thermal strains of a body: what it would expand by, were its cells free.
+r"""Thermal strains of a body: the strains of its cells if they could expand freely.
 
 The stresses are :math:`\sigma = C (\epsilon(u) - \epsilon_T)`, with the thermal strain
 :math:`\epsilon_T = \alpha (T - T_0)` (Boley and Weiner, Theory of Thermal Stresses, Wiley 1960,
@@ -32,7 +32,8 @@ def thermal_strain(body: Any, temperature: Any, expansion: ArrayLike) -> Array:
 
 
 def interpolated(body: Any, strain: Array, X: Array) -> Array:
-    """Tensors (3, 3, ncells, npoints) at reference places X, of strains as `thermal_strain`."""
+    """Tensors (3, 3, ncells, npoints) at reference points X, from the output of
+    `thermal_strain`."""
     if strain.shape[-1] > 1:
         element = _quadratic(body)
         shapes = [element.lbasis(X, i)[0] for i in range(strain.shape[-1])]
@@ -55,7 +56,7 @@ def _quadratic(body: Any) -> Any:
 
 
 def _temperatures(body: Any, temperature: Any) -> Array:
-    """Temperature in the nodes of each cell, or one a cell."""
+    """Temperature at the nodes of each cell, or one value per cell."""
     X, cells = _quadratic(body).doflocs.T, body.mesh.nelements
     x = np.asarray(body.basis.mapping.F(X))
     value = evaluated("temperature", temperature, x)
@@ -109,7 +110,7 @@ def _tensors(expansion: ArrayLike, count: int) -> Array:
 
 
 def checked_thermal(body: Any, strain: Any) -> Array | None:
-    """Stored thermal strain of a body, or an `InputError` if it is none of its cells."""
+    """Check a stored thermal strain; raise an `InputError` if it does not fit the cells."""
     if strain is None:
         return None
     found, cells = numbers("thermal", strain), body.mesh.nelements

@@ -14,7 +14,7 @@ from skfem_adini.kept_functions import without_functions
 
 _OURS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
 GRADIENT_DOFS = (*_OURS, skfem.ElementQuadBFS)  # elements with u and its gradient at the vertices
-# The element of a body that is made from a mesh alone, by the mesh's class.
+# Default element for each class of mesh.
 DEFAULT_ELEMENT = {
     "MeshTri1": skfem.ElementTriP2,
     "MeshTri2": skfem.ElementTriP2,
@@ -29,8 +29,8 @@ DEFAULT_ELEMENT = {
 
 def vector_element(element: Any, mesh: Mesh) -> ElementVector:
     """An `ElementVector` of a scalar element, of the mesh's default one, or a given vector element.
-    Elements of `skfem_adini` are made anew without Hessian, which strains do not need and which
-    would double time and memory; those that keep functions of a mesh are copied without them."""
+    Elements of `skfem_adini` are replaced by ones without Hessian, which halves time and memory;
+    elements that store functions of a mesh are copied without them."""
     if element is None:
         if type(mesh).__name__ not in DEFAULT_ELEMENT:
             raise InputError(f"element: no default for {type(mesh).__name__}; pass one")

@@ -1,4 +1,4 @@
-"""Independent checks of a result: by other solvers, in other arithmetic, by a search for others.
+"""Independent checks of a result: by other solvers, in other arithmetic, for other solutions.
 
 In: a problem and its result.
 Out: `CrossCheck`: the difference to an independent solver; the residuals in pairs of numbers;

@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """How far an independent solver's answer is from ours.
+    """Differences between the result and an independent solver's solution.
 
     Attributes
     ----------
     solver : str
     size : int
-        Unknowns of the QP that the independent solver, the peer, was given.
+        Unknowns of the QP solved by the independent solver, the peer.
     displacement : float
         Largest difference of u over the largest displacement; NaN if the peer found no solution.
     multipliers : float
@@ -36,13 +36,13 @@ class CrossCheck:
     seconds : float
         Time of the peer.
     residual : float
-        Largest residual of the peer's solution, by `ContactSystem.kkt`, with the friction bound
-        that it was given.
+        Largest residual of the peer's solution, by `ContactSystem.kkt`, with the frozen friction
+        bound.
     ours : float
         Largest residual of the result.
     effect : float
-        Displacement that the difference of the contact forces would cause, dof by dof, over that of
-        the forces: 0 if the difference acts on nothing. NaN where it is unknown.
+        Displacement that the difference of the contact forces would cause, dof by dof, relative to
+        that of the forces; 0 if the difference has no effect on dofs, NaN if unknown.
 
     Examples
     --------
@@ -69,7 +69,7 @@ class CrossCheck:
 
     @property
     def verdict(self) -> str:
-        """What follows from the numbers, in words.
+        """The conclusion from the numbers.
 
         ===============================  =========================================================
         agrees                           both answers differ by 1e-6 at most
@@ -159,7 +159,7 @@ def cross_check(
     _check(problem, result, solver)
     system, body = result.system, result.system.body
     boundary = problem.condense().under(body) if condensed is not False else None
-    # The dense problem, on which the other solver reaches 1e-8, is for small boundaries.
+    # Use the dense problem, which the peer solves to 1e-8, for small boundaries.
     if condensed is None and boundary is not None and boundary.unknowns > 2000:
         boundary = None
     asked = FrozenProblem.of(result, boundary, _has_cones(result))
@@ -225,8 +225,8 @@ def _has_cones(result: ContactResult) -> bool:
 
 
 def _with_prescribed(result: ContactResult, bound: Array, u: Array, t: Array) -> Array:
-    """The peer's t, by the friction law where the whole slip is prescribed: it does not solve that.
-    Where free obstacles alone move a point along its tangents, t is that of the result."""
+    """The peer's t, completed by the friction law where the whole slip is prescribed.
+    Where only free obstacles move a point along its tangents, t is that of the result."""
     system = result.system
     asked = replace(system, law=None if system.law is None else "tresca", friction=bound)
     dead = (
@@ -237,7 +237,7 @@ def _with_prescribed(result: ContactResult, bound: Array, u: Array, t: Array) ->
 
 
 def _effect(result: ContactResult, mu: Array, t: Array) -> float:
-    """See `CrossCheck.effect`; forces on dofs that supports hold have none."""
+    """See `CrossCheck.effect`; forces on fixed dofs have none."""
     rows, body = result.system.rows, result.system.body
     P = body.constraint[0]
 
@@ -252,11 +252,11 @@ def _effect(result: ContactResult, mu: Array, t: Array) -> float:
 def _residual(
     system: ContactSystem, bound: Array, u: Array, mu: Array, t: Array, motion: Array | None
 ) -> float:
-    """Largest residual of the peer's solution, for the problem that it was given."""
+    """Largest residual of the peer's solution of the frozen problem."""
     if not all(np.all(np.isfinite(part)) for part in (u, mu, t)):
         return float("nan")
     law = None if system.law is None else "tresca"
     asked = replace(system, law=law, friction=bound)
-    # Obstacles are fixed where the result has them: the balance of forces is no condition here.
+    # Obstacles are fixed at the result's positions: their force balance is not a condition.
     kkt = asked.kkt(u, mu, t, motion)
     return max(value for name, value in kkt.items() if name not in ("obstacle", "balance"))

@@ -50,9 +50,9 @@ class FrozenProblem:
     E: Any  # rows of bonded points, shape (l, n)
     closed: Array  # e, shape (l,)
     bound: Array  # g, shape (k,)
-    pressing: Index  # entries of the first rows of G in the forces (mu, t)
-    rubbing: Index  # entries of the rows of R, shape (k * slips,)
-    bonded: Index  # entries of the rows of E, shape (l,)
+    pressing: Index  # indices of the first rows of G among the forces (mu, t)
+    rubbing: Index  # indices of the rows of R, shape (k * slips,)
+    bonded: Index  # indices of the rows of E, shape (l,)
     shape: tuple[int, int]  # of the tangential forces t, (m, dim - 1)
     cones: bool  # friction terms are cones, as in three dimensions
     unknowns: int  # n without the slacks
@@ -66,7 +66,7 @@ class FrozenProblem:
         m, columns = result.t.shape
         ties, bound = rows.ties, system.bound(result.mu)
         rubs = (bound > 0) & ~ties
-        # Friction of points whose whole slip is prescribed acts on supports alone.
+        # Friction of points whose whole slip is prescribed acts on supports only.
         rubs &= system.body.unconstrained(rows.T).reshape(m, columns).any(axis=1)
         normal, tangential = _targets(result)
         all_rows: Any = sparse.vstack((rows.G, rows.T), format="csr")
@@ -87,7 +87,7 @@ class FrozenProblem:
         G, R, E = parts
         g, live = bound[rubs], [_nonzero_rows(part) for part in parts]
         if cones:
-            live[1] = np.arange(R.shape[0])  # a row that supports hold still belongs to its cone
+            live[1] = np.arange(R.shape[0])  # a fixed row still belongs to its cone
         else:
             g = g[live[1]]
         G, R, E = (part[at] for part, at in zip(parts, live, strict=True))
@@ -136,7 +136,7 @@ class FrozenProblem:
         if self.bonded.size and not sparse.issparse(self.S):
             return self._without_ties(solver)
         k = self.bound.size
-        slips = self.R.shape[0] // k if k else 1  # of one point
+        slips = self.R.shape[0] // k if k else 1  # rows per point
         unit = UnitProgram.of(self.S, self.f, self.G, self.R, slips, self.E)
         gap, g = self.gap / unit.normal, self.bound * unit.tangential
         closed = self.closed / unit.tied
@@ -161,7 +161,7 @@ class FrozenProblem:
         ties = TieElimination.of(self.E, self.closed, unit)
         start, free = ties.start, ties.free
         G, R = self.G @ free, self.R @ free
-        touches = _kept(G, self.G * unit)  # the others are decided by the equations
+        touches = _kept(G, self.G * unit)  # the equations determine the others
         touches[self.pressing.size :] = True  # limits of slacks
         slides = np.ones(R.shape[0], dtype=bool) if self.cones else _kept(R, self.R * unit)
         reduced = replace(
@@ -182,7 +182,7 @@ class FrozenProblem:
         )
         m = self.shape[0]
         answer = Answer(np.zeros(0), np.zeros(m), np.zeros(self.shape), 0.0)
-        if free.shape[1]:  # else the equations alone decide
+        if free.shape[1]:  # otherwise the equations determine all
             answer = reduced.solved_by(solver)
         if answer.z is None:
             return answer
@@ -196,7 +196,7 @@ class FrozenProblem:
 
 
 def _targets(result: ContactResult) -> tuple[Array, Array]:
-    """Gap of each point, and the tangential displacement that is no slip, obstacles included."""
+    """Gap of each point, and the tangential displacement of zero slip, including obstacles."""
     system = result.system
     normal, tangential = system.rows.gap, np.zeros(result.t.shape)
     if system.slip_from is not None:
@@ -214,14 +214,14 @@ def _blocks(parts: list[list[Any]], dense: bool) -> Any:
 
 
 def _kept(rows: Array, before: Array) -> NDArray[np.bool_]:
-    """Which rows an elimination has not reduced to the rounding of what they were before."""
+    """Mask of rows that an elimination has not reduced to rounding."""
     left, size = (np.linalg.norm(part, axis=1) for part in (rows, before))
     return np.asarray(left > 1e-10 * size)
 
 
 def _nonzero_rows(rows: Any) -> Index:
     size = np.asarray((rows * rows).sum(axis=1)).ravel()
-    # Squared, relative to the largest: rows that supports prescribe vanish up to rounding, 1e-12.
+    # Squared, relative to the largest: prescribed rows vanish up to rounding, 1e-12.
     return np.flatnonzero(size > 1e-24 * size.max(initial=0.0))
 
 
@@ -275,7 +275,7 @@ class TieElimination:
         factors: Any = qr((E * unit).T, pivoting=True)
         Q, R, order = factors
         pivots = np.abs(np.diag(R))
-        # Equations with smaller pivots follow from the others.
+        # Equations with smaller pivots are redundant.
         rank = int(np.sum(pivots > 1e-10 * pivots.max(initial=0.0)))
         own, triangle, order = Q[:, :rank], R[:rank, :rank], order[:rank]
         start = own @ solve_triangular(triangle, closed[order], trans="T")
@@ -283,7 +283,7 @@ class TieElimination:
 
     def forces(self, load: Array, count: int) -> Array:
         """Forces r (count,) with ``E^T r = load`` in their span; dependent equations have none.
-        `load`, (n,), is what the other forces leave unbalanced."""
+        `load`, (n,), is the residual of the other forces."""
         found = np.zeros(count)
         found[self._order] = solve_triangular(self._triangle, self._own.T @ (self._unit * load))
         return found
@@ -315,7 +315,7 @@ def solve_cones(
     q = np.concatenate((-f, bound)) / (scale * size)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    # Its default stops these at 1e-13, which leaves a dense program a hundred times above it.
+    # Its default stops these at 1e-13, at which a dense program is only accurate to 1e-11.
     settings.iterative_refinement_reltol = settings.iterative_refinement_abstol = 1e-16
     settings.iterative_refinement_max_iter = 50
     cones = [clarabel.ZeroConeT(e)] if e else []
@@ -323,7 +323,7 @@ def solve_cones(
     cones += [clarabel.SecondOrderConeT(1 + dim_t)] * k
     begin = time.perf_counter()
     upper, rows = sparse.triu(sparse.csc_matrix(P), format="csc"), sparse.csc_matrix(A)
-    for tol in (1e-13, 1e-12, 1e-11, 1e-10):  # as far as rounding permits
+    for tol in (1e-13, 1e-12, 1e-11, 1e-10):  # the tightest that rounding permits
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tol
         # If rounding stops it within 100 times the tolerance, that iterate is accepted.
         settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = 100 * tol
@@ -349,8 +349,8 @@ class UnitProgram:
     R: Any  # shape (k * dim_t, n)
     E: Any  # shape (l, n)
     normal: Array  # lengths of the rows of G, shape (m,)
-    tangential: Array  # of those of R, shape (k,): value in the caller's units = value * length
-    tied: Array  # of those of E, shape (l,)
+    tangential: Array  # lengths of the rows of R, shape (k,): caller's value = value * length
+    tied: Array  # lengths of the rows of E, shape (l,)
     back: Any  # M, shape (n, n)
 
     @classmethod
@@ -388,7 +388,7 @@ class UnitProgram:
 def _unit_form(A: Array) -> tuple[Array, Array]:
     """M and ``M^T A M``, which is the identity with zeros in the rows of rigid motions."""
     try:
-        rigid = 1e-10  # motions with less stiffness, over the diagonal, are rigid
+        rigid = 1e-10  # motions with less stiffness, relative to the diagonal, are rigid
         L = cholesky(A, lower=True)
         if np.all(np.diag(L) ** 2 > rigid):
             return solve_triangular(L, np.eye(A.shape[0]), lower=True).T, np.eye(A.shape[0])

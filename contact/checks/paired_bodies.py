@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 class PairedBody(ABC):
-    """Forces of a body as `Pairs` of shape (ndofs,), for checks with twice the digits."""
+    """Forces of a body as `Pairs` of shape (ndofs,), in twice the working precision."""
 
     host: Any  # the body on the host, for scales in float64
 
@@ -50,7 +50,7 @@ class PairedBody(ABC):
 
 
 def paired_body(body: Any) -> PairedBody:
-    """A body for checks in pairs; raises InputError for a kind of body that has none."""
+    """The `PairedBody` of a body; raises InputError for an unsupported kind."""
     if isinstance(body, BasisSolid):
         return PairedBasisBody(body)
     if isinstance(body, LayeredBlock):
@@ -107,11 +107,11 @@ class PairedBlock(PairedBody):
         self._length = np.tile([1.0, 1.0] + [block.cell_size] * 4, block.ndofs // PER_NODE)
 
     def internal(self, u: Array) -> Pairs:
-        """Internal forces of a displacement, in every cell relative to its first node."""
+        """Internal forces, from displacements relative to the first node of each cell."""
         block = self.host
         nodes = u.reshape(block.node_rows, -1, PER_NODE)
         forces = Pairs.zeros(nodes.shape)
-        # The forces of 2^12 cells are kept at a time.
+        # Process 2^12 cells at a time.
         for K, corners in block.stiffness.strips(max(1, 2**12 // block.columns)):
             cells = np.concatenate([nodes[c] for c in corners], axis=2)
             first = np.tile(nodes[corners[0]] * (np.arange(PER_NODE) < 2), 4)
@@ -149,8 +149,8 @@ def _largest(x: Array) -> float:
 
 def strained_forces(body: Any, u: Array) -> Pairs:
     r"""Internal forces :math:`\int \sigma(u) : \nabla v` of slender cells, shape (ndofs,).
-    As `contact.body.cell_strains`, but no sum is rounded to float64; the first node of a cell takes
-    the rest of the resultant, which is zero."""
+    As `contact.body.cell_strains`, but no sum is rounded to float64; the force on a cell's first
+    node makes the resultant zero."""
     basis, dim = body.basis, body.dim
     dofs, measure = basis.element_dofs.T, body.measure
     local = u[dofs].reshape(len(dofs), -1, dim)
@@ -177,7 +177,7 @@ def strained_forces(body: Any, u: Array) -> Pairs:
             found[:, :, 0] = found[:, :, 0] + ring
         forces[some] = found
 
-    in_ranges(work, len(dofs), 2**9)  # gradients of so many cells are kept at a time
+    in_ranges(work, len(dofs), 2**9)  # cells per batch
     places = dofs.ravel(), np.arange(dofs.size)
     scatter = sparse.csr_array((np.ones(dofs.size), places), shape=(u.size, dofs.size))
     return rows_times(scatter, forces.reshape(-1))

@@ -22,11 +22,10 @@ from skfem_adini.ground.arguments import numbers
 def recheck(result: ContactResult, tol: float | None = None) -> dict[str, float]:
     r"""Compute the certificate of a result anew, on the host and in twice the working precision.
 
-    The residuals have the names and scales of ``result.kkt``, so that both can stand side by side.
-    They are computed by other code and in other arithmetic, wherever the result comes from: all
-    sums that cancel are formed in pairs of float64, of about 32 digits (`contact.arrays.pairs`).
-    What is left is the residual of the numbers u, mu and t as they are stored, while that of
-    ``result.kkt`` includes the rounding of its own sums.
+    The residuals have the names and scales of ``result.kkt``, for comparison. They are computed by
+    independent code: all sums that cancel are formed in pairs of float64, of about 32 digits
+    (`contact.arrays.pairs`). They are the residuals of the stored numbers u, mu and t, while those
+    of ``result.kkt`` include the rounding of their own sums.
 
     ==================  ============================================================================
     equilibrium         ``S u + G^T mu + T^T t - f`` at the free unknowns; S is the matrix of the
@@ -139,7 +138,7 @@ class PairedResiduals:
         return kkt
 
     def _relative(self) -> tuple[Pairs, Pairs]:
-        """Displacement relative to obstacles, the tangential one since the last step."""
+        """Displacement relative to obstacles; the tangential one since the last step."""
         rows, motion = self.rows, self.system.motion
         u_n = rows_times(rows.G, self.u)
         u_t = rows_times(rows.T, self.u)
@@ -153,7 +152,8 @@ class PairedResiduals:
         return u_n, u_t if self.system.slip_from is None else u_t - self.system.slip_from
 
     def _contact(self, through: Array) -> dict[str, float]:
-        """The contact law; on compliant surfaces how far forces are off the curve."""
+        """Residuals of the contact law; on compliant surfaces the deviation of forces from the
+        curve."""
         mu, size, length, free = self.mu, self.size, self.length, self.free
         force = np.maximum(np.abs(mu) - self.noise, 0.0) / size
         found = {
@@ -200,7 +200,7 @@ class _BodyForces:
     def __init__(self, body: PairedBody, u: Array, contact: Pairs, load: Array) -> None:
         self.body, self.u, self.contact, self.load = body, u, contact, load
         self.reach = float(body.host.largest_displacement(u))
-        self.left = body.internal(u) + contact - load  # reactions, and what is out of balance
+        self.left = body.internal(u) + contact - load  # reactions, and the residual at free dofs
 
     def equilibrium(self) -> tuple[float, float]:
         """Largest residual force, and the largest sum of moduli of the forces there."""
@@ -213,7 +213,7 @@ class _BodyForces:
         reactions = body.at_supports(self.left)
         loads = body.total(Pairs.of(np.abs(load))).rounded
         given = loads + body.total(abs(self.contact)).rounded
-        if not np.any(given):  # supports alone hold each other
+        if not np.any(given):  # only support reactions, which balance each other
             return 0.0
         size = _largest(given + body.total(abs(reactions)).rounded)
         left = _largest(body.total(reactions - self.contact + load).rounded) / size

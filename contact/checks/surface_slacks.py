@@ -33,7 +33,7 @@ class SurfaceSlacks:
 
     @classmethod
     def of(cls, system: ContactSystem) -> Self:
-        """The slacks of all points that have a law; none where contact is hard."""
+        """The slacks of all points with a law; none for hard contact."""
         rows = system.rows
         part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
         soft = np.isfinite(rows.gap) & ~rows.ties
@@ -57,7 +57,7 @@ class SurfaceSlacks:
 
     @property
     def start(self) -> tuple[Index, Array]:
-        """Points that have a law, and h(0) of each, which is where its first piece begins."""
+        """Points with a law, and h(0) of each, where its first piece begins."""
         points, first = np.unique(self.point, return_index=True)
         return points, self.begin[first]
 

@@ -53,9 +53,8 @@ class Uniqueness:
     proven : bool
         No other solution exists.
     coefficient : float
-        F*: below it Coulomb's law has one solution, whatever the loads and the gap. ``inf`` for
-        given friction, and without friction; 0 where nothing is known, which is so for a body
-        held by contact alone and for driven obstacles.
+        F*: below it Coulomb's law has one solution, for any loads and gap. ``inf`` for given or no
+        friction; 0 if unknown, as for a body supported by contact alone and for driven obstacles.
     others : tuple of ContactResult
         Certified solutions that differ from the one given and from each other.
 
@@ -168,7 +167,7 @@ def unique_below(problem: BoundaryProblem) -> float:
     tangent = tangent[W.diagonal()[tangent] > 0]
     if normal.size == 0 or tangent.size == 0:
         return np.inf
-    if ties.any():  # the compliance of a body that is held at its bonded points
+    if ties.any():  # compliance of a body fixed at its bonded points
         at = np.concatenate((problem.normal[ties], problem.tangent[ties].ravel()))
         at = at[at >= 0]
         at = at[W.diagonal()[at] > 0]

@@ -1,4 +1,4 @@
-"""Work on the host in another thread while the library of a sparse solver factors a body."""
+"""Work in a host thread while a sparse solver factors a body."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from contact.condensation.elimination_order import dissected_if_large, eliminati
 
 
 class BackgroundWork:
-    """Dissection of a body for a device, begun at once, then its free rigid motions.
-    The solver waits for the dissection and not for the motions."""
+    """Nested dissection of a body for a device, started at once, then its free rigid motions.
+    The solver waits only for the dissection."""
 
     def __init__(self, body: Any, on_device: bool) -> None:
         self._pool, self._body = ThreadPoolExecutor(1), body
@@ -48,6 +48,6 @@ class BackgroundWork:
 
 
 def _motions(body: Any) -> NDArray[np.float64]:
-    """The free motions, after what vectors of dofs on a device need of the host."""
+    """The free motions, after the host data for vectors on the device."""
     _ = body.lengths, body.are_values, body.picked
     return free_motions(body)

@@ -9,7 +9,7 @@ import numpy as np
 
 def sort_steps(steps: Any, order: Any, spare: Any) -> None:
     """Write the stable order of steps (n,) from 0 to 2^28 - 1, by counting their digits."""
-    bits = 14  # sorted by one pass: two take all steps up to 2^28
+    bits = 14  # sorted per pass: two passes suffice below 2^28
     count = np.empty((1 << bits) + 1, dtype=np.int64)
     mask = (1 << bits) - 1
     for k in range(order.size):
@@ -29,8 +29,8 @@ def sort_steps(steps: Any, order: Any, spare: Any) -> None:
 
 def leaves_of(steps: Any, levels: int) -> Any:
     """Number of the leaf of each cell, shape (n,): its bits are the halves that it lies in.
-    A set is cut between different steps next to the median of its longest coordinate, given in
-    steps, int32 (dim, n) below 2^28. Each coordinate is sorted once; halves keep its order."""
+    A set is cut between distinct coordinate values next to the median of its longest extent;
+    `steps` are integer coordinates, int32 (dim, n) below 2^28, sorted once."""
     dim, n = steps.shape
     orders, spare = np.empty((dim, n), dtype=np.int32), np.empty(n, dtype=np.int32)
     for a in range(dim):
@@ -99,7 +99,7 @@ def spans_of(leaf: Any, cells: Any, n: int) -> Any:
 
 
 def order_of(keys: Any, count: int) -> Any:
-    """``numpy.argsort(keys, kind="stable")`` of whole numbers below a count, by counting."""
+    """``numpy.argsort(keys, kind="stable")`` of integers below a count, by counting."""
     begin = np.zeros(count + 1, dtype=np.int64)
     for key in keys:
         begin[key + 1] += 1

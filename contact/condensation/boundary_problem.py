@@ -13,7 +13,7 @@ Index = NDArray[np.int64]
 
 
 class Compliance(Protocol):
-    """Laws ``u_n - d = h(mu)`` of compliant surfaces, in the scale of a problem."""
+    """Laws ``u_n - d = h(mu)`` of compliant surfaces, in scaled units."""
 
     def closest(self, q: Array) -> tuple[Array, Array, Array]:
         """The mu with ``mu + h(mu) = q``, h and its derivative there, shape (m,)."""
@@ -38,8 +38,8 @@ class BoundaryProblem:
     tangent: Index  # rows of the tangents, -1 where prescribed, shape (m, dim - 1)
     prescribed_slip: Array  # tangential displacement where prescribed, (m, dim - 1)
     K: Array | None = None  # stiffness of motions that are not rigid, C^T l + K a = s, (k, k)
-    bonded: NDArray[np.bool_] | None = None  # u_n = d, u_t = 0 whatever the forces, shape (m,)
-    compliance: Compliance | None = None  # u_n - d = h(mu) takes the place of u_n = d
+    bonded: NDArray[np.bool_] | None = None  # u_n = d, u_t = 0 for any forces, shape (m,)
+    compliance: Compliance | None = None  # u_n - d = h(mu) replaces u_n = d
     swept: NDArray[np.bool_] | None = None  # one of two slips is prescribed: cannot stick, (m,)
 
     @property
@@ -53,7 +53,7 @@ class BoundaryProblem:
 
     @property
     def can_touch(self) -> NDArray[np.bool_]:
-        """Points with a live normal row and an obstacle within reach, shape (m,)."""
+        """Points with a live normal row and a finite gap, shape (m,)."""
         return (self.normal >= 0) & np.isfinite(self.gap)
 
     def zeros(self) -> tuple[Array, Array]:
@@ -79,7 +79,7 @@ class BoundaryProblem:
         return np.where(self.can_touch, u_n - self.gap, -np.inf)
 
     def residual_size(self, mu: Array, t: Array) -> float:
-        """Scale of residuals: the largest force, at least 1e-12 of the data that cause forces."""
+        """Scale of residuals: the largest force, at least 1e-12 times the size of the data."""
         overlap = np.maximum(-self.gap, 0.0)
         if self.compliance is not None:
             overlap = np.maximum(-self.gap - self.compliance.start, 0.0)

@@ -25,8 +25,8 @@ _log = logging.getLogger(__name__)
 
 class _Limits(NamedTuple):  # contact rows up to which the compliance is a dense matrix
     rows: int = 25_000  # 5 GB; beyond, Krylov's method
-    columns: int = 5_000  # where each column costs a solution, and Krylov's method needs fewer
-    alone: int = 300  # where a device solves for one column at a time, deterministically
+    columns: int = 5_000  # if each column costs a solution
+    alone: int = 300  # if a device deterministically solves for one column at a time
 
 
 LIMITS = _Limits()
@@ -44,7 +44,7 @@ def condense(body: Solid, rows: BodyRows, solver: str, device: str) -> Condensed
 def _by_factorisation(body: BasisSolid, rows: BodyRows, solver: str, device: str) -> CondensedBody:
     if device == "cpu":
         return SparseBody(body, rows, solver)
-    if solver != "auto":  # beside a body of layers
+    if solver != "auto":  # layers take no solver
         raise _refused(solver, device)
     return SparseBody(body, rows, arrays=arrays_on(device))
 
@@ -52,9 +52,9 @@ def _by_factorisation(body: BasisSolid, rows: BodyRows, solver: str, device: str
 def solved(
     body: BasisSolid, rows: BodyRows, solver: str, device: Device, deterministic: bool = False
 ) -> SolvedBody:
-    """A body of which nothing is eliminated; its compliance follows from solutions.
+    """A body without elimination, whose compliance comes from solutions.
     Several devices, "cuda:0" and so on, share the factors; if `deterministic`, a device refuses
-    what it cannot do in the same bits at each call."""
+    operations that are not bitwise reproducible."""
     if device == "cpu":
         return SolvedBody(body, rows, solver)
     several = None if isinstance(device, str) else tuple(int(word[5:]) for word in device)
@@ -64,7 +64,7 @@ def solved(
 
 
 def repeatable(body: Solid, rows: BodyRows, solver: str, device: str) -> CondensedBody:
-    """A body condensed on a device with the same bits at each call.
+    """A body condensed on a device, bitwise reproducibly.
     cuDSS has no deterministic Schur complement, so that bodies with a Basis use solutions."""
     if isinstance(body, BasisSolid):
         return solved(body, rows, solver, device, deterministic=True)
@@ -74,7 +74,7 @@ def repeatable(body: Solid, rows: BodyRows, solver: str, device: str) -> Condens
 def choose_condensation(
     bodies: Sequence[Solid], rows: int, solver: str, device: Device, deterministic: bool
 ) -> tuple[Any, bool]:
-    """The function that condenses bodies with so many rows, and whether their compliance is dense.
+    """The function that condenses bodies with `rows` rows, and whether their compliance is dense.
     Raises InputError for several devices with `deterministic` or without an assembled stiffness,
     and for a solver of the host with such a stiffness on a device."""
     way: Any = solved
@@ -103,7 +103,7 @@ def choose_condensation(
 
 
 def _fits(rows: int, device: str) -> bool:
-    """Whether the dense compliance and the complement that it is made of fit into a device."""
+    """Whether the dense compliance and the Schur complement fit into the device's memory."""
     room = None if device == "cpu" else arrays_on(device).room()
     return room is None or 16 * rows**2 <= room
 

@@ -1,4 +1,4 @@
-"""One body, condensed onto the unknowns of it that contact rows touch."""
+"""One body, condensed onto its unknowns that occur in contact rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class BodyRows:
 
     normal: sparse.csr_array  # shape (k, ndofs)
     tangential: sparse.csr_array  # shape (l, ndofs)
-    keep: sparse.csr_array | None = None  # (1, ndofs), entries at dofs kept for later rows
+    keep: sparse.csr_array | None = None  # (1, ndofs), nonzero at dofs kept for later rows
 
     @property
     def count(self) -> int:
@@ -40,16 +40,16 @@ class CondensedBody:
     """The Schur complement S_b of a body's unknowns in contact rows, factored once.
     A subclass computes the complement, sets the attributes and calls `_hold`."""
 
-    arrays: HostArrays = HostArrays()  # where the dense matrices lie
+    arrays: HostArrays = HostArrays()  # device of the dense matrices
     body: Any
-    B: sparse.csr_array  # contact rows in the unknowns that they touch, shape (n, nb)
+    B: sparse.csr_array  # contact rows on the boundary unknowns, shape (n, nb)
     N: Array  # orthonormal free rigid motions of these unknowns, shape (nb, k)
     modes: Array  # the same motions of all unknowns
-    slender: bool = False  # cells are so thin that digits are lost
-    thin: bool  # the body is so thin that digits are lost
+    slender: bool = False  # cells so thin that digits are lost
+    thin: bool  # body so thin that digits are lost
     path = "sparse"  # how the complement is computed: "sparse", "slabs" or "fourier"
-    always_refined = True  # or only where the forces of a displacement are out of balance
-    serial = True  # a second thread of BLAS gains nothing, see `CondensedContact.blas_threads`
+    always_refined = True  # False: refine only displacements out of balance
+    serial = True  # a second BLAS thread gains nothing, see `CondensedContact.blas_threads`
     _P: sparse.csr_array
     _factor: Any
     _boundary: NDArray[np.int64]
@@ -57,7 +57,7 @@ class CondensedBody:
     _lifted: Array | None
 
     def _prescribe(self, body: Any) -> None:
-        """Take over the body with its prescribed displacements."""
+        """Store the body with its prescribed displacements."""
         raise NotImplementedError
 
     def under(self, body: Any) -> CondensedBody:
@@ -67,7 +67,7 @@ class CondensedBody:
         return other
 
     def _touch(self, rows: BodyRows) -> sparse.csr_array:
-        """Rows in all unknowns, from normal and tangential ones; sets which unknowns they touch."""
+        """Stack normal and tangential rows on all unknowns, and set the boundary unknowns."""
         B = self._in_unknowns(rows)
         kept = [] if rows.keep is None else [(rows.keep @ self._P).indices]
         self._boundary = np.unique(np.concatenate([B.indices, *kept])).astype(np.int64)
@@ -87,7 +87,8 @@ class CondensedBody:
         return other
 
     def _hold(self, N: Array, modes: Array) -> None:
-        """Factor S_b, holding free rigid motions, given on its unknowns (N) and on all (modes)."""
+        """Factor S_b with springs on the free rigid motions, on its unknowns (N) and all
+        (modes)."""
         if N.shape[1]:
             N, R = np.linalg.qr(N)
             modes = np.linalg.solve(R.T, modes.T).T
@@ -95,7 +96,7 @@ class CondensedBody:
         self._invert()
 
     def _invert(self) -> None:
-        """Prepare products with the inverse of the stiffness, whose free motions springs hold."""
+        """Prepare products with the inverse of the stiffness plus springs on free motions."""
         self._L, self.thin = held_factor(self.arrays, self.scaled_schur, self.N)
 
     @property
@@ -115,7 +116,7 @@ class CondensedBody:
         return np.asarray(arrays.get(arrays.solve(self._L, half, transposed=True)))[:, 0]
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
+        """Work of a load on the rigid motions, from the load before condensation."""
         if not self.modes.shape[1]:
             return np.zeros(0)
         work: Array = self.modes.T @ (self._P.T @ load)
@@ -131,7 +132,7 @@ class CondensedBody:
         return np.asarray(self.arrays.get(self.scaled_schur()))
 
     def placed(self, v: Any) -> Any:
-        """A vector of all dofs where this condensation and its body compute."""
+        """Move a vector of all dofs to the device of this condensation."""
         return v
 
     def prescribed(self) -> Array:
@@ -143,21 +144,21 @@ class CondensedBody:
         return self.carried(self._from_rest(load))
 
     def carried(self, forces: Array) -> Array:
-        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
+        """Forces on all dofs, condensed with zero supports onto the boundary's unknowns, (nb,)."""
         carried: Array = self._factor.reduce(self._gathered(forces))
         return carried
 
     def _gathered(self, forces: Array) -> Any:
-        """``P^T f`` where the factors take it."""
+        """``P^T f`` on the device of the factors."""
         return self._P.T @ forces
 
     def _spread(self, z: Any) -> Array:
-        """``P z`` of what the factors return."""
+        """``P z`` of a solution of the factors."""
         return np.asarray(self._P @ z)
 
     @property
     def boundary_columns(self) -> sparse.csr_array:
-        """Displacement of all dofs for unit unknowns of the boundary, without elimination."""
+        """Displacement of all dofs for unit boundary unknowns, with zero inner ones."""
         return sparse.csr_array(self._P[:, self._boundary])
 
     def restrict(self, rows: sparse.csr_array) -> Array:
@@ -171,25 +172,25 @@ class CondensedBody:
         return u if self._u0 is None else u + self._u0
 
     def moved(self, forces: Array, z_b: Array) -> Array:
-        """Displacement of all dofs under forces on them and supports at rest."""
+        """Displacement of all dofs under forces, with zero supports."""
         return self._spread(self._factor.expand(self._gathered(forces), z_b))
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
-        """Residual forces on free dofs; None where refinement gains nothing.
-        `rest` is the load less the contact forces, shape (ndofs,)."""
+        """Residual forces on free dofs; None if refinement gains nothing.
+        `rest` is the load minus the contact forces, shape (ndofs,)."""
         return None
 
     def motion_of(self, motion: Array) -> tuple[str, Array]:
-        """Name and all dofs of a rigid motion in free unknowns."""
+        """Name, and displacement of all dofs, of a rigid motion given on free unknowns."""
         u: Array = self._P @ motion
         return describe_motion(self.body, u), u
 
     def _from_rest(self, load: Array) -> Array:
-        """The load less the forces that prescribed displacements cause."""
+        """The load minus the internal forces of the prescribed displacements."""
         return load if self._lifted is None else load - self._lifted
 
     def _refuse(self, motion: Array | None) -> None:
-        """Raise the error that names a motion that is neither supported nor seen by contact."""
+        """Raise the error for a motion that neither supports nor contact rows resist."""
         if motion is not None:
             raise not_held(self.body, *self.motion_of(motion))
 
@@ -197,9 +198,9 @@ class CondensedBody:
 def held_factor(arrays: HostArrays, stiffness: Callable[[], Any], N: Array) -> tuple[Any, bool]:
     """Factor of ``S_b + rho N N^T``, and whether bending is far softer than compression.
     `stiffness` returns a new copy of S_b (nb, nb); N (nb, k) are the free rigid motions. Raises
-    InputError where the matrix is indefinite by more than rounding."""
+    InputError if the matrix is indefinite by more than rounding."""
     on_device = arrays.put(N)
-    # Multiples of the mean stiffness are added to the diagonal, as rounding may make that of a thin
+    # Multiples of the mean stiffness to add to the diagonal, since rounding may make S_b of a thin
     # body indefinite. Shifted solutions only start `contact.problem.stiffness_form`.
     for shift in (0.0, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9):
         S = stiffness()
@@ -211,7 +212,7 @@ def held_factor(arrays: HostArrays, stiffness: Callable[[], Any], N: Array) -> t
         with suppress(np.linalg.LinAlgError):
             L = arrays.cholesky(S)
             pivots = arrays.get(L.diagonal()) ** 2
-            # Bending is so soft below this ratio that compression loses digits.
+            # Below this stiffness ratio of bending to compression, compression loses digits.
             return L, bool(pivots.size and pivots.min() < 1e-6 * pivots.max())
     raise InputError(
         "stiffness: the condensed stiffness is not positive definite; the material or the mesh is "

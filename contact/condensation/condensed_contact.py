@@ -26,21 +26,20 @@ from contact.rows.contact_rows import ContactRows
 class CondensedBodies:
     """Operations body by body: loads reduced to the boundary, displacements recovered."""
 
-    body: Any  # a Solid, or several together as Bodies
+    body: Any  # a Solid, or several as Bodies
     rows: ContactRows
     parts: tuple[CondensedBody, ...]
     _unit: float  # physical displacement of a unit motion a
 
     @property
     def always_refined(self) -> bool:
-        """Whether each displacement gets a step of refinement, that of some body at least."""
+        """Whether some body requires a refinement step for each displacement."""
         return any(part.always_refined for part in self.parts)
 
     def unbalanced(self, load: Any, u: Any, mu: Array, t: Array) -> Any:
-        """Forces on free dofs that nothing balances, or None where refinement gains nothing.
+        """Residual forces on free dofs, or None if refinement gains nothing.
 
-        Loads and displacements of all dofs are given and returned where the body computes, see
-        `Solid.placed`.
+        Loads and displacements of all dofs are on the device of the body, see `Solid.placed`.
         """
         rest = load - self.body.contact_forces(self.rows, mu, t)
         each = [
@@ -57,7 +56,7 @@ class CondensedBodies:
         )
 
     def placed(self, v: Array) -> Any:
-        """A vector of all dofs where a single body computes; on the host for several."""
+        """Move a vector of all dofs to the device of a single body; to the host for several."""
         return self.parts[0].placed(v) if len(self.parts) == 1 else v
 
     def fetched(self, v: Any) -> Array:
@@ -78,7 +77,7 @@ class CondensedBodies:
         return np.concatenate([part.flexed(own) for part, own in pairs])
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
+        """Work of a load on the rigid motions, from the load before condensation."""
         pairs = zip(self.parts, self._split(load), strict=True)
         return self._unit * np.concatenate([part.resultants(own) for part, own in pairs])
 
@@ -93,7 +92,7 @@ class CondensedBodies:
         return np.concatenate([part.reduce(own) for part, own in pairs])
 
     def carried(self, forces: Array) -> Array:
-        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
+        """Forces on all dofs, condensed with zero supports onto the boundary's unknowns, (nb,)."""
         pairs = zip(self.parts, self._split(forces), strict=True)
         return np.concatenate([part.carried(own) for part, own in pairs])
 
@@ -103,7 +102,7 @@ class CondensedBodies:
         return np.hstack([part.restrict(rows[:, own]) for part, own in pairs])
 
     def restricted_columns(self, matrix: sparse.csr_array) -> sparse.csr_array:
-        """Transpose of forces on all dofs, in those that work on the boundary's unknowns.
+        """Transposed force vectors on all dofs, restricted to the boundary's unknowns.
 
         Parameters
         ----------
@@ -125,12 +124,12 @@ class CondensedBodies:
         return together([part.expand(own, z) for part, own, z in trios])
 
     def moved(self, forces: Array, z_b: Array) -> Array:
-        """Displacement of all dofs under forces on them and supports at rest."""
+        """Displacement of all dofs under forces, with zero supports."""
         trios = zip(self.parts, self._split(forces), self._of_boundary(z_b), strict=True)
         return together([part.moved(own, z) for part, own, z in trios])
 
     def rigid_motion(self, a: Array) -> tuple[str, Array]:
-        """Name and all dofs of the bodies' part of a motion a of the boundary problem.
+        """Name, and displacement of all dofs, of the bodies' part of a motion a.
 
         If several bodies move, the name is that of the largest motion.
         """
@@ -153,7 +152,7 @@ class CondensedBodies:
 
 
 def together(each: list[Any]) -> Any:
-    """Values on all dofs from those of each body; of one body they may lie on a device."""
+    """Values on all dofs from those of each body; for one body possibly on a device."""
     return each[0] if len(each) == 1 else np.concatenate(each)
 
 
@@ -163,10 +162,8 @@ Array = NDArray[np.float64]
 class CondensedContact(CondensedBodies):
     """The bodies and their contact rows, reduced to a dense problem on the contact boundary.
 
-    Everything here depends on the stiffness, the supports and the rows alone; loads, gaps and
-    friction come later, so one condensation serves a whole load history.
-
-    `ContactProblem.condense` creates and caches it.
+    It depends on the stiffness, the supports and the rows only, not on loads, gaps and friction, so
+    one condensation serves a whole load history. `ContactProblem.condense` creates and caches it.
 
     Parameters
     ----------
@@ -178,7 +175,7 @@ class CondensedContact(CondensedBodies):
         Where S_b and W are computed and the boundary problem is solved; ("cuda:0", "cuda:1") for
         devices that share the factors.
     keep : csr_array, shape (1, ndofs), optional
-        Has entries at dofs that are kept for other rows, see `touched_by`.
+        Nonzero at dofs that are kept for other rows, see `touched_by`.
     deterministic : bool
         Whether equal calls give equal bits on a device.
 
@@ -191,7 +188,7 @@ class CondensedContact(CondensedBodies):
     N : ndarray, shape (nb, k)
         Rigid motions of the boundary that no support resists.
     slender, thin : bool
-        Cells, or the body, are so thin that digits are lost.
+        Whether cells, or the body, are so thin that digits are lost.
 
     Raises
     ------
@@ -204,10 +201,10 @@ class CondensedContact(CondensedBodies):
 
     Notes
     -----
-    With the contact boundary's unknowns z_b (those that a row touches) and their Schur complement
-    S_b, the compliance of the rows B is ``W = B S_b^-1 B^T``. A body held by contact alone has
-    rigid motions N with S_b N = 0: then S_b + rho N N^T takes the place of S_b, and the motion N a
-    is an unknown of its own, with the balance of loads ``N^T (r - B^T l) = 0``.
+    With the contact boundary's unknowns z_b (those in contact rows) and their Schur complement
+    S_b, the compliance of the rows B is ``W = B S_b^-1 B^T``. A body supported by contact alone has
+    rigid motions N with S_b N = 0: then S_b + rho N N^T replaces S_b, and the amplitudes a of the
+    motion N a are unknowns, with the load balance ``N^T (r - B^T l) = 0``.
 
     References
     ----------
@@ -273,7 +270,7 @@ class CondensedContact(CondensedBodies):
         return other
 
     def _take(self, body: Any, rows: ContactRows, keep: sparse.csr_array | None) -> list[BodyRows]:
-        """Take over the rows; returns the columns of each body in the live ones."""
+        """Store the rows; return the columns of each body in the live rows."""
         self.rows = rows
         normal, tangential = self._choose(
             rows, body.unconstrained(rows.G), body.unconstrained(rows.T)
@@ -301,15 +298,15 @@ class CondensedContact(CondensedBodies):
                 "fix less of it or choose another contact boundary"
             )
         normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
-        # A component of the slip that supports prescribe still affects the direction of friction,
-        # and friction there acts on obstacles: its row is kept, without compliance.
+        # A prescribed slip component affects the direction of friction, which acts on the obstacle:
+        # keep its row, with zero compliance.
         alive = live_t.reshape(live_n.size, -1)
         half: NDArray[np.bool_] = ~alive & np.any(alive, axis=1, keepdims=True)
         self._half_held, self._stiff = half, ~alive & self._keeps_stiff
         seen = self._stiff.ravel() | live_t
         number = live_n.sum() + np.cumsum(seen) - 1
         self.points = PointRows(normal, np.where(seen, number, -1).reshape(alive.shape))
-        # A product with a diagonal would make vectors of all columns, the dofs of the body.
+        # Avoid a product with a diagonal matrix of all dofs.
         of_entry = np.repeat(live_t.astype(float), np.diff(rows.T.indptr))
         tangents = sparse.csr_array(
             (of_entry * rows.T.data, rows.T.indices, rows.T.indptr), shape=rows.T.shape
@@ -332,7 +329,7 @@ class CondensedContact(CondensedBodies):
         return other
 
     def _condense(self) -> None:
-        """The compliance of the rows, the sum of those of the bodies."""
+        """Compute the compliance of the rows, the sum of those of the bodies."""
         self._arrays = self.parts[0].arrays
         if self._dense:
             self._add_up()
@@ -340,13 +337,13 @@ class CondensedContact(CondensedBodies):
             guess = guessed_diagonal(self.parts)
             self._scale = self.points.lengths(guess)
             self._W = FactorCompliance(self.parts, self._scale)
-        # With this factor the balance of loads is in the units of scaled forces.
+        # This factor gives the load balance the units of scaled forces.
         self._unit = float(np.mean(self._scale))
         self.N = block_diag(*[part.N for part in self.parts]) * self._unit
         self._C = (self.B @ self.N) / self._scale[:, None]
 
     def _add_up(self) -> None:
-        """Compute the dense compliance, in the units of each point's own."""
+        """Compute the dense compliance, scaled by the compliance of each point."""
         arrays = self._arrays
         self._refuse_large(arrays.room())
         W = self.parts[0].compliance()
@@ -364,7 +361,7 @@ class CondensedContact(CondensedBodies):
         self._W = arrays.matrix(W)
 
     def _refuse_large(self, room: int | None) -> None:
-        """Raise a `ContactError` where the compliance and what it is made of exceed the room."""
+        """Raise a `ContactError` if the compliance and the Schur complement exceed the memory."""
         n, unknowns = self.B.shape[0], max(part.order for part in self.parts)
         needed = 8 * n * (n + unknowns)
         if room is not None and needed > room:
@@ -413,7 +410,7 @@ class CondensedContact(CondensedBodies):
         ------
         Infeasible
             A point whose normal displacement is prescribed lies behind the obstacle, or supports
-            displace a bonded one.
+            displace a bonded point.
         InputError
             A bonded point without a gap.
         """
@@ -448,7 +445,7 @@ class CondensedContact(CondensedBodies):
         if slip_from is not None:
             fixed_t = fixed_t - slip_from
             largest = max(largest, float(np.abs(slip_from).max(initial=0.0)))
-        # Prescribed slips this small, relative to the displacements, are rounding.
+        # Smaller prescribed slips, relative to the displacements, are rounding.
         fixed_t = np.where(self._stiff & (np.abs(fixed_t) <= 1e-12 * largest), 0.0, fixed_t)
         prescribed, ties = self.points.normal < 0, self.rows.ties
         # Rounding of the coordinates.
@@ -479,9 +476,9 @@ class CondensedContact(CondensedBodies):
     def rubbing(self, fixed_t: Array, motion: ObstacleMotion | None) -> NDArray[np.int64]:
         """Rows of tangents whose forces are unknowns, -1 for the others, shape (m, dim - 1).
 
-        Where the whole slip is prescribed, friction follows from the normal force and acts on
-        supports alone, see `ContactSystem.with_held_points`. Along a component without slip it
-        cannot be told apart from their reactions.
+        If the whole slip is prescribed, friction follows from the normal force and acts on supports
+        only, see `ContactSystem.with_held_points`; along a component without slip it cannot be
+        distinguished from their reactions.
 
         Parameters
         ----------
@@ -498,14 +495,15 @@ class CondensedContact(CondensedBodies):
     def swept(
         self, tangent: NDArray[np.int64], fixed_t: Array, motion: ObstacleMotion | None
     ) -> NDArray[np.bool_] | None:
-        """`BoundaryProblem.swept`, of the rows that `rubbing` has; None without such points."""
+        """`BoundaryProblem.swept` for the rows of `rubbing`; None if there are no such points."""
         given = self._stiff & (tangent >= 0) & (fixed_t != 0.0) & ~self.rows.ties[:, None]
         if motion is not None and np.any(motion.free):
             given &= ~motion.drags
         return given.any(axis=1) if given.any() else None
 
     def driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
-        """Columns of C for the free motions of obstacles, and physical over scaled motion."""
+        """Columns of C for the free motions of obstacles, and the ratio of physical to scaled
+        motion."""
         if motion is None or not np.any(motion.free):
             return np.zeros((scale.size, 0)), np.zeros(0)
         free, R = motion.free, np.zeros((scale.size, int(motion.free.sum())))
@@ -529,7 +527,7 @@ class CondensedContact(CondensedBodies):
         return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
 
     def obstacle_motion(self, motion: ObstacleMotion | None, forces: Forces) -> Array | None:
-        """Motions of the obstacles in physical units, prescribed and found, shape (k,)."""
+        """Motions of the obstacles in physical units, prescribed and computed, shape (k,)."""
         if motion is None:
             return None
         found = motion.prescribed.copy()
@@ -538,20 +536,20 @@ class CondensedContact(CondensedBodies):
 
     @property
     def path(self) -> str:
-        """How the bodies were condensed: "sparse", "slabs" or "fourier", of several one each."""
+        """Condensation method, "sparse", "slabs" or "fourier", one for each of several bodies."""
         return ", ".join(part.path for part in self.parts)
 
     def blas_threads(self) -> AbstractContextManager[None]:
-        """Threads of BLAS while a problem is solved, recovered and certified.
+        """BLAS threads while a problem is solved, recovered and certified.
 
-        Its vectors are long and its matrices small: a second thread gains nothing there, and would
-        contend with PARDISO's for the cores.
+        Matrices are small: a second thread gains nothing and would compete with PARDISO's for
+        cores.
         """
         serial = any(part.serial for part in self.parts)
         return one_blas_thread(self.size) if serial else nullcontext()
 
     def moves_obstacle(self, a: Array) -> bool:
-        """Whether a motion a of the boundary problem is one of an obstacle, not of the body."""
+        """Whether a motion a moves an obstacle, not the body."""
         k = self.N.shape[1]
         return bool(np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0))
 
@@ -561,10 +559,10 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class PointRows:
-    """Numbers of the live rows, those that supports do not prescribe entirely."""
+    """Numbers of the live rows, those not entirely prescribed by supports."""
 
     normal: Index  # row of each point's normal, -1 where prescribed, shape (m,)
-    tangent: Index  # rows of the tangents, -1 where wholly prescribed, shape (m, dim - 1)
+    tangent: Index  # rows of the tangents, -1 if wholly prescribed, shape (m, dim - 1)
 
     def stacked(self, of_normal: Array, of_tangent: Array) -> Array:
         """Stack values of points, shapes (m,) and (m, dim - 1), on the live rows, shape (n,)."""
@@ -575,9 +573,9 @@ class PointRows:
         return values
 
     def lengths(self, compliance: Array) -> Array:
-        """Root of the mean compliance of the rows of each point, on all its rows, shape (n,).
-        One value a point keeps its friction ball a ball; rows without compliance do not count, and
-        a point without any other has the value one."""
+        """Root of the mean compliance of each point's rows, repeated on its rows, shape (n,).
+        One value per point preserves the shape of the friction ball; rows without compliance are
+        ignored, and a point with no others has the value one."""
         rows = np.column_stack((self.normal, self.tangent))
         own = np.where(rows >= 0, compliance[rows], 0.0)
         count = np.maximum((own > 0).sum(axis=1), 1)

@@ -14,11 +14,11 @@ from contact.errors import InputError, MissingDependency
 
 _log = logging.getLogger(__name__)
 Device = str | tuple[str, ...]  # "cpu", "cuda", or "cuda:0" and so on for several
-LARGE = 100_000  # unknowns from which a device is quicker although its libraries start in 3 s
+LARGE = 100_000  # unknowns from which a device is faster despite 3 s to load its libraries
 
 
 def chosen_device(device: Any, body: Any, solver: str) -> Device | None:
-    """Check the name of a device, or several that share the factors; choose for "auto" and log why.
+    """Check device names, several if they share the factors; choose for "auto" and log why.
     Raises InputError for another name, or the same device twice."""
     if device is None:
         return None

@@ -29,9 +29,9 @@ Tree = Blocks | Callable[[], Blocks | None] | None
 
 
 class DeviceSchur(ForwardCache):
-    """A `contact.condensation.schur.SchurFactor` whose complement lies on the device.
+    """A `contact.condensation.schur.SchurFactor` whose complement is on the device.
     `boundary` (nb,), ascending, is kept; `tree`, of `elimination_tree`, may be a callable. Factors
-    too large for the device lie on the host, which is logged; raises as `on_device`."""
+    too large for the device are stored on the host, with a log entry; raises as `on_device`."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class DeviceSchur(ForwardCache):
         return np.array(host(carried))
 
     def expand(self, load: Any, z_b: Vector) -> Any:
-        """Return all unknowns from the boundary's, where the load lies."""
+        """Return all unknowns from the boundary's, on the device of the load."""
         halfway, given = self._forward(load).copy(), self._cudss.placed(z_b)
         halfway[load.size - z_b.size :] = given
         z = self._cudss.backward(halfway)
@@ -66,12 +66,12 @@ class DeviceSchur(ForwardCache):
         return host(z) if isinstance(load, np.ndarray) else z
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the eliminated loads, which are in the order of these factors."""
+        """Omit the cached loads, which are in the order of these factors."""
         return {name: value for name, value in vars(self).items() if name != "_known"}
 
 
 def restricted(system: ScaledStiffness) -> Restricted | None:
-    """The matrix for a device, which forms it; None unless unknowns are dofs in ascending order."""
+    """The matrix, formed on the device; None unless unknowns are dofs in ascending order."""
     if system.free is None or np.any(np.diff(system.free) <= 0):
         return None
     placed = None if system.placed is None else system.placed.placed
@@ -79,7 +79,7 @@ def restricted(system: ScaledStiffness) -> Restricted | None:
 
 
 def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Factors:
-    """Factors by ``factored(hybrid)`` on the device, or hybrid with the host where they do not fit.
+    """Factors by ``factored(hybrid)``; in hybrid memory with the host if the device is too small.
     Raises InputError (not definite), MissingDependency (no cuDSS, CuPy or device) or ContactError
     (cuDSS fails, as for lack of memory)."""
     try:

@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 
 class CondensedDistributed(CondensedBody):
     """A `DistributedBody`, condensed by MUMPS onto the unknowns that contact rows touch.
-    Every process holds the Schur complement and solves the same boundary problem. Raises Unbounded
-    if nothing holds a motion and contact does not see it, InputError if not definite."""
+    Every process has the Schur complement and solves the same boundary problem. Raises Unbounded if
+    neither supports nor contact rows resist a motion, InputError if not definite."""
 
     def __init__(self, body: DistributedBody, rows: BodyRows, solver: str = "auto") -> None:
         z = body.unknowns
@@ -51,7 +51,7 @@ class CondensedDistributed(CondensedBody):
             self._hold(on_boundary, modes)
 
     def _schur(self, S: sparse.csr_array, solver: str) -> Any:
-        """The factor by MUMPS; on one process also by the solvers of other bodies."""
+        """The factor by MUMPS; on one process also by the solvers for a single machine."""
         body, z = self.body, self.body.unknowns
         if body.comm.size == 1 and (solver != "mumps" and not (solver == "auto" and has_petsc())):
             return schur_factor(S, self._at, partial(_banded, S), solver)
@@ -79,7 +79,7 @@ class CondensedDistributed(CondensedBody):
         return super()._in_unknowns(BodyRows(*strip))
 
     def rigid_in_unknowns(self) -> Array:
-        """Rigid motions of all of space in the own unknowns, resisted or not."""
+        """All rigid motions, supported or not, in the own unknowns."""
         z, owned = self.body.unknowns, self.body.space.owned
         picked = picked_by(z.own, self.body.lengths[0][owned])
         return np.asarray(picked.T @ self.body.rigid[owned]) / self._unit[:, None]
@@ -99,24 +99,24 @@ class CondensedDistributed(CondensedBody):
         return free
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
+        """Work of a load on the rigid motions, from the load before condensation."""
         here = self.modes.T @ self._to_own(load)
         return np.asarray(sum(self.body.comm.allgather(here)))
 
     def _to_own(self, forces: Array) -> Array:
-        """Forces on the dofs in the own unknowns."""
+        """Restrict forces on the dofs to the own unknowns."""
         own: Array = self._unit * (self.body.unknowns.own.T @ self.body.counted(forces))
         return own
 
     def carried(self, forces: Array) -> Array:
-        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
+        """Forces on all dofs, condensed with zero supports onto the boundary's unknowns, (nb,)."""
         carried: Array = self._factor.reduce(self._to_own(forces))
         return carried
 
     def moved(self, forces: Array, z_b: Array) -> Array:
-        """Displacement of all dofs under forces on them and supports at rest."""
+        """Displacement of all dofs under forces, with zero supports."""
         body = self.body
-        z_b = body.comm.bcast(z_b)  # the processes agree on every bit
+        z_b = body.comm.bcast(z_b)  # bitwise equal on all processes
         own = self._unit * self._factor.expand(self._to_own(forces), z_b)
         return self._of_own(own)
 
@@ -132,7 +132,7 @@ class CondensedDistributed(CondensedBody):
         return super().restrict(sparse.csr_array(rows[:, : self._strip]))
 
     def motion_of(self, motion: Array) -> tuple[str, Array]:
-        """Name and all dofs of a rigid motion in own unknowns."""
+        """Name, and displacement of all dofs, of a rigid motion given on own unknowns."""
         u = self._of_own(self._unit * motion)
         strip = u[: self._strip]
         return describe_motion(self.body.trace, strip), u
@@ -143,5 +143,5 @@ class CondensedDistributed(CondensedBody):
 
 
 def _banded(S: sparse.csr_array) -> NDArray[np.int64]:
-    """An elimination order that needs the matrix alone."""
+    """An elimination order computed from the matrix only."""
     return reverse_cuthill_mckee(S, symmetric_mode=True).astype(np.int64)

@@ -17,9 +17,9 @@ from skfem_adini.ground.jit import compiled
 Index = NDArray[np.int64]
 
 
-class _Limits(NamedTuple):  # of the tree for cuDSS
-    deepest: int = 10  # levels, as many as its own has
-    flattest: int = 6  # levels: with fewer it factors slower than without a tree
+class _Limits(NamedTuple):  # limits of the tree for cuDSS
+    deepest: int = 10  # levels, as many as cuDSS's own tree has
+    flattest: int = 6  # levels; with fewer, cuDSS is slower than without a tree
     unknowns: int = 20_000  # with fewer cuDSS finds its own order in milliseconds
 
 
@@ -37,7 +37,7 @@ def elimination_order(body: Any) -> Index:
 def elimination_tree(
     parts: tuple[Index, Dissection] | None, kept: Index
 ) -> tuple[Index, Index] | None:
-    """Order of elimination by levels, (n,), and the sizes of its blocks, (2**levels - 1,).
+    """Elimination order by levels, (n,), and the sizes of its blocks, (2**levels - 1,).
     Blocks are the leaves of the tree, then the separators of ever larger sets; the unknowns `kept`
     (nb,), ascending, end the last block. None for small bodies or where a block is empty."""
     if parts is None:
@@ -50,7 +50,7 @@ def elimination_tree(
         sizes = np.bincount(block, others, minlength=(1 << depth) - 1).astype(np.int64)
         sizes[-1] += kept.size
         if sizes.min() > 0:
-            # Ranks ascend with the blocks; those that are kept stay in their own order.
+            # Ranks ascend with the blocks; kept unknowns stay in their order.
             rank = np.empty(entities, dtype=np.int32)
             rank[order] = np.arange(entities)
             ranks = rank[entity]
@@ -60,7 +60,7 @@ def elimination_tree(
 
 
 def dissected_if_large(body: Any) -> tuple[Index, Dissection] | None:
-    """As `dissected`; None for a body of so few unknowns that cuDSS is quick without it."""
+    """As `dissected`; None for small bodies, for which cuDSS is fast without it."""
     return dissected(body) if body.constraint[0].shape[1] >= LIMITS.unknowns else None
 
 
@@ -77,8 +77,8 @@ def dissected(body: Any) -> tuple[Index, Dissection]:
 @dataclass(frozen=True)
 class Dissection:
     """The vertices of a mesh graph as parts of a binary tree of sets of cells.
-    A vertex belongs to the smallest set that holds all of its cells: to a leaf, or to the separator
-    of a set that is cut between its cells."""
+    A vertex belongs to the smallest set that contains all of its cells: to a leaf, or to the
+    separator of a set that is cut between its cells."""
 
     levels: int  # cuts from the whole mesh to a leaf
     height: Index  # 0 in leaves, h in the separator of a set of 2**h leaves, shape (n,)
@@ -93,9 +93,9 @@ class Dissection:
 
     def breadth_first(self, depth: int) -> tuple[Index, Index]:
         """Order of elimination, (n,), from the leaves to the largest separator, and its blocks.
-        Of the tree, `depth` levels from 1 to ``levels + 1`` are told apart; a vertex belongs to one
-        of ``2**depth - 1`` blocks, shape (n,), within which `order` remains."""
-        cut = self.levels - depth + 1  # height of the leaves that are told apart
+        The tree is cut off at `depth` levels, 1 to ``levels + 1``; each vertex belongs to one of
+        ``2**depth - 1`` blocks, shape (n,), within which `order` is kept."""
+        cut = self.levels - depth + 1  # height of the subtrees merged into leaves
         height = np.maximum(self.height, cut)
         part = self.part >> (height - self.height)
         before = (2 << (self.levels - cut)) - (2 << (self.levels - height))
@@ -105,13 +105,13 @@ class Dissection:
 
 
 def counted_order(keys: NDArray[np.integer], count: int) -> Index:
-    """``numpy.argsort(keys, kind="stable")`` of many whole numbers below a count, by counting."""
+    """``numpy.argsort(keys, kind="stable")`` of many integers below a count, by counting."""
     order: Index = _kernel("order_of")(keys, count)
     return order
 
 
 def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int = 8) -> Dissection:
-    """Cut a mesh in halves recursively, sets of cells (k, ncells) across their longest coordinate.
+    """Bisect a mesh recursively: each set of cells (k, ncells) across its longest extent.
     Cuts run between different coordinates, so that separators of a grid are planes; points (dim, n)
     are the vertices, which carry the unknowns. A. George, SIAM J. Numer. Anal. 10 (1973)."""
     n = points.shape[1]

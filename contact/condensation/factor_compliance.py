@@ -1,4 +1,4 @@
-"""The compliance of contact rows as an operator: a product takes a solution of each body."""
+"""The compliance of contact rows as an operator: each product requires a solution per body."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from contact.condensation.boundary_problem import Array
 
 
 def guessed_diagonal(parts: tuple[Any, ...]) -> Array:
-    """Approximate compliance of each row under a force of its own, shape (n,).
-    Relative values come from the diagonals of the stiffness, their common factor from a few rows;
-    it scales the problem and changes no result."""
+    """Approximate diagonal of the compliance, shape (n,), used only for scaling.
+    Relative values come from the diagonals of the stiffness, their scale from a few rows."""
     guess = np.asarray(sum(part.row_compliance() for part in parts))
     live = np.flatnonzero(guess > 0)
     some = live[np.unique(np.linspace(0, live.size - 1, 16).astype(np.int64))]
@@ -25,7 +24,7 @@ def guessed_diagonal(parts: tuple[Any, ...]) -> Array:
 
 
 class ProductArrays(HostArrays):
-    """The arrays of the host, for a compliance that is an operator."""
+    """Host arrays for a compliance that is an operator."""
 
     def shifted(self, W: FactorCompliance, shift: float) -> FactorCompliance:
         """``W + shift I``."""
@@ -34,7 +33,7 @@ class ProductArrays(HostArrays):
 
 class FactorCompliance:
     """The matrix W of a `BoundaryProblem` as an operator, the sum over the bodies `parts`.
-    `scale`, (n,), is physical over scaled displacement of each row."""
+    `scale`, (n,), is the ratio of physical to scaled displacement of each row."""
 
     __array_ufunc__ = None  # leave products with an array on the left to __rmatmul__
     arrays = ProductArrays()
@@ -42,7 +41,7 @@ class FactorCompliance:
     def __init__(self, parts: tuple[Any, ...], scale: Array) -> None:
         self._parts, self._scale, self._shift = parts, scale, 0.0
         self.shape = scale.size, scale.size
-        # The residual and the zones of a step need the same product; it is never modified.
+        # Cached: the residual and the zones of a step need the same product.
         self._last: tuple[Array, Array] | None = None
 
     def __matmul__(self, forces: Array) -> Array:
@@ -58,7 +57,7 @@ class FactorCompliance:
     __rmatmul__ = __matmul__
 
     def quickly(self, forces: Array) -> Array:
-        """The product without corrections of its solutions, which lacks a digit or two."""
+        """The product without iterative refinement, which is one or two digits less accurate."""
         return self._moved(forces, corrected=False) + self._shift * forces
 
     def _moved(self, forces: Array, corrected: bool) -> Array:

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 class CondensedLayers(CondensedBody):
-    """A `LayeredBlock`, condensed onto its bottom by slab doubling, perhaps on a GPU."""
+    """A `LayeredBlock`, condensed onto its bottom by slab doubling, on the CPU or a GPU."""
 
     serial = False  # recovery has large products
 
@@ -39,7 +39,7 @@ class CondensedLayers(CondensedBody):
         self._P = sparse.csr_array((per_length, (own, np.arange(own.size))), shape=(size, own.size))
         self._prescribe(body)
         B = self._touch(rows)
-        if body.path is not None:  # unknowns of one kind are kept at all nodes
+        if body.path is not None:  # keep each kind of unknown at all nodes
             kinds = np.unique(own[self._boundary] % PER_NODE)
             self._boundary = np.flatnonzero(np.isin(own % PER_NODE, kinds))
         self.path = "slabs" if body.path is None else body.path
@@ -73,7 +73,7 @@ class CondensedLayers(CondensedBody):
         of_bottom = _motions(np.repeat(body.x, PER_NODE), 0.0, body)
         of_held = _motions(body.x[i], body.y[j], body, kind)
         length = np.where(kind < 2, 1.0, body.cell_size)[:, None]
-        # Scales that give each motion unit displacement: the rotation has it at the corners.
+        # Scale each motion to unit displacement, the rotation at the corners.
         size = np.array([1.0, 1.0, 0.5 * np.hypot(body.width, body.height)])
         scaled = np.vstack((length * of_held / size, np.zeros((3, 3))))
         _, singular, V = np.linalg.svd(scaled, full_matrices=False)
@@ -92,7 +92,7 @@ class CondensedLayers(CondensedBody):
         return self.body.x - 0.5 * self.body.width, self.body.y - 0.5 * self.body.height
 
     def _invert(self) -> None:
-        """By waves, whose inverses are the compliance; by a factor where they are not definite."""
+        """Invert wave by wave; by a dense factor if a wave is not positive definite."""
         moves = np.abs(self.N).max(axis=1, initial=0.0)
         free = np.unique(self._kinds[moves > RIGID * moves.max(initial=0.0)])
         self._by_waves = (
@@ -127,7 +127,7 @@ class CondensedLayers(CondensedBody):
         return own
 
     def placed(self, v: Any) -> Any:
-        """A vector in the memory of the device, where the body computes from now on."""
+        """Move a vector to the device, on which the body computes from now on."""
         self.body.compute_with(self.arrays)
         return self.body.placed(v)
 
@@ -144,30 +144,30 @@ class CondensedLayers(CondensedBody):
         return super().reduce(self.placed(load))
 
     def expand(self, load: Any, z_b: Array) -> Any:
-        """Displacement of all dofs from the contact boundary's unknowns, where the load lies."""
+        """Displacement of all dofs from the boundary's unknowns, on the device of the load."""
         u = super().expand(self.placed(load), z_b)
         return self.arrays.get(u) if isinstance(load, np.ndarray) else u
 
     def carried(self, forces: Any) -> Array:
-        """Condensed forces on all dofs, supports at rest, in the boundary's unknowns, (nb,)."""
+        """Forces on all dofs, condensed with zero supports onto the boundary's unknowns, (nb,)."""
         carried: Array = self._per_length * self._factor.reduce(forces)
         return carried
 
     def moved(self, forces: Any, z_b: Array) -> Any:
-        """Displacement of all dofs under forces on them and supports at rest."""
+        """Displacement of all dofs under forces, with zero supports."""
         return self._factor.expand(forces, self._per_length * z_b)
 
     def unbalanced(self, rest: Any, u: Any) -> Any:
         """Residual forces on free dofs, for one step of iterative refinement.
-        The stiffness of n rows for smooth motions is 1/n^2 of its largest entries, whose rounding
-        leaves n^2 eps; the product cell by cell has no such error."""
+        Smooth motions of n rows have stiffness 1/n^2 times the largest entries, whose rounding
+        causes a relative error n^2 eps; the cell-by-cell product has no such error."""
         left = rest - self.body.stiffness @ u
         held = self.body.prescribed[0]
         left[held if isinstance(left, np.ndarray) else self.placed(held)] = 0.0
         return left
 
     def motion_of(self, motion: Array) -> tuple[str, Array]:
-        """Name and all dofs of two translations and a rotation about the middle, shape (3,)."""
+        """Name, and displacement of all dofs, of translations and rotation `motion`, shape (3,)."""
         body, (x, y) = self.body, self._about_middle()
         name = describe_motion(body.trace, rigid_modes(body.trace) @ _about(motion, body))
         u = np.zeros((y.size, x.size, PER_NODE))
@@ -177,7 +177,7 @@ class CondensedLayers(CondensedBody):
         return name, u.ravel()
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
+        """Work of a load on the rigid motions, from the load before condensation."""
         if not self.modes.shape[1]:
             return np.zeros(0)
         xp, (x, y) = self.arrays.xp, map(self.arrays.xp.asarray, self._about_middle())
@@ -201,15 +201,16 @@ def _doubled(
     return SlabDoubling(body.columns, body.cell_rows, free[0], free[1], boundary, arrays)
 
 
-# By the path of a block, called with the free unknowns of all node rows but the top, and of the
-# top. Other modules add theirs.
+# Factor classes by the path of a block, called with the free unknowns of all node rows but the top,
+# and of the top. Other modules register theirs.
 FACTORS: dict[str, Callable[..., Any]] = {"slabs": _doubled}
 
 
 def _motions(
     x: Array, y: Array | float, body: LayeredBlock, kind: NDArray[np.int64] | None = None
 ) -> Array:
-    """Both translations and the rotation about the middle, at dofs in given places, (n, 3)."""
+    """Both translations and the rotation about the middle, at dofs with coordinates x, y, (n,
+    3)."""
     if kind is None:
         kind = np.arange(x.size) % PER_NODE
     x, y = x - 0.5 * body.width, y - 0.5 * body.height
@@ -230,16 +231,16 @@ def _about(motion: Array, body: LayeredBlock) -> Array:
 #
 # .. math:: \begin{pmatrix} a_k & b_k \\ b_k^T & c_k \end{pmatrix} .
 #
-# Of one material it is its own mirror image: with the signs P of unknowns reflected up-down,
+# A slab of one material is symmetric up-down: with the signs P of unknowns under this reflection,
 # ``a = P c P`` and ``b^T = P b P``, so that the matrix ``c_k + a_k`` of the row between two slabs
-# falls into the blocks of sign + and -. With its Cholesky factor L and ``Y = L^-1 b_k``,
+# splits into blocks of sign + and -. With its Cholesky factor L and ``Y = L^-1 b_k``,
 #
 # .. math::
 #     c_{k+1} = c_k - Y_+^T Y_+ - Y_-^T Y_-, \qquad b_{k+1} = -P (Y_+^T Y_+ - Y_-^T Y_-),
 #
-# about 1.6 m^3 operations for m unknowns a node row. Layers, split into powers of two, are folded
-# from the top: below a body of stiffness A the stiffness is ``a - b (c + A)^-1 b^T``. All matrices
-# that are factored belong to slabs clamped below, so they are definite without supports too.
+# about 1.6 m^3 operations for m unknowns per node row. Layers, split into powers of two, are added
+# from the top: a slab below a body of stiffness A has the stiffness ``a - b (c + A)^-1 b^T``. All
+# factored matrices belong to slabs clamped below, so they are definite without supports too.
 #
 # G. H. Golub and C. F. Van Loan, Matrix Computations, 4th ed., section 4.5.4 (cyclic reduction);
 # R. W. Hockney, J. ACM 12 (1965) 95-113 (doubling of equal blocks).
@@ -348,7 +349,7 @@ class SlabDoubling:
 
     def _one_row(self, columns: int, stiffness: Array) -> Slab:
         """The slab of one row of cells."""
-        # Average with the mirror image, which differs by rounding, to make the symmetry exact.
+        # Average with the mirror image to make the symmetry exact.
         corners = np.split(np.arange(4 * PER_NODE), 4)
         top, bottom = np.r_[corners[3], corners[2]], np.r_[corners[0], corners[1]]
         P = np.tile(REFLECTION, 2)
@@ -372,7 +373,7 @@ class SlabDoubling:
         place_r, place_c = np.full(self.width, -1), np.full(self.width, -1)
         place_r[rows], place_c[cols] = np.arange(rows.size), np.arange(cols.size)
         dofs = PER_NODE * np.arange(columns)[:, None] + np.arange(2 * PER_NODE)
-        # Neighbouring cells share entries: even cells first, so that no index occurs twice at once.
+        # Neighbouring cells share entries: add even cells first, so that indices are distinct.
         for cells in (dofs[::2], dofs[1::2]):
             i, j = place_r[cells][:, :, None], place_c[cells][:, None, :]
             live = (i >= 0) & (j >= 0)
@@ -389,7 +390,7 @@ class SlabDoubling:
         return np.asarray(k.get(reduced))
 
     def expand(self, load: Any, z_b: Array) -> Any:
-        """All dofs, (rows * width,), from the kept unknowns, where the load lies; zero if held."""
+        """All dofs, (rows * width,), from the kept unknowns, on the device of the load."""
         k, xp = self.arrays, self.arrays.xp
         w = self._forward(load)
         split = self._plus.size
@@ -412,8 +413,8 @@ class SlabDoubling:
         return k.get(full).ravel() if isinstance(load, np.ndarray) else full.ravel()
 
     def _forward(self, load: Any) -> Pair:
-        """Eliminate a load: in each row what `expand` needs, in row 0 the load reduced to it.
-        The last load's result is cached, since `reduce` and `expand` both need it."""
+        """Forward elimination of a load; row 0 contains the reduced load.
+        The last result is cached, since `reduce` and `expand` both need it."""
         k, xp = self.arrays, self.arrays.xp
         load = xp.asarray(load)
         if self._last is not None and bool(xp.array_equal(self._last[0], load)):
@@ -493,7 +494,7 @@ def _solved(k: HostArrays, L: Any, r: Any, transposed: bool = False) -> Any:
 
 
 def _levels(fold: Fold, level: int) -> tuple[slice, slice, slice]:
-    """Rows at the bottom, in the middle and at the top of the slabs of one level."""
+    """Rows at the bottom, middle and top of the slabs of one level."""
     low, high, step = fold.row, fold.row + fold.height, 2**level
     return (
         slice(low, high, step),

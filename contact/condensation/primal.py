@@ -1,4 +1,4 @@
-"""Contact rows as unknowns of the body, so that nothing dense is needed."""
+"""Contact rows as unknowns of the body, which avoids dense matrices."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PrimalProblem(BoundaryProblem):
-    """A `BoundaryProblem` with rows v as unknowns of a body on many processes, scaled alike."""
+    """A `BoundaryProblem` with scaled rows v as unknowns of a distributed body."""
 
-    system: Any = None  # stiffness in unknowns that include the rows not prescribed
+    system: Any = None  # stiffness on unknowns that include the live rows
     load: Any = None  # own forces on its unknowns
-    v: Any = None  # rows at the present state, in the place of v0 - W l + C a; v0: prescribed
+    v: Any = None  # current rows, instead of v0 - W l + C a; v0: prescribed
 
     def displacements(self, mu: Array, t: Array, a: Array) -> tuple[Array, Array]:
-        """Normal and tangential displacement of every point at the present state."""
+        """Normal and tangential displacement of every point in the current state."""
         u_n = np.where(self.normal >= 0, self.v[self.normal], 0.0)
         u_t = np.where(self.tangent >= 0, self.v[self.tangent], self.prescribed_slip)
         return u_n, u_t
@@ -42,7 +42,7 @@ class PrimalProblem(BoundaryProblem):
 
 @dataclass(frozen=True)
 class PrimalForces(Forces):
-    """Forces with the process's own unknowns x that belong to them."""
+    """Forces with the process's own unknowns x in equilibrium with them."""
 
     x: Any = None
 
@@ -62,7 +62,8 @@ class PrimalBody(CondensedDistributed):
 class PrimalContact(CondensedContact):
     """`CondensedContact` for a body that is not condensed: the rows ``B z = v`` are unknowns.
     Newton's methods prescribe those in contact and solve for the others by multigrid, see
-    `contact.laws.primal_newton`. One tangential component moved and the other free is refused.
+    `contact.laws.primal_newton`. Points with one moved and one free tangential component are
+    refused.
     """
 
     _keeps_stiff = False
@@ -159,7 +160,7 @@ class PrimalContact(CondensedContact):
         return u + u0, forces.mu / scale, forces.t / scale[:, None]
 
     def under(self, body: Any) -> PrimalContact:
-        """The same matrices for a body that is under other loads."""
+        """The same matrices for a body under other loads."""
         other = copy(self)
         other.parts = tuple(
             part.under(one) for part, one in zip(self.parts, body.bodies, strict=True)
@@ -179,11 +180,11 @@ def rows_as_unknowns(
 ) -> tuple[NDArray[np.int64], sparse.csr_array, sparse.csr_array]:
     """Replace one unknown of each row of B (n, nb) by the row's value: ``x[pivots] = B z``.
     Returns pivots (n,), the change T of ``z = T x`` and its inverse, both (nb, nb). Raises
-    InputError where rows depend on each other or T is not sparse."""
+    InputError if rows are linearly dependent or T is not sparse."""
     n, nb = B.shape
     B.eliminate_zeros()
     largest = abs(B).max(axis=1).toarray().ravel()
-    # The product of the entries is to be as large as possible; weights must be positive.
+    # Maximise the product of the pivot entries; weights must be positive.
     weight = sparse.csr_array(
         (1.0 - np.log(np.abs(B.data) / np.repeat(largest, np.diff(B.indptr))), B.indices, B.indptr),
         B.shape,
@@ -204,7 +205,7 @@ def rows_as_unknowns(
     place = sparse.csr_array((np.ones(n), (pivots, np.arange(n))), shape=(nb, n))
     back = sparse.csr_array(sparse.diags_array(kept) + place @ B)
     factor = splu(sparse.csc_array(back), permc_spec="COLAMD")
-    # The inverse is sparse where each row touches the unknowns of few others.
+    # The inverse is sparse if each row shares unknowns with few others.
     blocks = []
     for start in range(0, nb, 256):
         some = np.arange(start, min(start + 256, nb))

@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ScaledStiffness:
-    """``D S D``, or the same of the free rows and columns of S."""
+    """``D S D`` for S or its free rows and columns."""
 
-    given: sparse.csr_array | Callable[[], sparse.csr_array]  # S on the host, or what fetches it
+    given: sparse.csr_array | Callable[[], sparse.csr_array]  # S on the host, or its getter
     free: NDArray[np.integer] | None  # rows and columns of S that remain, (n,); None: all
     unit: Array  # diagonal of D, powers of two (no rounding), shape (n,)
-    diagonal: Array  # of D S D, about one in any unit or aspect ratio, shape (n,)
-    placed: SparseRows | None = None  # S of the body where dense matrices lie, if there is room
+    diagonal: Array  # diagonal of D S D, about one, shape (n,)
+    placed: SparseRows | None = None  # S on the device of dense matrices, if it fits
 
     @classmethod
     def of(cls, body: Any, arrays: HostArrays) -> ScaledStiffness:
@@ -61,14 +61,14 @@ class ScaledStiffness:
 
 
 def _stiffness(body: Any, then: Any) -> sparse.csr_array:
-    """That of the body, or of the copy `then` if its material was changed since."""
+    """Stiffness of the body, or of its copy `then` if the material has changed since."""
     same = all(a is b for a, b in zip(body.materials, then.materials, strict=True))
     S: sparse.csr_array = (body if same else then).stiffness
     return S
 
 
 def _placed(body: Any, arrays: HostArrays) -> SparseRows | None:
-    """The stiffness of a body on the device of the arrays, if there is one and room on it."""
+    """The stiffness of a body on the device of the arrays, if there is one and it fits."""
     room = arrays.room()
     if room is None:
         return None
@@ -81,6 +81,6 @@ def _placed(body: Any, arrays: HostArrays) -> SparseRows | None:
 
 
 def unit_of(diagonal: Any, xp: Any) -> Any:
-    """Powers of two next to the inverse roots of a diagonal, where it lies; 1 for no stiffness."""
+    """Powers of two nearest to the inverse roots of a diagonal; 1 for zero stiffness."""
     exponent = xp.round(-0.5 * xp.log2(xp.where(diagonal > 0, diagonal, 1.0)))
     return xp.ldexp(xp.ones_like(exponent), exponent.astype(np.int32))

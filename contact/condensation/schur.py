@@ -18,9 +18,9 @@ Vector = NDArray[np.float64]
 
 
 class SchurFactor(Protocol):
-    """A factorisation of S, unknowns split in inner ones I and boundary ones b, with `schur`
-    S_bb - S_bI S_II^-1 S_Ib, shape (nb, nb). Only S_II must be definite: a floating body has a
-    singular S, but its complement exists."""
+    """A factorisation of S with inner unknowns I and boundary unknowns b; `schur` is S_bb - S_bI
+    S_II^-1 S_Ib, shape (nb, nb). Only S_II must be definite: the S of a floating body is singular,
+    but its complement exists."""
 
     schur: Vector
 
@@ -29,7 +29,7 @@ class SchurFactor(Protocol):
         ...
 
     def expand(self, load: Vector, z_b: Vector) -> Vector:
-        """All unknowns, shape (n,): z_I = S_II^-1 (f_I - S_Ib z_b) beside the given z_b."""
+        """All unknowns, shape (n,): z_I = S_II^-1 (f_I - S_Ib z_b) and the given z_b."""
         ...
 
 
@@ -40,22 +40,22 @@ def schur_factor(
     solver: str = "auto",
 ) -> SchurFactor:
     """Factor S once and keep the complement of the ascending unknowns `boundary`, shape (nb,).
-    `order` gives a fill-reducing order to SuperLU; "auto" takes PARDISO where installed. Raises
-    InputError (solver, not definite) or MissingDependency."""
+    `order` is a fill-reducing order for SuperLU; "auto" uses PARDISO if installed. Raises
+    InputError (unknown solver, not definite) or MissingDependency."""
     choice("solver", solver, ("auto", "pardiso", "superlu"))
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
-    # S may be singular (a floating body). A shift of the boundary block makes it definite; it
-    # enters the Schur complement unchanged and is subtracted again.
+    # S may be singular (floating body). A shift of the boundary block makes it definite; the same
+    # shift is subtracted from the Schur complement.
     shift = np.abs(stiffness.diagonal()[boundary])
-    nothing_inside = boundary.size == stiffness.shape[0]  # PARDISO then reports lack of memory
+    nothing_inside = boundary.size == stiffness.shape[0]  # PARDISO would report lack of memory
     if solver == "superlu" or nothing_inside or not has_pardiso():
         return SuperLUSchur(stiffness, boundary, order(), shift)
     return PardisoSchur(stiffness, boundary, shift)
 
 
 def not_definite() -> InputError:
-    """The error of a stiffness whose inner block has a pivot that is not positive."""
+    """The error for a stiffness whose inner block has a pivot that is not positive."""
     return InputError(
         "stiffness: the part inside the contact boundary is not positive definite; cells are too "
         "slender for the digits of the matrix, parts of the mesh hang together by a hinge alone, "
@@ -65,8 +65,8 @@ def not_definite() -> InputError:
 
 class ForwardCache:
     """Cache of the forward elimination of the last loads, which `reduce` and `expand` both need.
-    Only identical loads are looked up, so that no result depends on earlier solves; the pairs are
-    never modified, and threads replace the tuple as a whole."""
+    Only identical loads match, so that no result depends on earlier solves; for thread safety pairs
+    are never modified and the tuple is replaced as a whole."""
 
     _known: tuple[tuple[Vector, Vector], ...] = ()
 
@@ -114,9 +114,9 @@ class SuperLUSchur(ForwardCache):
             and np.array_equal(self._lu.factors.perm_r[tail], tail)
         ):
             raise ContactError("SuperLU moved the contact boundary; please report the mesh")
-        upper = self._lu.factors.U  # SciPy's interface copies the whole factor
+        upper = self._lu.factors.U  # SciPy copies the whole factor
         block = upper[:, n - nb :][n - nb :].toarray()
-        pivots = upper.diagonal()  # smaller ones than 1e-14 of the largest are rounding
+        pivots = upper.diagonal()  # pivots below 1e-14 of the largest are rounding
         if not np.all(pivots > 1e-14 * np.abs(pivots).max(initial=0.0)):
             raise not_definite()
         # L = U^T D^-1 for a symmetric matrix factored without row exchanges.
@@ -155,9 +155,9 @@ class PardisoSchur(ForwardCache):
         shifted, diagonal = stiffness.copy(), stiffness.diagonal()
         diagonal[boundary] += shift
         shifted.setdiag(diagonal)
-        # iparm, counted from 0: parallel nested dissection, whose analysis is faster with a Schur
-        # block; two-level factorisation; solves by one thread, since the order of sums, and so the
-        # rounding, varies with several; Schur complement, with factors kept for partial solves.
+        # iparm, counted from 0: parallel nested dissection (faster analysis with a Schur block);
+        # two-level factorisation; solves by one thread, as several vary the order of sums and so
+        # the rounding; Schur complement, with factors kept for partial solves.
         parameters = {1: 3, 23: 1, 24: 1, 35: 2}
         self._boundary = boundary
         block = np.zeros((boundary.size, boundary.size))

@@ -1,4 +1,4 @@
-"""A body of which nothing is eliminated: its compliance follows from solutions of all of it."""
+"""A body without elimination: its compliance comes from solutions of the whole body."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ from contact.errors import ContactError, InputError
 from skfem_adini import factorize
 from skfem_adini.solvers.cudss import Cudss
 
-# Compliance of a row times the stiffness of its unknown, 1.3 to 4 on uniform meshes: scales only.
+# Row compliance times the unknown's stiffness, 1.3 to 4 on uniform meshes; only for scaling.
 ROW_COMPLIANCE = 2.0
-DENSE_ORDER = 8000  # largest order of a dense stiffness: its factor takes 20 s and half a gigabyte
+DENSE_ORDER = 8000  # largest order of a dense stiffness: factoring takes 20 s and half a gigabyte
 
 
 class SolvedBody(SparseBody):
     """A body whose compliance ``B S^-1 B^T`` comes from solutions, by columns or as an operator.
-    Free motions N: ``(S + rho N N^T)^-1 = S^+ + N N^T / rho``, with S^+ from S with as many
-    springs, which stay at rest under forces orthogonal to N. With `arrays` a device factors."""
+    Free motions N: ``(S + rho N N^T)^-1 = S^+ + N N^T / rho``. S^+ comes from S with as many
+    springs, which are unloaded for forces orthogonal to N. With device `arrays` the device
+    factors."""
 
     thin = False
 
@@ -76,7 +77,7 @@ class SolvedBody(SparseBody):
         return other
 
     def _take(self, B: sparse.csr_array) -> None:
-        """Take over the rows, on all unknowns and on those that they touch."""
+        """Store the rows, on all unknowns and on those with entries."""
         self.B, self._touched = B, np.unique(B.indices).astype(np.int64)
         self._of_touched = sparse.csr_array(B[:, self._touched])
 
@@ -91,24 +92,24 @@ class SolvedBody(SparseBody):
         return found
 
     def compliance(self) -> Any:
-        """``B S^-1 B^T`` where the arrays lie, by columns, shape (n, n)."""
+        """``B S^-1 B^T`` on the device of the arrays, by columns, shape (n, n)."""
         if self._on_device and self._devices is None and not self.N.shape[1]:
             return self._solver.congruence(self.B)
         n = self.B.shape[0]
         W, columns = np.zeros((n, n), order="F"), sparse.csc_array(self.B.T)
-        together = 32  # columns that are solved for at a time
+        together = 32  # columns solved for at a time
         for i in range(0, n, together):
             part = slice(i, i + together)
             W[:, part] = self.B @ self._held(columns[:, part].toarray(), self._solver.solve)
         return self.arrays.put(0.5 * (W + W.T))
 
     def row_compliance(self) -> Array:
-        """A guess of the diagonal of the compliance, shape (n,)."""
+        """Estimated diagonal of the compliance, shape (n,)."""
         return np.asarray(ROW_COMPLIANCE * (self.B.multiply(self.B) @ (1.0 / self.diagonal)))
 
     def yielded(self, forces: Array, corrected: bool = True) -> Array:
         """``B S^-1 B^T`` times forces on the rows, (n,) or (n, count).
-        If `corrected`, solutions are corrected by their residuals."""
+        If `corrected`, solutions are refined by their residuals."""
         if self._on_device and not self.N.shape[1]:
             loads = self._of_touched.T @ forces
             yielded: Array = self._of_touched @ self._solver.at(self._touched, loads, corrected)
@@ -123,7 +124,7 @@ class SolvedBody(SparseBody):
 
     @property
     def _once(self) -> Callable[[Array], Array]:
-        """Solutions not corrected by their residuals, if the solver offers them."""
+        """The solve without iterative refinement, if the solver has one."""
         once: Callable[[Array], Array] = getattr(self._solver, "once", self._solver.solve)
         return once
 
@@ -136,7 +137,7 @@ class SolvedBody(SparseBody):
         return np.asarray(z - N @ (N.T @ z) + N @ (self._soft * along))
 
     def scaled_schur(self) -> Any:
-        """The stiffness as a dense matrix, a copy, of small bodies alone."""
+        """A dense copy of the stiffness, for small bodies only."""
         if self.B.shape[1] > DENSE_ORDER:
             raise ContactError(
                 f"the stiffness of {self.B.shape[1]} unknowns is not made dense; condense with a "
@@ -175,7 +176,7 @@ Index = NDArray[np.int64]
 
 class DeviceFactor:
     """Factors of a symmetric positive definite matrix on devices, for solutions.
-    One device gives equal bits as long as the factors fit; else they lie on the host, unless
+    One device is bitwise reproducible if the factors fit; otherwise they are stored on the host, or
     `deterministic` refuses. `tree` as for `DeviceSchur` (one device); raises as `on_device`."""
 
     def __init__(
@@ -198,7 +199,7 @@ class DeviceFactor:
         return self._cudss.at(places, loads, corrected)
 
     def once(self, loads: Array) -> Array:
-        """Solutions by the factors alone, which lack a digit or two of those of `solve`."""
+        """Solutions without refinement, one or two digits less accurate than `solve`."""
         return self._cudss.once(loads)
 
     def congruence(self, rows: sparse.csr_array) -> Any:

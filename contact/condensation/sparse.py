@@ -24,10 +24,10 @@ from contact.errors import ContactError
 
 class SparseBody(CondensedBody):
     """A body with a Basis, whose stiffness is factored by a sparse solver on host or device.
-    Raises Unbounded where a piece is neither fixed nor connected to the contact boundary."""
+    Raises Unbounded if a piece is neither fixed nor connected to the contact boundary."""
 
     always_refined = False
-    _there: tuple[Any, Any] | None = None  # on a device, dofs of unknowns and what multiplies them
+    _there: tuple[Any, Any] | None = None  # on a device: dofs of the unknowns, and their factors
 
     def __init__(
         self, body: Any, rows: BodyRows, solver: str = "auto", arrays: HostArrays | None = None
@@ -42,7 +42,7 @@ class SparseBody(CondensedBody):
             self.B = sparse.csr_array(B[:, self._boundary])
             self._eliminate(B, background, system, solver)
         if self._on_device:
-            # Kept here, so that it leaves the device together with the factors.
+            # Kept here to be freed together with the factors.
             compliance = 8 * self.B.shape[0] * (self.B.shape[0] + self.order)
             self._vectors = body.compute_with(self.arrays, compliance, system.placed)
         self._prescribe(body)
@@ -50,9 +50,9 @@ class SparseBody(CondensedBody):
     def _eliminate(
         self, B: sparse.csr_array, background: BackgroundWork, system: ScaledStiffness, solver: str
     ) -> None:
-        """Factor the inner unknowns, and then the boundary's complement; motions in another thread.
-        A motion that no row sees is refused even if the factorisation fails, where rounding decides
-        whether a pivot is zero."""
+        """Factor the inner unknowns, then the boundary's complement; motions in another thread.
+        A motion that no row resists is reported even if the factorisation fails: zero pivots are
+        detected only up to rounding."""
         back: Any = None
         with one_blas_thread(max(self.B.shape)):
             try:
@@ -72,7 +72,7 @@ class SparseBody(CondensedBody):
             self._hold(modes[self._boundary], modes)
 
     def _seen(self, background: BackgroundWork, unit: Array) -> Array:
-        """Free rigid motions of the unknowns; raises where no row sees one."""
+        """Free rigid motions of the unknowns; raises if no row resists one."""
         modes: Array = background.motions() / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
         return modes
@@ -81,7 +81,7 @@ class SparseBody(CondensedBody):
         u0 = body.constraint[1]
         self.body = body
         self._u0 = u0
-        self._lifted: Any = None  # where factors on a device take it, or on all dofs
+        self._lifted: Any = None  # on the device of the factors, or on all dofs
         if u0.any() and self._there is None:
             self._lifted = forces_of_supports(body, u0, self._on_device)
         elif u0.any():
@@ -89,8 +89,9 @@ class SparseBody(CondensedBody):
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
         """Residual forces on free dofs, for a step of iterative refinement.
-        Rounding of a stiffness of n cells in a row leaves n^2 eps for smooth motions; the forces of
-        `BasisSolid.internal`, without the mean translation, have no such error."""
+        The rounding of the stiffness of n cells in a row causes an error n^2 eps for smooth
+        motions; the forces of `BasisSolid.internal`, without the mean translation, have no such
+        error."""
         body = self.body
         if self.slender:  # the stiffness form refines these
             return None
@@ -131,7 +132,7 @@ class SparseBody(CondensedBody):
         return u if self._u0 is None else u + self._u0
 
     def _rest(self, load: Array) -> Any:
-        """The load less the forces of prescribed displacements, in the factors' unknowns."""
+        """The load minus the forces of prescribed displacements, on the factors' unknowns."""
         gathered = self._gathered(load)
         return gathered if self._lifted is None else gathered - self._lifted
 
@@ -147,7 +148,7 @@ class SparseBody(CondensedBody):
 def forces_of_supports(body: Any, u0: Array, on_device: bool) -> Array:
     """Internal forces of prescribed displacements u0, which are zero except at few dofs."""
     moved = np.flatnonzero(u0)
-    # Rows of the stiffness are copied, where these are few.
+    # Copy the rows of the stiffness if these are few.
     if on_device or body.slender or 8 * moved.size > u0.size:
         return np.asarray(body.internal(u0))
     forces: Array = body.stiffness[moved].T @ u0[moved]

@@ -1,12 +1,13 @@
-r"""Schur complement of the contact boundary from the strains, without the stiffness matrix.
+r"""Schur complement of the contact boundary by QR of the strains, without the stiffness matrix.
 
 With the matrix A of all weighted strains, ``S = A^T A``, and the inner unknowns first,
 
 .. math:: A = Q \begin{pmatrix} R_{II} & R_{Ib} \\ & R_{bb} \end{pmatrix}, \qquad
           S_b = R_{bb}^T R_{bb} .
 
-Its error grows with the condition of A, the root of that of S, for which Cholesky breaks down on
-slender cells (A. Bjoerck, Numerical Methods for Least Squares Problems, SIAM 1996, section 2.4)."""
+Its error grows with the condition number of A, the root of that of S, for which Cholesky breaks
+down on slender cells (A. Bjoerck, Numerical Methods for Least Squares Problems, SIAM 1996, section
+2.4)."""
 
 from __future__ import annotations
 
@@ -20,13 +21,13 @@ from contact.body.cell_strains import strain_rows
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-STRAIN_UNKNOWNS = 3000  # up to so many strains are factored, which takes some ten seconds
+STRAIN_UNKNOWNS = 3000  # largest size, which takes about ten seconds
 
 
 class StrainFactor:
     """A `contact.condensation.schur.SchurFactor` of a body of moderate size with slender cells.
-    Free unknowns z of ``u = P z``, those to keep ascending in `boundary`. Raises InputError where a
-    motion of the inner unknowns alone causes no strain."""
+    Free unknowns z of ``u = P z``; `boundary`, ascending, are kept. Raises InputError if a motion
+    of the inner unknowns alone causes no strain."""
 
     def __init__(self, body: BasisSolid, P: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
         cells: Array = np.asarray(np.linalg.qr(strain_rows(body), mode="r"))
@@ -52,14 +53,14 @@ class StrainFactor:
     def equilibrate(self, node: NDArray[np.int64]) -> tuple[sparse.csr_array, sparse.csr_array]:
         """Change to unknowns y of unit stiffness, ``z = U y`` on the boundary; returns U and U^-1.
         At each `node` (nb,) stiff and soft directions become separate unknowns: bending is softer
-        than stretching by slenderness^4 and would be lost in rounding."""
+        than stretching by the fourth power of slenderness and would be lost in rounding."""
         nb = self._boundary.size
         U, inverse = sparse.lil_array((nb, nb)), sparse.lil_array((nb, nb))
         R_bb = np.empty_like(self._R_bb)
         for number in np.unique(node):
             own = np.flatnonzero(node == number)
             _, size, turn = np.linalg.svd(self._R_bb[:, own], full_matrices=False)
-            # Directions are separated only where their singular values are far apart.
+            # Separate directions only if their singular values are far apart.
             if size[-1] * 16.0 > size[0]:
                 size, turn = np.linalg.norm(self._R_bb[:, own], axis=0), np.eye(own.size)
             # Powers of two cause no rounding.

@@ -1,10 +1,10 @@
 """Steps in which bodies of small strain slide by more than a facet.
 
-Contact rows are projected anew at the places :math:`x + u` of the last iterate, until u does not
-change any more. The first problem of a step is one of small sliding on the factorisation of the
-bodies, which keeps all dofs of both boundaries; in the plane, unless a body floats, the others are
-steps of Newton's method (`newton_step`). The slip that friction opposes is the step's displacement
-along the present tangents. A result has the rows of its own displacement, as has its certificate.
+Contact rows are recomputed at the positions :math:`x + u` of the last iterate until u converges.
+The first problem of a step assumes small sliding and uses the factorisation of the bodies, which
+keeps all dofs of both boundaries; in the plane, unless a body floats, the others are Newton steps
+(`newton_step`). Friction opposes the step's displacement along the current tangents. A result and
+its certificate use the rows at its displacement.
 
 P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4 and 9."""
 
@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 
 class FiniteSliding:
     """Solves the steps of a history in which the bodies of a problem slide.
-    `largest_rotation` in radians, 0.1 by default, where small strains are off by 5e-3. Raises
+    `largest_rotation` in radians is 0.1 by default: the strain error is then 5e-3. Raises
     InputError without two touching bodies, with a given clearance, or for no angle."""
 
     def __init__(self, problem: ContactProblem, largest_rotation: float | None = None) -> None:
@@ -93,7 +93,7 @@ class FiniteSliding:
     ) -> ContactResult:
         """Solve one step of `body` under its loads, near u (ndofs,) or the last step.
         `moving` has rigid obstacles that vary, as `ContactProblem.system_of`. Raises NotConverged,
-        or InputError where boundaries lose each other or a body turns too far."""
+        or InputError if boundaries separate completely or a body rotates too far."""
         rest = np.zeros(body.f.size) if last is None else last.u
         u, result, change = (rest if near is None else near), last, np.inf
         kept, lines = self._all_kept(), list[Iteration]()
@@ -109,7 +109,7 @@ class FiniteSliding:
             before, change = change, body.largest_displacement(result.u - u)
             u, size = result.u, body.largest_displacement(result.u) or 1.0
             lines += [*(result.history if found is None else ()), _line(k, result, change / size)]
-            # What Newton's next step would still change, where this one was a step of it.
+            # Change by the next Newton step, if this one was a Newton step.
             ahead = change if found is None else min(change, change**2 / before)
             if ahead <= 1e-2 * options.tol * size:
                 break
@@ -134,7 +134,7 @@ class FiniteSliding:
         result: ContactResult | None,
         options: Options,
     ) -> ContactResult | None:
-        """The next iterate with the derivative of the projection; None where there is none."""
+        """The next iterate with the derivative of the projection; None if unavailable."""
         if result is None or options.method != "newton" or condensed.N.shape[1]:
             return None
         if system.rows.gap.size != result.mu.size or system.motion is not None:
@@ -148,7 +148,7 @@ class FiniteSliding:
         return None
 
     def _all_kept(self) -> CondensedContact:
-        """The condensation onto all dofs of the boundaries, of the present materials."""
+        """The condensation onto all dofs of the boundaries, for the current materials."""
         problem = self._problem
         materials = problem.body.materials
         kept = self._condensed
@@ -165,7 +165,7 @@ class FiniteSliding:
         problem = self._problem
         try:
             here = self._interfaces.displaced(u)
-        except InputError:  # perhaps because of a rotation
+        except InputError:  # possibly due to a rotation
             refuse_large_rotations(self._interfaces, u, self._angle)
             raise
         rows, now = here.rows, moving.get("obstacle", problem.opposite)
@@ -192,12 +192,12 @@ class FiniteSliding:
         last: ContactResult | None,
         moving: dict[str, Any],
     ) -> tuple[ObstacleMotion | None, Array]:
-        """Motions of rigid obstacles now, and their w_t of the last step at the present points."""
+        """Current motions of rigid obstacles, and w_t of the last step at the current points."""
         now = moving.get("obstacle", self._problem.opposite)
         motion = here.motion(now)
         travel = np.zeros((rows.gap.size, rows.tangents.shape[1]))
         gap, before = self._problem.rows.gap, None
-        if last is not None:  # rigid sides keep their points, whose numbers change
+        if last is not None:  # points opposite rigid obstacles stay but are renumbered
             gap, before = last.system.rows.gap, last.system.motion
         at, of = (
             self.rigid_points(r) for r in (rows, last.system.rows if last else self._problem.rows)
@@ -228,7 +228,7 @@ class FiniteSliding:
 
 
 def _line(k: int, result: ContactResult, change: float) -> Iteration:
-    """A projection in the history; its residual is the relative change of the displacement."""
+    """History line of a projection; the residual is the relative change of the displacement."""
     open_, stick, slip = np.bincount(result.status, minlength=3)[: Status.SLIP + 1]
     active = result.mu.size - int(open_)
     return Iteration(k + 1, "projection", active, int(stick), int(slip), change)
@@ -254,7 +254,7 @@ def newton_step(
 
     .. math:: (S + K) \delta + B^T l = f - S u, \qquad v = v(u) + (B + E) \delta ,
 
-    and the laws between v and l, in boundary dofs alone. Raises NotConverged, or LinAlgError."""
+    and the laws between v and l, on boundary dofs only. Raises NotConverged, or LinAlgError."""
     u, points = last.u, condensed.points
     left = system.load - system.body.internal(u)
     live_n = points.normal >= 0

@@ -1,15 +1,14 @@
 """A load history on disk: a folder of steps that are checked to belong to one run.
 
-It has ``history.json``, ``problem.npz`` and one ``step_00001.npz`` a finished step. Each of several
-processes adds ``step_00001_0.npz``, ... with displacement, load and prescribed displacement at its
-dofs, which are named by a cell of the whole mesh and their place in it; the first process then
-writes the step itself, with all that is on the contact boundary.
+It contains ``history.json``, ``problem.npz`` and ``step_00001.npz``, ... for finished steps. Each
+of several processes adds ``step_00001_0.npz``, ... with displacement, load and prescribed
+displacement at its dofs, which are identified by a cell of the whole mesh and their number in it;
+the first process then writes the step itself, with all data on the contact boundary.
 
-Every file appears under its name only once it is complete, so that an interruption, a killed
-process or a full disk costs the current step only. ``history.json`` is created by one process, even
-if several start in the folder, and gives the run a random name. It has the checksum of the problem;
-each step has the name of the run, its number and time, and the checksum of the step before. Files
-of another run, or of another position in this one, are refused.
+Files are written atomically, so that an interruption or a full disk costs the current step only.
+``history.json`` is created by one process, even if several start in the folder, and has a random
+name of the run and the checksum of the problem; each step has the name of the run, its number and
+time, and the checksum of the step before. Files of other runs or positions are refused.
 """
 
 from __future__ import annotations
@@ -40,14 +39,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Found = TypeVar("Found")
-_SPREAD = ("load", "u0", "u")  # vectors of the body; everything else is the same on all processes
+_SPREAD = ("load", "u0", "u")  # distributed vectors; all other arrays are equal on all processes
 _FORMAT = 2  # of history.json
 logger = logging.getLogger(__name__)
 
 
 class HistoryFolder:
-    """The folder of a run, to which the first of the processes `comm`, if any, writes for all.
-    `fingerprint` is the checksum of problem, loads and motions; `damage`: why `finished` ended."""
+    """The folder of a run, in which the first of the processes `comm`, if any, writes.
+    `fingerprint`: checksum of problem, loads and motions; `damage`: the error of `finished`."""
 
     def __init__(self, path: Path, about: dict[str, Any], comm: Any = None) -> None:
         self.path, self.times, self.comm = path, np.array(about["times"], dtype=float), comm
@@ -87,7 +86,7 @@ class HistoryFolder:
 
     @classmethod
     def opened(cls, path: Path, body: Any = None) -> HistoryFolder:
-        """Open an existing folder, on all processes of the body; `InputError` if it is none."""
+        """Open a folder on all processes of the body; `InputError` if it has no history."""
 
         def about() -> dict[str, Any]:
             try:
@@ -131,7 +130,7 @@ class HistoryFolder:
         return descriptor
 
     def write(self, k: int, result: ContactResult) -> None:
-        """Write step k, counted from zero, after all those before it; the parts first."""
+        """Write step k, counted from zero, in order; the parts of processes first."""
         arrays, rows = state_arrays(result), result.system.rows
         if self.comm is not None:
             self._write_part(k, result.system.body, arrays)
@@ -140,7 +139,7 @@ class HistoryFolder:
         self._before = _on_first(self.comm, lambda: self._write_step(k, arrays))
 
     def _write_step(self, k: int, arrays: dict[str, Any]) -> str:
-        """Write the file that finishes step k, with its place in the run; return its checksum."""
+        """Write the final file of step k, with its position in the run; return its checksum."""
         place = {"run": self._run, "number": k + 1, "time": float(self.times[k])}
         place |= {"before": self._before}
         arrays = arrays | {"place": words(place)}
@@ -154,7 +153,7 @@ class HistoryFolder:
         return checksum(arrays)
 
     def _write_part(self, k: int, body: DistributedBody, arrays: dict[str, Any]) -> None:
-        """Write the vectors of this process to a file of their own and take them out of arrays."""
+        """Move the vectors of this process from `arrays` to a file of its own."""
         vectors = {name: body.counted(arrays.pop(name)) for name in _SPREAD}
         arrays["processes"] = np.array(self.comm.size)
         failure = ""
@@ -168,7 +167,7 @@ class HistoryFolder:
 
     def finished(self, system: ContactSystem | None = None) -> Iterator[ContactResult]:
         """The steps before the first one that is missing or cannot be read, which is logged.
-        `InputError` if one does not belong here; they share body and rows of a given system."""
+        `InputError` if one belongs elsewhere; steps share the body and rows of a given system."""
         last = max(self._steps(), default=0)
         if last == 0:
             return
@@ -191,7 +190,7 @@ class HistoryFolder:
             yield result
 
     def _read(self, path: Path, k: int, system: ContactSystem | None) -> tuple[Any, Any]:
-        """The arrays of step k, with vectors on the dofs of this process, and their checksum."""
+        """The arrays of step k, with the vectors of this process, and their checksum."""
         arrays, found = read_arrays(path)
         self._check_place(path, k, arrays)
         if self.comm is not None and system is not None:
@@ -201,7 +200,7 @@ class HistoryFolder:
         return arrays, found
 
     def prepare(self, count: int, system: ContactSystem) -> None:
-        """Write the problem, and rename files of steps after the first `count`, or unreadable."""
+        """Write the problem; rename step files after the first `count`, or unreadable ones."""
         self._rows_of_problem = system.rows.T
         _on_first(self.comm, lambda: self._prepare(count, system))
 
@@ -258,7 +257,7 @@ class HistoryFolder:
 
 
 def _on_first(comm: Any, task: Callable[[], Found]) -> Found:
-    """Do it on the first process; all get what it returns, or the error that it raises."""
+    """Run `task` on the first process; all processes get its result or error."""
     if comm is None:
         return task()
     found: Any = None
@@ -288,7 +287,7 @@ def _digest(about: dict[str, Any]) -> str:
 def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
     """SHA-256 of a problem together with its loads and motions that vary in time."""
     arrays = problem_arrays(system) | {"law": np.array(str(system.law))}
-    if isinstance(system.body, DistributedBody):  # its vectors are others on other processes
+    if isinstance(system.body, DistributedBody):  # its vectors depend on the number of processes
         vectors = []
     else:
         arrays |= {"load": system.load, "u0": system.body.constraint[1]}
@@ -298,7 +297,7 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
 
 
 def same_conditions(now: ContactSystem, then: ContactSystem, same_rows: bool = True) -> bool:
-    """Whether two steps have the same loads, supports, obstacles and, of the same rows, gaps."""
+    """Whether two steps have the same loads, supports, obstacles and, if `same_rows`, gaps."""
     pairs = [(now.load, then.load), (now.body.constraint[1], then.body.constraint[1])]
     if same_rows:
         pairs += [(now.rows.gap, then.rows.gap), (now.friction, then.friction)]
@@ -310,7 +309,7 @@ def same_conditions(now: ContactSystem, then: ContactSystem, same_rows: bool = T
 
 
 def _of_rigid(system: ContactSystem) -> dict[str, Array]:
-    """Arrays of the motions of `Rigid` obstacles; what shapes have travelled is a history's."""
+    """Arrays of the motions of `Rigid` obstacles, without the paths of shapes."""
     motion = system.motion
     if motion is None or not motion.prescribed.size:
         return {}

@@ -77,7 +77,7 @@ class LoadHistory:
     results : tuple of ContactResult
         One a step, each with its own certificate.
     damage : InputError or None
-        Of a history read from a folder: why it ends before the last file there.
+        For a history read from a folder: why it ends before the last file.
 
     Examples
     --------
@@ -134,7 +134,7 @@ class LoadHistory:
         Returns
         -------
         LoadHistory
-            A new one; this stays as it is.
+            A new object.
         """
         return LoadHistory(np.append(self.times, time), (*self.results, result))
 
@@ -217,7 +217,7 @@ class LoadHistory:
 
 
 def checked_times(times: ArrayLike, done: Array) -> Array:
-    """Times of further steps; `InputError` unless they increase from the last of those done."""
+    """Times of further steps; `InputError` unless they increase from the last finished step."""
     schedule = numbers("times", times)
     if schedule.ndim != 1 or schedule.size == 0 or not np.all(np.isfinite(schedule)):
         raise InputError(f"times: expected finite numbers of shape (n,), got {schedule.shape}")
@@ -227,7 +227,7 @@ def checked_times(times: ArrayLike, done: Array) -> Array:
 
 
 def as_path(path: str | Path) -> Path:
-    """The path, or an `InputError` where none was given."""
+    """The path, or an `InputError` if it is not one."""
     try:
         return Path(path)
     except TypeError:

@@ -1,4 +1,4 @@
-"""What varies in a load history: loads, supports and the obstacle as functions of time."""
+"""Loads, supports and obstacles that vary in time in a load history."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ class LoadProgram(Portable):
         Parameters
         ----------
         vector : array of shape (ndofs,)
-            Force, or what works on a derivative among the dofs.
+            Force, or the conjugate of a derivative dof.
         factor : callable t -> float, optional
             Default: t itself.
         body : Solid, str or int, optional
@@ -146,7 +146,7 @@ class LoadProgram(Portable):
         return self
 
     def _number(self, body: Solid | str | int | None) -> int:
-        """Which of the problem's bodies is meant."""
+        """Number of the given body of the problem."""
         together = self.problem.body
         if body is None and len(together.bodies) > 1:
             raise InputError("body: there are several; say which, as in load(..., body=upper)")
@@ -158,7 +158,7 @@ class LoadProgram(Portable):
         return body
 
     def _of_all(self, k: int, values: Array) -> Array:
-        """Values on the dofs of a body among zeros on those of all others."""
+        """Extend values on the dofs of one body by zeros to all bodies."""
         own = self.problem.body.slices[k]
         everything = np.zeros(self.problem.body.slices[-1].stop)
         everything[own] = values
@@ -173,7 +173,7 @@ class LoadProgram(Portable):
         *,
         body: Solid | str | int | None = None,
     ) -> Self:
-        """Move supports: ``factor(t) * value`` comes on top of what the body prescribes there.
+        """Move supports: ``factor(t) * value`` is added to the prescribed displacement.
 
         Parameters
         ----------
@@ -203,15 +203,14 @@ class LoadProgram(Portable):
         motion: Callable[[float], Any] | float | None = None,
         pair: Pair | int | None = None,
     ) -> Self:
-        """Let the obstacle vary: what `ContactProblem` takes as obstacle, as a function of time.
+        """Let the obstacle vary: an obstacle as for `ContactProblem`, as a function of time.
 
-        Friction acts on the slip along the obstacle where it is, so its motion must be known. A
-        shape that stays the same tells it from step to step: a `Moved` every motion; a Plane, Cone
-        or Rough the translation of its point and the smallest rotation of its direction; a Cylinder
-        likewise and a Sphere that of its centre, not a spin about them; a SurfaceMesh that of its
-        points. The first step is counted from the obstacle of the problem. A plain number moves
-        along the normal. Where the gap changes otherwise and friction is not zero, `motion` is
-        asked for.
+        Friction acts on the slip along the obstacle, so its motion must be known. An unchanged
+        shape determines it from step to step: a `Moved` any motion; a Plane, Cone or Rough the
+        translation of its point and the smallest rotation of its direction; a Cylinder and a Sphere
+        the motion without spin; a SurfaceMesh the motion of its points. The first step counts from
+        the obstacle of the problem. A plain number moves along the normal. If the gap changes
+        otherwise and friction is not zero, `motion` is required.
 
         Parameters
         ----------
@@ -220,10 +219,9 @@ class LoadProgram(Portable):
             force depends on t. A `ClosestPoint` must keep its directions, those of the problem's
             own: within a `Rigid` it may move.
         motion : callable t -> sequence of float, or 0, optional
-            Displacement of the obstacle since the state of rest, of its points where they touch,
-            where its shape does not tell it or tells another one: that of a `Rigid` is counted on
-            its own. 0, for all times or returned: it moves along the normal only. Of several
-            boundaries a list, with None for what the shapes tell.
+            Displacement of the obstacle's contact points since the state of rest, without that of a
+            `Rigid`, if its shape does not determine it. 0, constant or returned: motion along the
+            normal only. For several boundaries a list, with None to derive it from the shape.
         pair : Pair or int, optional
             Which one, or its number, in a problem given as pairs: its rigid obstacle varies.
 
@@ -260,7 +258,8 @@ class LoadProgram(Portable):
         return number
 
     def _obstacle_at(self, t: float) -> Any:
-        """The obstacle at a time, NaN in rest, or a list with what lies opposite in each pair."""
+        """The obstacle at a time (NaN: state of rest), or a list with the opposite side of each
+        pair."""
         found = self.problem.opposite
         for which, way, _ in [] if np.isnan(t) else self._obstacle:
             if which is None:
@@ -269,7 +268,7 @@ class LoadProgram(Portable):
         return found
 
     def _said_between(self, begin: float, end: float) -> Any:
-        """Given displacements of obstacles between two times; begin is NaN in rest."""
+        """Given displacements of obstacles between two times; begin is NaN in the state of rest."""
         said = {which: _change(motion, begin, end) for which, _, motion in self._obstacle}
         if not self.problem.pairs:
             return said.get(None)

@@ -38,8 +38,8 @@ logger = logging.getLogger(__name__)
 class LoadStepper(LoadProgram):
     r"""Quasi-static steps of a contact problem along a history of loads, supports and obstacles.
 
-    Friction depends on the path: in step k the slip that it opposes is the increment since the
-    last converged step (backward Euler in the load),
+    Friction depends on the path: in step k it opposes the slip increment since the last converged
+    step (backward Euler in the load),
 
     .. math::
         |t^k| \le g^k, \qquad t^k = g^k\, \Delta u_t / |\Delta u_t| \ \text{where}\
@@ -59,13 +59,13 @@ class LoadStepper(LoadProgram):
     halvings : int
         How often a step that does not converge may be halved, at times between the given ones.
     sliding : {"small", "finite"}
-        "finite" finds anew, in every step, which places of two bodies face each other: for bodies
+        "finite" recomputes in every step which points of two bodies face each other, for bodies
         that slide by more than a facet, see `contact.histories.finite_sliding`. Rigid obstacles
         and tied boundaries of the same problem keep their rows.
     largest_rotation : float, optional
-        Angle in radians by which a body that slides, or its contact boundary, may turn; with a
-        larger one the step is refused. Small strains mistake the rotation for a strain of 1 - cos:
-        by default, 0.1, of 5e-3.
+        Largest rotation in radians of a sliding body or its contact boundary; larger ones are
+        refused.
+        A rotation causes a spurious strain of 1 - cos: 5e-3 for the default, 0.1.
 
     Attributes
     ----------
@@ -257,7 +257,7 @@ class LoadStepper(LoadProgram):
                 now = self.problem.system_of(self._body_at(float(t)), **moving)
                 alike = same_conditions(now, result.system, self._finite is None)
                 if not alike or not self._travels_so(last, result, begin, float(t)):
-                    raise another  # another function of time
+                    raise another  # different function of time
                 last, begin = result, float(t)
                 history = history.extended(float(t), result)
             folder.prepare(len(history), self.problem.system)
@@ -269,9 +269,9 @@ class LoadStepper(LoadProgram):
     def _travels_so(
         self, last: ContactResult | None, result: ContactResult, begin: float, end: float
     ) -> bool:
-        """Whether obstacles travel along the boundary as they did in a step from a file.
+        """Whether obstacles travel along the boundary as in a step from a file.
 
-        Steps that were halved followed the curve of the way; it bounds what they may differ by.
+        Halved steps followed a curved path, whose length bounds the difference.
         """
         if not self._obstacle:
             return True
@@ -282,7 +282,7 @@ class LoadStepper(LoadProgram):
             total = rest
             for a, b in pairwise(times):
                 where, said = (self._obstacle_at(a), self._obstacle_at(b)), self._said_between(a, b)
-                known = {"unchanged": rest[:, 0] == 0, "felt": rest[:, 0]}  # or it was refused
+                known = {"unchanged": rest[:, 0] == 0, "felt": rest[:, 0]}  # else it was refused
                 total = total + self.problem.boundaries.travel(*where, said, **known)
             return total
 
@@ -350,9 +350,9 @@ class LoadStepper(LoadProgram):
 
     def _small_step(self, last: ContactResult | None, begin: float, end: float) -> ContactResult:
         problem = self.problem
-        condensed = problem.condense()  # from now on the body computes where it was condensed
+        condensed = problem.condense()  # the body now computes on the device of the condensation
         moving = self._moving(last, begin, end)
-        if last is not None and not moving:  # a step from a file does not know its obstacle
+        if last is not None and not moving:  # a step from a file has no obstacle
             moving = {"since": problem.opposite}
         system = problem.system_of(self._body_at(end), last, **moving)
         condensed = condensed.under(system.body)
@@ -364,7 +364,7 @@ class LoadStepper(LoadProgram):
         return result
 
     def _moving(self, last: ContactResult | None, begin: float, end: float) -> dict[str, Any]:
-        """The obstacle, where it was in the last step, and what is said of the way between."""
+        """The obstacle, that of the last step, and the given displacement in between."""
         if not self._obstacle:
             return {}
         before = np.nan if last is None else begin

@@ -30,17 +30,17 @@ def signorini(
         \min \tfrac12 l^T W l - l^T (v_0 - d) \quad
         \text{s.t.} \quad \mu \ge 0, \; |t| \le g, \; C^T l = s
 
-    is the dual of Signorini's problem with gap d and friction bound g, infinite where t is free;
-    forces of bonded points are free. In two dimensions it is a box QP, solved by `gpu.solve_qp` or
-    by `peer`, a solver of qpsolvers. `softness` adds ``softness |t|^2 / 2``, the regularised law t
-    = u_t / softness; positive `springs` hold free motions in place of the balance of loads.
+    is the dual of Signorini's problem with gap d and friction bound g (infinite: t is free); forces
+    of bonded points are free. In two dimensions it is a box QP, solved by `gpu.solve_qp` or by
+    `peer`, a solver of qpsolvers. `softness` adds ``softness |t|^2 / 2``, the regularised law t =
+    u_t / softness; positive `springs` on free motions replace the load balance.
     """
     g = problem.bound(np.zeros(problem.gap.size) if bound is None else bound)
     if bound is not None and problem.tangent.shape[1] > 1 and softness is None:
         raise InputError("given friction in 3-D is no box QP; use method 'newton' or 'pdas'")
     can_touch = problem.can_touch
     live_t = (problem.tangent >= 0) & (g[:, None] > 0)
-    if problem.bonded is not None:  # a component that supports hold needs no force of the tie
+    if problem.bonded is not None:  # a component fixed by supports needs no tie force
         live_t &= (problem.W.diagonal()[problem.tangent] > 0) | ~problem.bonded[:, None]
     used = np.concatenate((problem.normal[can_touch], problem.tangent[live_t]))
     count = int(can_touch.sum())
@@ -101,7 +101,7 @@ def _box_qp(
             return solve_qp(factor, q, A=A, b=b, lb=lb, ub=ub, start=guess, tol=tol)
         except NotConverged:  # nearly singular
             pass
-    added = 1e-9  # compliance of each row, whose own is about one
+    added = 1e-9  # compliance added to each row's own of about one
     factor = _factored(P + added * np.eye(q.size))
     x = np.zeros(q.size) if guess is None else guess
     start: Array | QPResult | None = guess
@@ -111,11 +111,11 @@ def _box_qp(
         x, before, start = result.x, x, result
         missed = added * float(np.abs(x - before).max())
         largest, driving = float(np.abs(x).max()), float(np.abs(q).max())
-        # The conditions of dependent rows contradict each other: only then are forces so large.
+        # Forces are this large only if conditions of dependent rows contradict each other.
         if largest > 1e-2 / added * driving:
             least = np.inf
             break
-        # Forces below 1e-12 of the displacements that cause them are rounding.
+        # Forces below 1e-12 of the displacements are rounding.
         size = max(largest, 1e-12 * driving, np.finfo(float).tiny)
         if missed / size < least:
             least, best = missed / size, result

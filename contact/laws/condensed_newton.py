@@ -1,7 +1,7 @@
-"""Newton's method on the condensed boundary problem, whose compliance is dense or of factors.
+"""Newton's method on the condensed boundary problem, with a dense compliance or an operator.
 
-The linear system of a step is gathered, changed and solved where W lies, on the host or a device;
-active sets and residuals are computed on the host from products with W.
+The linear system of a step is assembled and solved on the device of W; active sets and residuals
+are computed on the host from products with W.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ class Condensed:
 
     problem: BoundaryProblem
     friction: Friction
-    weak: float = 1e-9  # stiffness of springs on free motions, over the square of max |C|
+    weak: float = 1e-9  # spring stiffness of free motions, over the square of max |C|
     anchored: bool = True  # springs act on the change of motions, else on motions
     patience = 8
 
     @cached_property
     def law(self) -> ContactLaw:
-        """The law of its points, in the scale of the problem."""
+        """The law of all points, in scaled units."""
         p = self.problem
         live = (p.tangent >= 0).T
         return ContactLaw(self.friction, (1.0, 1.0), live, p.bonded, p.swept, p.compliance)
 
     def state(self, forces: Forces) -> State:
-        """Forces with the displacements they cause."""
+        """Forces and the displacements that they cause."""
         u_n, u_t = self.problem.displacements(forces.mu, forces.t, forces.a)
         return State(forces, forces.mu, forces.t.T, self.problem.penetration(u_n), u_t.T)
 
     def residual(self, state: State) -> float:
-        """Largest violation of the laws and of the balance of loads, over the largest force."""
+        """Largest violation of the laws and the load balance, over the largest force."""
         p, now = self.problem, state.forces
         balance = p.C.T @ p.forces(now.mu, now.t) - p.s
         if p.K is not None:
@@ -57,11 +57,11 @@ class Condensed:
         return worst / p.residual_size(now.mu, now.t)
 
     def rounding(self, state: State) -> float:
-        """Rounding error of the residual: that of the terms that cancel in it, over the forces."""
+        """Rounding error of the residual from cancellation of its terms, over the largest force."""
         p, now = self.problem, state.forces
         l, C, a = np.abs(p.forces(now.mu, now.t)), np.abs(p.C), np.abs(now.a)
         gap = np.where(np.isfinite(p.gap), np.abs(p.gap), 0.0)
-        # W is positive definite with a diagonal of about one: no entry is larger.
+        # W is positive definite with a diagonal of about one, which bounds all entries.
         moved = np.abs(p.v0) + l.sum() + C @ a
         balanced = C.T @ l + np.abs(p.s)
         if p.K is not None:
@@ -70,7 +70,7 @@ class Condensed:
         return LIMITS.noise * largest / p.residual_size(now.mu, now.t)
 
     def softened(self, forces: Forces, delta: float) -> Condensed:
-        """With springs of compliance delta in all rows, at rest under the forces."""
+        """The problem with springs of compliance delta in all rows, stress-free at `forces`."""
         p = self.problem
         shifted = replace(
             p,
@@ -96,9 +96,9 @@ class Condensed:
         n_n, n = rows_n.size, rows.size
 
         # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick).
-        # A compliance acts on changes of the forces, as weak springs do on those of free motions:
-        # steps are unique where rows are linearly dependent, or too few points hold the body, and
-        # nothing is left of either at convergence.
+        # A compliance on changes of the forces, and weak springs on changes of free motions, make
+        # steps unique if rows are linearly dependent or too few points support the body; both
+        # vanish at convergence.
         proximal = 1e-13
         C, added = problem.C[rows], np.full(n, proximal)
         rhs = np.concatenate((problem.v0[rows], np.zeros(k)))
@@ -119,7 +119,7 @@ class Condensed:
             rhs[slip.rows] = slip.right(rhs)
         balance = np.zeros((k, n + k))
         if k:
-            # The balance of loads.
+            # The load balance.
             springs = np.full(k, self.weak * float(np.abs(problem.C).max()) ** 2)
             balance[:, :n] = C.T
             if problem.K is not None:
@@ -132,8 +132,7 @@ class Condensed:
             return Forces(mu, t, np.zeros(0))
         last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
         system = ProductSystem if isinstance(problem.W, FactorCompliance) else DenseSystem
-        # Solve for the change: its rounding error is relative to its own size, and the next step
-        # corrects it.
+        # Solve for the change: its rounding error is relative to its size.
         linear = system(problem.W, rows, added, C, balance, slip)
         solution = last + linear.solve(rhs - linear @ last)
         mu[zones.active] = solution[:n_n]
@@ -149,7 +148,7 @@ def outer_step(
     g: Array,
     size: float | None = None,
 ) -> Iteration:
-    """Describe an outer step; `size` is its residual, by default that of the laws with bound g."""
+    """`Iteration` of an outer step; `size` is its residual, by default for the bound g."""
     if size is None:
         laws = Condensed(problem, Tresca(g))
         size = laws.residual(laws.state(now))
@@ -163,18 +162,18 @@ def outer_step(
 
 @dataclass(frozen=True)
 class SlipRows:
-    """The law ``own t - of_v v = normal mu + known`` of p slipping points, in rows of a system."""
+    """The law ``own t - of_v v = normal mu + known`` of p slipping points, as rows of a system."""
 
-    at: NDArray[np.int64]  # (p, dim - 1) rows of the tangents, -1 for a prescribed one
+    at: NDArray[np.int64]  # (p, dim - 1) rows of the tangents, -1 if prescribed
     of_v: Array  # (p, dim - 1, dim - 1)
     known: Array  # (p, dim - 1)
     own: Array  # (p, dim - 1, dim - 1)
-    normal: Array  # (p, dim - 1, 1), of the columns of_normal
+    normal: Array  # (p, dim - 1, 1), in the columns `of_normal`
     of_normal: NDArray[np.int64]
 
     @classmethod
     def of(cls, law: SlipLaw, at: NDArray[np.int64], of_normal: NDArray[np.int64]) -> SlipRows:
-        """From the rows of the tangents and the columns (p,) of the normal forces."""
+        """Make the rows from tangent row numbers and normal force columns (p,)."""
         own, of_v = law.blocks()
         weighted = law.weight * law.a
         normal = (weighted * law.coefficient).T[:, :, None]
@@ -182,11 +181,11 @@ class SlipRows:
 
     @property
     def rows(self) -> NDArray[np.int64]:
-        """Their rows, one after the other."""
+        """Row numbers, flattened."""
         return self.at[self.at >= 0]
 
     def right(self, rhs: Array) -> Array:
-        """Right sides of the rows, from those of the displacements there."""
+        """Right-hand sides of the rows, from those of the displacement equations."""
         v_rhs = np.where(self.at >= 0, rhs[np.where(self.at >= 0, self.at, 0)], 0.0)
         new = np.einsum("pij,pj->pi", self.of_v, v_rhs) + self.known
         return np.asarray(new[self.at >= 0])
@@ -195,7 +194,7 @@ class SlipRows:
 def entries(
     rows: NDArray[np.int64], columns: NDArray[np.int64], blocks: Array
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Rows, columns and values of blocks (p, i, j), without rows and columns -1."""
+    """Rows, columns and values of blocks (p, i, j), omitting numbers -1."""
     row, column = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
     kept = (row >= 0) & (column >= 0)
     return row[kept], column[kept], blocks[kept]
@@ -210,7 +209,7 @@ def blocks_in(
 
 
 class DenseSystem:
-    """``[[W + D, -C], [balance]]`` with the rows of slip replaced, where W lies."""
+    """``[[W + D, -C], [balance]]`` with the rows of slip replaced, on the device of W."""
 
     def __init__(
         self, W: Any, rows: Any, added: Array, C: Array, balance: Array, slip: SlipRows | None
@@ -221,7 +220,7 @@ class DenseSystem:
         self._definite = slip is None and not len(balance)
         if slip is not None:
             at, live = slip.at, slip.at >= 0
-            if slip.of_v.any():  # a row holds v = v0 - W l + C a as A x - rhs = -v
+            if slip.of_v.any():  # a row of v = v0 - W l + C a is A x - rhs = -v
                 v_rows = put(live[:, :, None]) * A[put(np.where(live, at, 0))]
                 turned = self._arrays.xp.einsum("pij,pjn->pin", put(slip.of_v), v_rows)
                 A[put(at[live])] = turned[put(live)]
@@ -238,12 +237,12 @@ class DenseSystem:
         return np.asarray(self._arrays.get(self._A @ self._arrays.xp.asarray(x)))
 
     def solve(self, right: Array) -> Array:
-        """The solution; the matrix is overwritten."""
+        """Solve; overwrites the matrix."""
         return np.asarray(self._arrays.solve_square(self._A, right, self._definite))
 
 
 class ProductSystem:
-    """``[[M (W + D), -M C], [balance]]`` plus what the laws of slip add, of products with W."""
+    """``[[M (W + D), -M C], [balance]]`` plus terms of slip, as an operator."""
 
     def __init__(
         self, W: Any, rows: Any, added: Array, C: Array, balance: Array, slip: SlipRows | None
@@ -270,10 +269,10 @@ class ProductSystem:
         return np.concatenate((moved, self._balance @ x))
 
     def solve(self, right: Array) -> Array:
-        """A step towards the solution, from zero; its products are quick ones."""
+        """Approximate solution by a Krylov method, with unrefined products."""
         unit = np.ones(right.size)
         n, k = self._rows.size, len(self._balance)
-        if k:  # motions and their balance in the units of forces and displacements
+        if k:  # scale motions and balance to forces and displacements
             size = float(np.abs(self._C).max(initial=0.0)) * np.sqrt(n)
             unit[n:] = 1.0 / size if size else 1.0
 

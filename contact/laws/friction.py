@@ -1,6 +1,6 @@
 """Friction laws, as bounds on the tangential force of each contact point.
 
-Vectors of points lie along the first axis, (dim - 1, ...); arrays are those of NumPy or CuPy.
+The first axis of vectors is the component, (dim - 1, ...); arrays are of NumPy or CuPy.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ class Coulomb:
 
 @dataclass(frozen=True)
 class Tresca:
-    """Given friction: a known bound g, a force, which holds also where there is no contact."""
+    """Given friction: a known bound g (a force), also where there is no contact."""
 
     given: Array
 
     def bound(self, mu: Array) -> Array:
-        """Bound g of every point, whatever the normal forces."""
+        """Bound g of every point, independent of the normal forces."""
         return self.given
 
     def rubs(self, can_touch: Array) -> Array:
@@ -61,9 +61,7 @@ def lengths(v: Array) -> Array:
 
 
 def against(slip: Array, g: Array) -> Array:
-    """Forces of size g on the obstacle along known slips, which the shear on the body opposes; zero
-    where none is.
-    """
+    """Friction forces of size g on the obstacle along known slips; zero for no slip."""
     xp, size = namespace(slip), lengths(slip)
     return slip * xp.where(size > 0, g / xp.where(size > 0, size, 1.0), 0.0)
 

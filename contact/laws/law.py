@@ -1,10 +1,10 @@
 r"""The law of contact and friction at points, and its linearisation.
 
-Points have forces (mu, t), penetrations u_n - d, tangential displacements v, and are given a force
-per displacement c. Where ``mu + c (u_n - d) > 0`` they are active: ``u_n = d``, and mu = 0
-elsewhere. On compliant surfaces ``u_n - d = h(mu)``, and h is linearised at the solution of
-``mu + h(mu) = q`` for the last q = mu + u_n - d. For friction with bound g let q = t + c v,
-b = q / |q| and r = g / |q|:
+Points have forces (mu, t), penetrations u_n - d, tangential displacements v, and a parameter c, a
+force per displacement. Where ``mu + c (u_n - d) > 0`` they are active with ``u_n = d``; elsewhere
+mu = 0. On compliant surfaces ``u_n - d = h(mu)``, and h is linearised at the solution of ``mu +
+h(mu) = q`` for the last q = mu + u_n - d. For friction with bound g let q = t + c v, b = q / |q|
+and r = g / |q|:
 
 * g = 0: t = 0;
 * stick, |q| <= g: v = 0;
@@ -15,8 +15,8 @@ b = q / |q| and r = g / |q|:
   - damped, equation (4.16) of the dissertation, in its corrected form, with a = t / max(g, |t|):
     ``(1 - r) t+ = r (I - a b^T) c v+ + (1 - r) g a``.
 
-The damped form converges from far away, radial return is fast near the solution. For Coulomb's law
-g = F mu+ on active points is an unknown of the same linear system (monolithic).
+The damped form converges globally, radial return is fast near the solution. For Coulomb's law g = F
+mu+ on active points is an unknown of the same linear system (monolithic).
 
 References
 ----------
@@ -36,12 +36,12 @@ import numpy as np
 from contact.laws.friction import Coulomb, Friction, lengths, project
 from skfem_adini.ground.arrays import namespace
 
-Array = Any  # of NumPy or CuPy: (...) of points, (dim - 1, ...) of their tangential vectors
+Array = Any  # NumPy or CuPy: (...) for points, (dim - 1, ...) for tangential vectors
 
 
 @dataclass(frozen=True)
 class State:
-    """Forces of a problem, in its own form and of points, and the displacements they cause."""
+    """Forces, in the problem's form and per point, and the displacements that they cause."""
 
     forces: Any
     mu: Array
@@ -53,7 +53,7 @@ class State:
 @dataclass(frozen=True)
 class Zones:
     """Sets of points, with the trial force q = t + c v and its bound g. Bonded points are active
-    and stick, g infinite.
+    and stick, with infinite g.
     """
 
     active: Array
@@ -68,13 +68,13 @@ class Zones:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """The law of all points, with their masks and the forces per displacement, c."""
+    """The law of all points, with their masks and the parameters c."""
 
     friction: Friction
-    scale: tuple[float, float] = (1.0, 1.0)  # c along the normal and along the surface
+    scale: tuple[float, float] = (1.0, 1.0)  # c in normal and tangential direction
     live: Array | None = None  # tangential components that can move, (dim - 1, ...)
     bonded: Array | None = None  # points tied to the obstacle
-    swept: Array | None = None  # points that slip as prescribed, whatever the forces
+    swept: Array | None = None  # points that slip as prescribed, for any forces
     surface: Any = None  # a `contact.laws.surface_compliance.SurfaceCompliance`
 
     def bound(self, mu: Array) -> Array:
@@ -111,7 +111,7 @@ class ContactLaw:
         g, c = self.bound(xp.where(active, trial, 0.0)), self.scale[1]
         q = self._moving(t + c * v)
         length = lengths(q)
-        if self.swept is not None:  # they slip from the first step on, by another c if need be
+        if self.swept is not None:  # they slip from the first step, with another c if needed
             moves = lengths(self._moving(v))
             stuck = self.swept & (length <= g) & (moves > 0)
             more = 4.0 * (g + lengths(t)) / xp.where(stuck, moves, 1.0)
@@ -122,7 +122,7 @@ class ContactLaw:
         return Zones(active, rubs & (length <= g), rubs & (length > g), q, g, c, opening, slope)
 
     def slip(self, zones: Zones, t: Array, form: str, at: Any = slice(None)) -> SlipLaw:
-        """The linearised law in the form "radial" or "damped", of the points at some places."""
+        """The linearised law in the form "radial" or "damped", of the points `at`."""
         xp, slip, q = namespace(zones.q), zones.slip[at], zones.q[..., at]
         g = xp.where(slip, zones.g[at], 0.0)
         length = xp.where(slip, lengths(q), 1.0)

@@ -13,13 +13,13 @@ from contact.errors import Infeasible
 from contact.laws.friction import Coulomb, Friction, Tresca
 
 
-class _Balance(NamedTuple):  # when loads and motions count; displacements relative to max |C|
-    limit: float = 1e-6  # part of friction without which loads at its limit are not balanced
-    unseen: float = 1e-10  # displacement of all contact points by a motion that is undetermined
-    gain: float = 1e-7  # work along a motion, over the largest load, that is rounding
-    presses: float = 1e-6  # normal displacement that presses no point, as on rough circles
+class _Balance(NamedTuple):  # tolerances; displacements relative to max |C|
+    limit: float = 1e-6  # relative reduction of friction in the test for loads at its limit
+    unseen: float = 1e-10  # largest contact displacement of an undetermined motion
+    gain: float = 1e-7  # work along a motion, over the largest load, below which it is rounding
+    presses: float = 1e-6  # normal displacement that counts as no pressure, as on rough circles
     driven: float = 1e-4  # work over the largest load that drives the body
-    zero: float = 1e-9  # forces and motions: ten times what a certificate of 1e-10 allows
+    zero: float = 1e-9  # forces and motions: ten times the error that a certificate of 1e-10 allows
 
 
 BALANCE = _Balance()
@@ -36,8 +36,8 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
         s^T a > \sum_i g_i |v_{t,i}|, \qquad v_{n,i} + F_i |v_{t,i}| \le 0 .
 
     A linear program finds it. In 3-D the modulus is bounded from below by components of v_t in some
-    directions, to which that of the motion found is added (Kelley's cutting planes). A motion that
-    displaces no contact point would be undetermined whatever the loads.
+    directions, to which the direction of each found motion is added (Kelley's cutting planes). A
+    motion that displaces no contact point would be undetermined for any loads.
     """
     apart, allowed = without_ties(problem)
     motion = _unresisted(apart, friction)
@@ -46,7 +46,7 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
 
 
 def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[str, Array] | None:
-    """What is wrong, and the motion a, where `check_held` raises; no points may be bonded."""
+    """Reason and motion a if `check_held` must raise, else None; no points may be bonded."""
     k, loads = problem.s.size, float(np.abs(problem.s).max(initial=0.0))
     if k == 0:
         return None
@@ -91,8 +91,8 @@ def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[st
         found = scipy.optimize.linprog(
             -gain, A_ub=A, b_ub=np.r_[np.zeros(A.shape[0] - 1), 1.0], method="highs"
         )
-        # A gain this small may be rounding. The cuts underestimate the moduli and overestimate the
-        # gain: if it is not positive, the body is held.
+        # A gain this small may be rounding. The cuts overestimate the gain: if it is not positive,
+        # the loads are balanced.
         if found.x is None or gain @ found.x <= BALANCE.gain:
             return None
         motion = found.x[:k] - found.x[k : 2 * k]
@@ -110,8 +110,8 @@ def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[st
 
 
 def at_the_limit(problem: BoundaryProblem, friction: Friction | None) -> Array | None:
-    """A rigid motion that friction reduced by `BALANCE.limit` could not resist, or None. How far
-    the body slips then depends on changes of the loads below their accuracy."""
+    """A rigid motion that friction reduced by `BALANCE.limit` could not resist, or None. The slip
+    then depends on changes of the loads below their accuracy."""
     if friction is None:
         return None
     try:
@@ -123,7 +123,7 @@ def at_the_limit(problem: BoundaryProblem, friction: Friction | None) -> Array |
 
 def by_friction_alone(problem: BoundaryProblem) -> Array | None:
     """A rigid motion that the loads drive and that presses no contact point, or None. `check_held`
-    admits any pressure, also one that the gap does not allow.
+    would allow pressure at any point, even one with a large gap.
     """
     problem, allowed = without_ties(problem)
     k, size = problem.s.size, float(np.abs(problem.C).max(initial=0.0))
@@ -145,7 +145,7 @@ def undetermined_slip(
     problem: BoundaryProblem, friction: Friction | None, mu: Array, t: Array
 ) -> Array | None:
     """A motion that a solution leaves undetermined, or None: it keeps loaded points in contact and
-    sticking ones at rest, and moves slipping ones along their force, all with it or all against.
+    sticking points at rest, and moves all slipping points along their force, or all against it.
     """
     problem, allowed = without_ties(problem)
     k, force = problem.s.size, float(max(mu.max(initial=0.0), np.abs(t).max(initial=0.0)))
@@ -179,8 +179,8 @@ def undetermined_slip(
 
 
 def without_ties(problem: BoundaryProblem) -> tuple[BoundaryProblem, Array]:
-    """The problem without bonded points in the motions b that leave these at rest, and `allowed`,
-    (k, number of b), of ``a = allowed @ b``.
+    """The problem without bonded points, in motions b that do not move these, and `allowed`, (k,
+    number of b), of ``a = allowed @ b``.
     """
     k, ties = problem.s.size, problem.ties
     if not ties.any():
@@ -190,7 +190,7 @@ def without_ties(problem: BoundaryProblem) -> tuple[BoundaryProblem, Array]:
     _, singular, V = np.linalg.svd(rows, full_matrices=False)
     allowed = V[singular <= BALANCE.unseen * float(np.abs(problem.C).max(initial=1e-300))].T
     s = allowed.T @ problem.s
-    # What rounding leaves of loads that bonded points balance is no load.
+    # Drop the rounding of loads that bonded points balance.
     s[np.abs(s) <= BALANCE.zero * float(np.abs(problem.s).max(initial=0.0))] = 0.0
     apart = replace(
         problem,

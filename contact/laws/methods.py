@@ -27,8 +27,8 @@ from contact.laws.tresca_loop import tresca_loop
 
 Array = NDArray[np.float64]
 
-# Stiffness of springs on free motions in the frictionless start, over the square of max |C|: soft
-# compared with contact, whose stiffness is one.
+# Spring stiffness of free motions in the frictionless start, over the square of max |C|; the
+# stiffness of contact is one.
 SPRINGS = 1e-2
 
 
@@ -40,8 +40,8 @@ def solve_boundary(
     scale: Array,
     report: Report,
 ) -> tuple[Forces, float]:
-    """The forces, by the method named in the options, and the violation of friction, over the
-    largest force, that its regularisation causes; `scale` is physical over scaled displacement.
+    """Forces by the method of the options, and the violation of the friction law due to its
+    regularisation, over the largest force; `scale` is physical over scaled displacement.
     """
     if isinstance(problem, PrimalProblem):
         return primal_newton(problem, friction, options, start, report), 0.0
@@ -95,12 +95,12 @@ def solve_boundary(
 
 
 def _rest(problem: BoundaryProblem) -> Forces:
-    """No forces and no motion."""
+    """Zero forces and motions."""
     return Forces(*problem.zeros(), np.zeros(problem.s.size))
 
 
 def _refuse(problem: BoundaryProblem, options: Options) -> None:
-    """Raise an `InputError` for a method that does not take the problem."""
+    """Raise an `InputError` for a method that cannot solve the problem."""
     if isinstance(problem.W, FactorCompliance) and options.method != "newton":
         raise InputError(
             f"method={options.method!r}: the compliance of {problem.v0.size} contact rows is "
@@ -124,8 +124,8 @@ def _compliant(
     laws = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
     with suppress(NotConverged, LinAlgError):
         found = newton(laws, start, tol=tol, report=report)
-        # Newton's method holds free motions by weak springs to where they were before the step: a
-        # step from the solution leaves no force in them.
+        # Weak springs of Newton's method act on changes of free motions: at the solution they carry
+        # no force.
         return newton(laws, found, tol=tol) if problem.s.size else found
     return proximal_point(laws, start, tol=tol, report=report)
 
@@ -133,7 +133,7 @@ def _compliant(
 def _from_coarse(
     problem: BoundaryProblem, friction: Friction | None, options: Options, report: Report
 ) -> Forces | None:
-    """Solution with fewer points, found recursively; None if there is no such problem or none."""
+    """Recursive solution with fewer points; None if there is no coarse problem or no solution."""
     coarse = CoarseProblem.of(problem, friction)
     if coarse is None:
         return None
@@ -157,8 +157,8 @@ def _largest_displacement(problem: BoundaryProblem, forces: Forces, scale: Array
 
 
 def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Forces:
-    """Start of the friction methods: hard contact without friction, free motions on springs, which
-    are softened where they let the body hang short of the obstacle.
+    """Initial guess of the friction methods: frictionless hard contact, with springs on free
+    motions, softened if they keep the body from reaching the obstacle.
     """
     problem = replace(problem, compliance=None)
     if not np.any(problem.can_touch):
@@ -179,7 +179,7 @@ def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Force
 
 
 def _carries(problem: BoundaryProblem, forces: Forces) -> bool:
-    """Whether contact takes half of the loads that press the body, and springs the rest."""
+    """Whether contact carries at least half of the pressing loads, and springs the rest."""
     C = problem.C[problem.normal[problem.can_touch]]
     left = problem.s - C.T @ forces.mu[problem.can_touch]
     return bool(np.abs(C @ left).max() <= 0.5 * np.abs(C @ problem.s).max())
@@ -193,7 +193,7 @@ def _regularised(
     scale: Array,
     report: Report,
 ) -> tuple[Forces, float]:
-    """Forces of the fixed point (4.12), and the violation of friction that eps causes."""
+    """Forces of the fixed point (4.12), and the violation of the friction law due to eps."""
     eps = options.eps
     if eps is None:
         eps = 1e-5 * _largest_displacement(problem, start, scale)
@@ -207,7 +207,7 @@ def _regularised(
         report=report,
     )
     slip = eps / _largest_displacement(problem, forces, scale)
-    # The certificate measures slip in other units, in which the residual may be larger.
+    # The certificate scales slip differently: the residual may be larger there.
     return forces, 10.0 * options.tol + 10.0 * slip
 
 
@@ -245,8 +245,8 @@ def device_newton(
     max_iterations: int,
     report: Report = lambda iteration: None,
 ) -> Forces:
-    """Newton's method in two or three dimensions, where W lies; None starts with frictionless steps
-    in which springs hold the free motions.
+    """Newton's method on the device of W; without a start, frictionless steps with springs on free
+    motions come first.
     """
     none = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
     laws = none if friction is None else Condensed(problem, friction)
@@ -283,8 +283,8 @@ def fixed_point(
 ) -> Forces:
     r"""Lagged secant stiffness for the regularised friction law: (4.12), Algorithm 3.
 
-    Each step solves Signorini's problem with springs ``t = w u_t``, ``w = g / max(eps, |u_t|)``
-    from the last iterate: the box QP with 1 / w on the tangential diagonal. With a fixed bound the
+    Each step solves Signorini's problem with springs ``t = w u_t``, ``w = g / max(eps, |u_t|)`` at
+    the last iterate: the box QP with 1 / w on the tangential diagonal. With a fixed bound the
     energy :math:`J_\epsilon = \tfrac12 a(u,u) - f(u) + \sum g \psi_\epsilon(|u_t|)` decreases in
     every step. It converges linearly, and ends where displacements change by at most `tol` and the
     regularised law holds up to `tol`.
@@ -309,7 +309,7 @@ def fixed_point(
         energy = np.nan
         if isinstance(friction, Tresca):
             psi = _psi(np.linalg.norm(u_t, axis=1), eps)
-            # l^T W l / 2 - s^T a is the energy of body and contact forces alone.
+            # l^T W l / 2 - s^T a is the energy of body and contact forces only.
             energy = problem.energy(now.mu, now.t, now.a) + float(g @ psi)
         line = outer_step(problem, step, "fixed point", now, g, violation)
         report(replace(line, energy=energy, change=change))
@@ -333,8 +333,8 @@ def _largest(x: Array) -> float:
 
 @dataclass(frozen=True)
 class GivenFriction:
-    """Solver for any given bound: the box QP, by `peer` if given, or Newton's method; damped alone
-    ((4.16) of the dissertation) if `damped`.
+    """Solver for given friction: the box QP, by `peer` if given, or Newton's method, only in the
+    damped form ((4.16) of the dissertation) if `damped`.
     """
 
     problem: BoundaryProblem
@@ -345,8 +345,8 @@ class GivenFriction:
     def __call__(
         self, bound: Array, start: Forces, report: Report = lambda iteration: None
     ) -> Forces:
-        """Forces under the bound g; `NotConverged` where all methods stall, `gpu.Infeasible` where
-        none within the bound balance the loads.
+        """Forces for the bound g; raises `NotConverged` if all methods stall, `gpu.Infeasible` if
+        no forces within the bound balance the loads.
         """
         if not self.box:
             return self._by_newton(Tresca(bound), start, report)
@@ -355,12 +355,12 @@ class GivenFriction:
         )
 
     def of_last_step(self, bound: Array, start: Forces) -> Forces:
-        """Forces under the bound of the last step of an iteration for Coulomb's law, or under a
-        multiple where its pressure is too low to balance the loads.
+        """Forces for the bound of the last step of an iteration for Coulomb's law, or a multiple of
+        it if its pressure is too low to balance the loads.
         """
         for times in (1, 2, 4, 8, 16):
             with suppress(Infeasible):
-                if self.problem.s.size and not self.box:  # where Newton's method would only stall
+                if self.problem.s.size and not self.box:  # Newton's method would stall
                     check_held(self.problem, Tresca(times * bound))
                 return self(times * bound, start)
         raise NotConverged("the friction of the last step cannot hold the loads")
@@ -372,7 +372,8 @@ class GivenFriction:
         return box and not self.damped
 
     def _by_newton(self, friction: Tresca, start: Forces, report: Report) -> Forces:
-        """Newton's method; if it stalls, damped from other starts, then proximal points."""
+        """Newton's method; if it stalls, its damped form from other starts, then proximal
+        points."""
         problem, tol, laws = self.problem, self.tol, Condensed(self.problem, friction)
         rest = _rest(problem)
         form = "damped" if self.damped else "switched"
@@ -381,7 +382,7 @@ class GivenFriction:
                 phase = f"{kind} newton"
                 return newton(laws, near, form=kind, tol=tol, phase=phase, report=report)
         if problem.tangent.shape[1] == 1:
-            with suppress(ContactError, LinAlgError):  # from hard surfaces, a box QP
+            with suppress(ContactError, LinAlgError):  # solution for hard surfaces
                 hard = replace(problem, compliance=None)
                 near = signorini(hard, bound=friction.given, start=start, tol=tol, report=report)
                 return newton(laws, near, tol=tol, report=report)
@@ -390,25 +391,25 @@ class GivenFriction:
 
 @dataclass(frozen=True)
 class CoarseProblem:
-    """A problem whose neighbouring points, in groups, have equal scaled forces: l = P L, P^T W P.
-    Its zones differ from those of the fine problem at a few points only.
+    """A problem with equal scaled forces in groups of neighbouring points: l = P L, P^T W P. Its
+    zones differ from those of the fine problem at few points.
     """
 
     problem: BoundaryProblem  # the coarse one
     friction: Friction | None
     fine: BoundaryProblem
-    row: NDArray[np.int64]  # coarse row of each fine row; -1 where a normal cannot touch
-    share: NDArray[np.float64]  # scaled force of a fine row over that of its coarse row
+    row: NDArray[np.int64]  # coarse row of each fine row; -1 where contact is impossible
+    share: NDArray[np.float64]  # ratio of scaled forces of a fine row and its coarse row
 
     @classmethod
     def of(cls, fine: BoundaryProblem, friction: Friction | None) -> CoarseProblem | None:
-        """Group points, numbered along the boundary; None in 3-D, for fewer than a hundred, with
-        bonded ones and on compliant surfaces.
+        """Group points, numbered along the boundary; None in 3-D, for fewer than a hundred points,
+        with bonded points or compliant surfaces.
         """
         m = fine.gap.size
         if fine.tangent.shape[1] != 1 or m < 100 or fine.ties.any() or fine.compliance:
             return None
-        group = np.arange(m) // 4  # neighbours become one point
+        group = np.arange(m) // 4  # merge four neighbours
         count = int(group[-1]) + 1
         bears = np.column_stack((fine.can_touch, fine.tangent[:, 0] >= 0))
         there = np.stack([np.bincount(group, bears[:, j], count) > 0 for j in (0, 1)], axis=1)
@@ -424,13 +425,13 @@ class CoarseProblem:
         sums = sparse.csr_array(ones, shape=(first.size, row.size))
         W = arrays.congruent(sums, arrays.values(fine.W))
         compliance = np.where(there, arrays.get(W.diagonal())[number], 0.0).sum(axis=1)
-        scale = np.sqrt(compliance / np.maximum(there.sum(axis=1), 1))  # one a coarse point
+        scale = np.sqrt(compliance / np.maximum(there.sum(axis=1), 1))  # one value per coarse point
         scale = np.where(scale > 0, scale, 1.0)
         share = np.empty(first.size)
         share[number[there]] = 1.0 / np.broadcast_to(scale[:, None], there.shape)[there]
         W = W * arrays.put(share) * arrays.put(share)[:, None]
         gap = np.bincount(group, np.where(fine.can_touch, fine.gap, 0.0), count) / scale
-        # With few rows, steps on a device take as long as its calls: longer than on the host.
+        # With few rows, the call overhead of a device dominates: use the host.
         problem = BoundaryProblem(
             W=arrays.get(W) if first.size <= 400 else arrays.matrix(W),
             v0=np.add.reduceat(fine.v0[used], first) * share,

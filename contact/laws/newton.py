@@ -1,9 +1,9 @@
 """The semismooth Newton iteration for contact with friction, and the proximal point method.
 
-Form "switched" takes the damped form of the linearised law (`contact.laws.law`) until the residual
-falls below .1 and radial return from there. It needs 3 to 9 steps on blocks, curved parts and 3-D
-bodies for friction .1 to 3, where radial return alone cycles in a third of the cases. In two
-dimensions radial return is an active-set method on the sign of the slip: where it converges, it
+The form "switched" uses the damped form of the linearised law (`contact.laws.law`) until the
+residual falls below .1 and radial return from there. It needs 3 to 9 steps on blocks, curved parts
+and 3-D bodies for friction .1 to 3, where radial return alone cycles in a third of the cases. In
+two dimensions radial return is an active-set method on the sign of the slip: where it converges, it
 ends after finitely many steps.
 """
 
@@ -20,17 +20,17 @@ from contact.laws.law import ContactLaw, State, Zones
 
 
 class _Limits(NamedTuple):  # of residuals
-    inner: float = 1e-2  # tolerance of a boundary problem over that of the certificate of the body
-    near: float = 0.1  # below it steps are undamped, and a stall may be rounding
-    round_off: float = 1e2  # times the tolerance: a stall below it is rounding
-    noise: float = 10 * float(np.finfo(float).eps)  # rounding of a hundred terms over their size
+    inner: float = 1e-2  # tolerance of a boundary problem, over the certificate's
+    near: float = 0.1  # residual below which steps are undamped, and a stall may be rounding
+    round_off: float = 1e2  # a stall below this multiple of the tolerance is rounding
+    noise: float = 10 * float(np.finfo(float).eps)  # relative rounding of a sum of a hundred terms
 
 
 LIMITS = _Limits()
 
 
 class Compliance(Protocol):
-    """A body with its contact points and their law, for `newton`; forces have a form of its own."""
+    """A body with its contact points and their law, for `newton`; it defines the form of forces."""
 
     @property
     def law(self) -> ContactLaw:
@@ -41,23 +41,23 @@ class Compliance(Protocol):
         """Steps without a new least residual that count as cycling."""
 
     def state(self, forces: Any) -> State:
-        """Forces with the displacements they cause."""
+        """Forces and the displacements that they cause."""
 
     def residual(self, state: State) -> float:
-        """Largest violation of the laws and of the balance of loads, over the largest force."""
+        """Largest violation of the laws and the load balance, over the largest force."""
 
     def step(self, state: State, zones: Zones, form: str, size: float) -> Any:
-        """Forces that solve the laws linearised at a state, whose residual is `size`."""
+        """Forces that solve the laws linearised at a state with the residual `size`."""
 
     def rounding(self, state: State) -> float:
         """Rounding error of the residual; zero if unknown."""
 
     def softened(self, forces: Any, delta: float) -> Compliance:
-        """With springs of compliance delta at all points, at rest under the forces."""
+        """The problem with springs of compliance delta at all points, stress-free at `forces`."""
 
 
 def at_rounding(compliance: Compliance, best: State | None, least: float) -> bool:
-    """Whether the residual of a state near a solution is the rounding of the terms in it."""
+    """Whether the residual of a state near a solution is at the level of its rounding error."""
     return best is not None and least <= LIMITS.near and least <= compliance.rounding(best)
 
 
@@ -66,7 +66,7 @@ class Progress:
 
     def __init__(self, compliance: Compliance, tol: float, first: float) -> None:
         self._compliance, self._tol, self._least = compliance, tol, np.inf
-        self._first = first  # residual of the start, which need not be among the best
+        self._first = first  # residual of the start, which does not count as the best
         self._best: State | None = None
         self._since_best = self._since_half = 0
         self._half = np.inf
@@ -83,8 +83,8 @@ class Progress:
             self._half, self._since_half = size, 0
         if not size > self._tol or not np.isfinite(size):
             return True
-        # Near the solution, a Newton step that does not halve the residual has reached rounding
-        # error: that of the terms that cancel in it, or a multiple if badly conditioned.
+        # Near the solution, a Newton step that does not halve the residual has reached its rounding
+        # error, or a multiple if badly conditioned.
         if self._since_half >= 2 and self._least <= LIMITS.round_off * self._tol:
             return True
         if self._since_half >= 1 and at_rounding(self._compliance, self._best, self._least):
@@ -92,7 +92,7 @@ class Progress:
         return self._since_best >= self._compliance.patience
 
     def best_of(self, phase: str) -> Any:
-        """The forces of least residual; `NotConverged` if it is larger than rounding."""
+        """The forces with the smallest residual; `NotConverged` if it is larger than rounding."""
         near = self._least <= LIMITS.round_off * self._tol
         if self._best and (near or at_rounding(self._compliance, self._best, self._least)):
             return self._best.forces
@@ -112,7 +112,7 @@ def newton(
     phase: str = "newton",
     report: Report = lambda iteration: None,
 ) -> Any:
-    """Forces of contact from a start, or `NotConverged`; `zones` take the place of its own."""
+    """Contact forces from a start, or `NotConverged`; `zones` replace those of the start."""
     now = compliance.state(start)
     size = compliance.residual(now) if zones is None else np.inf
     progress, radial = Progress(compliance, tol, size), size < LIMITS.near
@@ -125,7 +125,7 @@ def newton(
         report(Iteration(step, phase, active, stick, slip, size))
         if progress.ended(now, size):
             break
-        # Radial return that does not get nearer cycles: the damped form leads out.
+        # Radial return without progress is cycling: the damped form ends the cycle.
         radial, zones = size < LIMITS.near and not (radial and size > 0.9 * before), None
     return progress.best_of(phase)
 
@@ -143,15 +143,15 @@ def proximal_point(
     .. math::
         W_k = W + \delta_k I, \qquad v_{0,k} = v_0 + \delta_k l_k
 
-    has the solution l of the problem as its fixed point. The compliance delta is divided by 4 after
+    has the solution l of the problem as fixed point. The compliance delta is divided by 4 after
     each success and multiplied by 4 after a failure. With given friction the laws are the gradient
     of a convex energy, and the iteration converges for any delta, also if rows are linearly
     dependent (R. T. Rockafellar, SIAM J. Control Optim. 14 (1976), Theorem 1); with Coulomb's law
     it is a heuristic. Raises `NotConverged` if the least residual is above 100 `tol`.
     """
     now = best = start
-    least, delta = np.inf, 0.1  # a tenth of the compliance of a row
-    for _ in range(100):  # twenty reduce delta from the upper limit to the lower one
+    least, delta = np.inf, 0.1  # a tenth of a row's compliance
+    for _ in range(100):  # twenty steps reduce delta from its upper to its lower limit
         try:
             now = newton(
                 compliance.softened(now, delta),

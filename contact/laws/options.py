@@ -36,7 +36,7 @@ class Options:
         max_iterations: int | None,
         eps: float | None,
     ) -> Self:
-        """Check the options and fill in defaults; an `InputError` names what is not offered."""
+        """Check the options and set defaults; raises `InputError` for unsupported ones."""
         peer = isinstance(method, str) and method.startswith("qp:")
         if not (isinstance(method, str) and method in _OFFERED[law]) and not peer:
             raise InputError(

@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 class PressureOverclosure:
     r"""Contact pressure p(c) of a compliant surface, growing with the overclosure c = u_n - d.
 
-    The overclosure is how far the undeformed surfaces would overlap: rough surfaces, coatings and
-    thin soft layers let it be positive. With its inverse h the law is ``u_n - d = h(p)`` where
+    The overclosure is the overlap of the undeformed surfaces, which may be positive on rough
+    surfaces, coatings and thin soft layers. With its inverse h the law is ``u_n - d = h(p)`` where
     p > 0 and ``u_n - d <= h(0)`` where p = 0; h = 0 is Signorini's law.
 
     Parameters
@@ -26,7 +26,7 @@ class PressureOverclosure:
         Strictly increasing from zero, in the unit of E.
     overclosures : array_like, shape (k,)
         Their overclosures, strictly increasing, lengths; negative where the pressure begins before
-        the surfaces touch. Straight lines connect the points; the last one goes on.
+        the surfaces touch. Straight lines connect the points; the last one is extended.
 
     Raises
     ------
@@ -99,7 +99,7 @@ class PressureOverclosure:
         return self.evaluated(numbers("overclosure", overclosure))[0]
 
     def evaluated(self, c: Array) -> tuple[Array, Array]:
-        """Pressure and its derivative at overclosures c; at a corner that of the stiffer side."""
+        """Pressure and its derivative at overclosures c; at a kink the larger derivative."""
         slopes = np.diff(self._p) / np.diff(self._c)
         at = np.clip(np.searchsorted(self._c, c, side="right") - 1, 0, slopes.size - 1)
         p = self._p[at] + slopes[at] * (c - self._c[at])
@@ -120,12 +120,12 @@ class PressureOverclosure:
         return np.maximum(found, self.start)
 
     def stored(self) -> dict[str, Any]:
-        """Numbers from which `from_stored` makes the law again."""
+        """Data from which `from_stored` restores the law."""
         return {"pressures": self._p.tolist(), "overclosures": self._c.tolist()}
 
     @staticmethod
     def from_stored(data: dict[str, Any] | None) -> PressureOverclosure | None:
-        """The law of what `stored` gave; None stands for hard contact."""
+        """The law from the output of `stored`; None for hard contact."""
         if data is None:
             return None
         return Exponential(**data) if "clearance" in data else PressureOverclosure(**data)
@@ -158,10 +158,10 @@ class Exponential(PressureOverclosure):
     def resolved(self, q: Array, a: Array, b: Array) -> Array:
         """As for `PressureOverclosure`; Newton's method from above on a convex function."""
         rest = np.maximum(np.where(np.isfinite(q), q, -np.inf) - b * self.start, 0.0)
-        # x (e^x - 1) >= e^x - 1 from x = 1 on: the pressure alone bounds x, and so does b c alone.
+        # x (e^x - 1) >= e^x - 1 for x >= 1: the pressure bounds x, and so does b c.
         largest = np.maximum(1.0, np.log1p(rest / a * (np.expm1(1.0) / self._p0)))
         x = np.minimum(largest, rest / (b * self._c0))
-        for _ in range(100):  # Newton's method; it needs less than twenty
+        for _ in range(100):  # Newton's method needs fewer than twenty
             p, slope = self.evaluated(self._c0 * (x - 1.0))
             missed = a * p + b * self._c0 * x - rest
             new = np.maximum(x - missed / ((a * slope + b) * self._c0), 0.0)
@@ -171,13 +171,13 @@ class Exponential(PressureOverclosure):
         return self._c0 * (x - 1.0)
 
     def stored(self) -> dict[str, Any]:
-        """Numbers from which `from_stored` makes the law again."""
+        """Data from which `from_stored` restores the law."""
         return {"pressure": self._p0, "clearance": self._c0}
 
 
 def checked(value: Any, count: int, several: bool) -> tuple[PressureOverclosure | None, ...]:
-    """The law of each of `count` boundaries from what the caller gave, a list only if `several`
-    were; empty for hard contact.
+    """The law of each of `count` boundaries from the caller's argument, a list only if `several`;
+    empty for hard contact.
     """
     if isinstance(value, list | tuple):
         if not several or len(value) != count:

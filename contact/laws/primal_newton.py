@@ -1,10 +1,9 @@
-"""Newton's method on a body whose contact rows are unknowns of it.
+"""Newton's method on a body whose unknowns include the contact rows.
 
-Rows of points in contact, and those of sticking ones, are prescribed; the equations of slipping
-ones are replaced by their law, in which the forces are the residual of the stiffness,
-``l = (f - K x)_c``. The rest is solved by conjugate gradients or, with slip, by GMRES, both with
-multigrid of the symmetric part; forces and displacements of a step therefore belong to each other,
-and no compliance is needed.
+Normal rows of points in contact and tangential rows of sticking points are prescribed; equations of
+slipping points are replaced by their law, with the forces ``l = (f - K x)_c``. The other unknowns
+are solved by conjugate gradients or, with slip, by GMRES, both with multigrid of the symmetric
+part; forces and displacements of a step are therefore in equilibrium, and no compliance is needed.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ def primal_newton(
     start: Forces | None,
     report: Report,
 ) -> PrimalForces:
-    """Solve for contact; without a start all points within reach stick to the obstacle at first."""
+    """Solve for contact; without a start all points with a finite gap initially stick."""
     if options.method != "newton" or problem.compliance is not None:
         raise InputError(
             f"method={options.method!r}: without condensation only 'newton' is offered, on hard "
@@ -42,7 +41,7 @@ def primal_newton(
         )
     check_held(problem, friction)
     laws = Primal(problem, friction or Tresca(np.zeros(problem.gap.size)))
-    tol = max(0.1 * options.tol, 1e-11)  # that of the linear systems is 1e-13
+    tol = max(0.1 * options.tol, 1e-11)  # linear systems are solved to 1e-13
     now = laws.stuck() if start is None else laws.given(start)
     failure, limit = None, options.max_iterations
     for _ in range(2):
@@ -52,7 +51,7 @@ def primal_newton(
             failure = error
         if isinstance(laws.friction, Tresca):
             break
-        for _ in range(4):  # then Newton's method starts anew
+        for _ in range(4):  # restarts of Newton's method
             given = Primal(problem, Tresca(laws.friction.bound(now.mu)))
             now = given.solved(now, 1e-3, limit, "tresca step", report)
     raise NotConverged(f"{failure}; try a smaller friction coefficient, or backend='mumps'")
@@ -60,7 +59,7 @@ def primal_newton(
 
 @dataclass(frozen=True)
 class Primal(Condensed):
-    """A problem whose rows are unknowns of the body, for `contact.laws.newton.newton`."""
+    """A problem with contact rows as unknowns, for `contact.laws.newton.newton`."""
 
     problem: PrimalProblem
 
@@ -76,7 +75,7 @@ class Primal(Condensed):
         return found
 
     def state(self, forces: Forces) -> State:
-        """Forces with the displacements that belong to them; without any, the prescribed ones."""
+        """Forces and their displacements; the prescribed ones if none are known."""
         x = getattr(forces, "x", None)
         if x is None:
             return super().state(forces)
@@ -84,19 +83,19 @@ class Primal(Condensed):
         return Condensed(at, self.friction).state(forces)
 
     def _zones(self, now: PrimalForces) -> Zones:
-        """Zones at a state, or those that its forces show if it has no displacements."""
+        """Zones at a state, from the forces only if it has no displacements."""
         problem = self.problem
         if now.x is not None:
             return self.law.zones(self.state(now))
         touches = problem.can_touch & ((now.mu > 0) | problem.ties)
         g = self.law.bound(now.mu)
         rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1) & touches
-        # A force within a thousandth of its bound counts as slip.
+        # A force within 0.1 % of its bound counts as slip.
         slip = rubs & (np.linalg.norm(now.t, axis=1) >= 0.999 * g)
         return Zones(touches, rubs & ~slip, slip, np.where(slip, 1.5 * now.t.T, now.t.T), g, 1.0)
 
     def stuck(self) -> PrimalForces:
-        """All points within reach are in contact, and stick if there is friction."""
+        """Zones with all points of finite gap in contact, sticking if there is friction."""
         problem, touch = self.problem, self.problem.can_touch
         mu, t = problem.zeros()
         rubs = self.friction.bound(np.ones(mu.size)) > 0
@@ -108,7 +107,7 @@ class Primal(Condensed):
         return self.step(self.state(start), zones, "radial")
 
     def given(self, start: Forces) -> PrimalForces:
-        """A start with the displacements that it may have."""
+        """A start, with displacements if it has any."""
         motions = np.zeros(self.problem.s.size)
         return PrimalForces(start.mu, start.t, motions, getattr(start, "x", None))
 
@@ -143,11 +142,11 @@ def _slipping(
     problem: PrimalProblem, law: SlipLaw, zones: Zones, held: np.ndarray, load: Array
 ) -> tuple[Alteration, Array]:
     """Rows of slip ``t = r / (1 - r) (I - a b^T) c v + a (F mu + g)``: the law of
-    `contact.laws.law`, in both forms, times the inverse of what stands before t.
+    `contact.laws.law`, in both forms, solved for t.
     """
     points, n = np.flatnonzero(zones.slip), held.size
     at, of_normal = problem.tangent[points], problem.normal[points]
-    # Points whose friction is nearer to its bound all but stick.
+    # Limit r near one, where points nearly stick.
     turned = law.blocks()[1] / np.maximum(1.0 - law.ratio, 1e-8)[:, None, None]
     share, known = ((law.a * part).T for part in (law.coefficient, law.bound))
     with_x = blocks_in(n, at, at, turned)

@@ -14,7 +14,7 @@ from contact.errors import InputError, MissingDependency, NotConverged
 
 Array = NDArray[np.float64]
 
-# The tightest tolerances that are tried; other solvers of qpsolvers keep their defaults.
+# The tightest tolerances tried; other solvers of qpsolvers keep their defaults.
 _TOLERANCES: dict[str, dict[str, float]] = {
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9},
     "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0},
@@ -54,7 +54,7 @@ def solve_with(
         return sparse.csc_matrix(matrix)
 
     options: dict[str, Any] = {}
-    if solver == "osqp":  # it prints where there is nothing to polish
+    if solver == "osqp":  # it prints if there is nothing to polish
         polishing = any(rows is not None and rows.shape[0] > 0 for rows in (G, A, lb, ub))
         options = {"polishing": polishing, "max_iter": 20_000}
     if solver == "proxqp":
@@ -77,9 +77,9 @@ def solve_with(
     )
     begin = time.perf_counter()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of matrix formats
-        # An interior point method whose tolerance is below its rounding error ends in failed steps,
-        # far from its best iterate, and OSQP just above it where rows are nearly dependent.
+        warnings.simplefilter("ignore")  # about matrix formats
+        # With a tolerance below its rounding error, an interior point method ends in failed steps
+        # far from its best iterate; OSQP does so just above it if rows are nearly dependent.
         for factor in (1.0, 1e1, 1e2, 1e4):
             tolerances = {k: factor * tol for k, tol in _TOLERANCES.get(solver, {}).items()}
             try:
@@ -99,7 +99,7 @@ def solve_with(
 
 
 def _largest(*vectors: Array | None) -> float:
-    """Largest finite modulus of an entry."""
+    """Largest finite absolute entry."""
     moduli = [np.abs(v[np.isfinite(v)]).max(initial=0.0) for v in vectors if v is not None]
     return float(max(moduli, default=0.0))
 

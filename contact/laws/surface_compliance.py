@@ -1,4 +1,4 @@
-"""The pressure-overclosure laws of all contact points, in forces and in the scale of a problem."""
+"""The pressure-overclosure laws of all contact points, for forces in scaled units."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class SurfaceCompliance:
     """Laws h of the points: ``u_n - d = h(mu)`` where mu > 0, h nondecreasing."""
 
     laws: tuple[PressureOverclosure | None, ...]
-    number: NDArray[np.int64]  # law of each point; -1 for hard contact and bonded ones
+    number: NDArray[np.int64]  # law of each point; -1 for hard contact and bonded points
     area: Array  # force over pressure
-    unit: Array  # physical overclosure = overclosure here * unit
+    unit: Array  # physical overclosure = scaled overclosure * unit
 
     def closest(self, q: Array) -> tuple[Array, Array, Array]:
         """mu with ``mu + h(mu) = q``, h and h' there (zero where mu = 0): the resolvent of the law,

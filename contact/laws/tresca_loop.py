@@ -27,7 +27,7 @@ def tresca_loop(
     report: Report,
 ) -> Forces:
     """Coulomb friction as a fixed point of given friction, g <- F mu: Algorithm 1 of the
-    dissertation. `NotConverged` where the map is no contraction (large friction).
+    dissertation. Raises `NotConverged` if the map is not a contraction (large friction).
     """
     now, best, least, laws = start, start, np.inf, Condensed(problem, friction)
     for step in range(1, max_iterations + 1):

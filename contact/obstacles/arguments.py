@@ -11,7 +11,7 @@ from contact.errors import InputError
 from skfem_adini.ground.arguments import holds_masked, numbers
 
 Array = NDArray[np.float64]
-GRAZING = 0.0175  # sine of 1 degree: contact along normals at smaller angles would press sideways
+GRAZING = 0.0175  # sine of 1 degree: normals at smaller angles to the obstacle meet nothing
 
 
 def vector(name: str, value: ArrayLike) -> Array:
@@ -47,7 +47,7 @@ def keep_vectors(obstacle: Any, *names: str) -> None:
 
 
 def column(given: Array, like: Array) -> Array:
-    """A vector with the axes of places `like`, (dim, ...), or an `InputError`."""
+    """A vector broadcastable to points `like`, (dim, ...), or an `InputError`."""
     if given.size != like.shape[0]:
         raise InputError(f"obstacle of dimension {given.size} against a body of {like.shape[0]}")
     return given.reshape((-1,) + (1,) * (like.ndim - 1))

@@ -12,20 +12,20 @@ Index = NDArray[np.int64]
 Meets = Callable[[Index, Array, Array], NDArray[np.bool_]]
 Batches = Iterator[tuple[Index, Index]]
 
-_TOGETHER = 2**18  # pairs of a query and a box tested in one step: bounds the memory
+_TOGETHER = 2**18  # pairs of a query and a box tested at once: bounds the memory
 
 
 class BoxTree:
-    """Boxes around segments or triangles (nfacets, dim, dim), in pairs up to one around them all.
-    Neighbours along a Morton curve share a box. All queries descend together, one level a step,
-    unless they meet too many boxes to keep."""
+    """Binary tree of boxes around segments or triangles (nfacets, dim, dim).
+    Neighbours along a Morton curve share a box. All queries descend together, one level per step,
+    unless they meet too many boxes for the memory."""
 
     def __init__(self, corners: Array) -> None:
         low, high = corners.min(axis=1), corners.max(axis=1)
-        margin = 1e-12 * float(np.abs(corners).max())  # rounding must not lose a facet
+        margin = 1e-12 * float(np.abs(corners).max())  # safety against rounding
         order = np.argsort(_morton(0.5 * (low + high)), kind="stable")
         count = 1 << max(int(order.size - 1).bit_length(), 0)
-        # Coordinates first: they are then read without gaps.
+        # Coordinates first, for contiguous access.
         lows = np.full((low.shape[1], count), np.inf)
         highs = np.full((low.shape[1], count), -np.inf)
         lows[:, : order.size], highs[:, : order.size] = (
@@ -49,12 +49,12 @@ class BoxTree:
             enter, leave = np.full(query.size, -np.inf), np.full(query.size, np.inf)
             for place, slope, lowest, highest in zip(places, slopes, low, high, strict=True):
                 at, per = place[query], slope[query]
-                with np.errstate(invalid="ignore"):  # 0 * inf on a box's face: no bound from it
+                with np.errstate(invalid="ignore"):  # 0 * inf on a box's face: no bound
                     one, other = (lowest - at) * per, (highest - at) * per
                 enter = np.fmax(enter, np.fmin(one, other))
                 leave = np.fmin(leave, np.fmax(one, other))
             slack = 1e-12 * np.minimum(np.abs(enter), np.abs(leave))
-            # A line along an axis enters at inf and leaves at -inf beside two faces: it misses.
+            # A line along an axis that misses two faces enters at inf and leaves at -inf.
             slack[np.isinf(slack)] = 0.0
             return np.asarray(~(enter > leave + slack))
 
@@ -62,8 +62,8 @@ class BoxTree:
         return np.concatenate(line), np.concatenate(facet)
 
     def near_points(self, x: Array, bound: Array) -> Batches:
-        """Pairs (point, facet), in batches, that hold the facets nearest to places (npoints, dim).
-        `bound` (npoints,): squares of known distances to a facet; may be lowered between
+        """Batches of pairs (point, facet) that include the facets nearest to points (npoints, dim).
+        `bound` (npoints,): squared upper bounds of the distance, which may decrease between
         batches."""
         places = np.ascontiguousarray(x.T)
 
@@ -78,14 +78,15 @@ class BoxTree:
         return self._descend(len(x), meets)
 
     def one_near(self, x: Array) -> Index:
-        """A facet near each place (npoints, dim): always down to the nearer of two boxes."""
+        """A facet near each point (npoints, dim), found by descending to the nearer of two
+        boxes."""
         node = np.zeros(len(x), dtype=np.int64)
         places = x.T[:, :, None]
         for low, high in reversed(self._levels[:-1]):
             pair = 2 * node[:, None] + np.arange(2)
             away = np.maximum(low[:, pair] - places, places - high[:, pair]).clip(0.0)
             square = np.sum(away * away, axis=0)
-            # Inside both boxes: the one whose middle is nearer. Empty boxes are at inf.
+            # Inside both boxes take the one with the nearer middle. Empty boxes are at inf.
             with np.errstate(invalid="ignore"):
                 middle = np.abs(low[:, pair] + high[:, pair] - 2 * places).sum(axis=0)
             both = (square[:, 0] == square[:, 1]) & (middle[:, 1] < middle[:, 0])
@@ -114,7 +115,7 @@ class BoxTree:
 
 
 def _morton(centres: Array) -> NDArray[np.uint64]:
-    """Place of each centre along the curve that interleaves the bits of its coordinates."""
+    """Position of each centre along the Morton curve, which interleaves coordinate bits."""
     low, size = centres.min(axis=0), np.ptp(centres, axis=0).max()
     cells = ((centres - low) * (2**20 - 1) / (size if size > 0 else 1.0)).astype(np.uint64)
     code = np.zeros(len(centres), dtype=np.uint64)

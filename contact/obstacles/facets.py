@@ -1,4 +1,4 @@
-"""Facets of a surface: whether they form an oriented one, and where lines along normals meet it."""
+"""Facets of a surface: checks of its orientation, and intersections with lines along normals."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from skfem_adini.ground.arguments import array_of, numbers
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SAME = 1e-7  # nearer points, over the size of the surface, are one, as in files of single precision
-_NAMES = {2: ("segment", "end"), 3: ("triangle", "edge")}  # of facets and of their sides
+SAME = 1e-7  # relative distance of points that are merged, as in files of single precision
+_NAMES = {2: ("segment", "end"), 3: ("triangle", "edge")}  # names of facets and their sides
 
 
 def read_points(points: Any) -> Array:
@@ -34,7 +34,7 @@ def read_points(points: Any) -> Array:
     if not np.all(np.isfinite(array)):
         bad = int(np.flatnonzero(~np.isfinite(array).all(axis=0))[0])
         raise InputError(f"points: point {bad} is not finite: {array[:, bad].tolist()}")
-    # Solid angles multiply four lengths, which must not overflow.
+    # Solid angles multiply four lengths: avoid overflow.
     if array.size and (largest := float(np.abs(array).max())) > 1e75:
         raise InputError(f"points: a coordinate is {largest:g}, expected at most 1e+75")
     return array
@@ -68,11 +68,11 @@ def read_facets(facets: Any, points: Array) -> Index:
 
 
 def merged(points: Array, facets: Index) -> tuple[Array, Index]:
-    """Points without duplicates and those of no facet; facets that collapse are left out."""
+    """Merge duplicate points; drop unused points and collapsed facets."""
     used, inverse = np.unique(facets, return_inverse=True)
     points, facets = points[:, used], inverse.reshape(facets.shape)
     count, tolerance = points.shape[1], SAME * _size(points)
-    # The same numbers first: a point of very many facets would make pairs without end.
+    # Merge equal coordinates first: a point of many facets would make too many pairs.
     alone, at, of = np.unique(points + 0.0, axis=1, return_index=True, return_inverse=True)
     pairs = scipy.spatial.KDTree(alone.T).query_pairs(tolerance, output_type="ndarray")
     near = at[pairs].reshape(-1, 2)
@@ -88,14 +88,14 @@ def merged(points: Array, facets: Index) -> tuple[Array, Index]:
 
 
 def is_free(facets: Index) -> NDArray[np.bool_]:
-    """Whether only one facet has each of the edges, as `edges_of` counts them."""
+    """Whether each edge, numbered as in `edges_of`, belongs to one facet only."""
     number, count, _ = _edges(facets)
     return np.asarray(count[number] == 1)
 
 
 def check_facets(points: Array, facets: Index) -> None:
-    """Refuse facets that form no oriented surface.
-    Every facet needs an area, every edge at most two facets, turned the same way."""
+    """Refuse facets that do not form an oriented surface.
+    Facets need a positive area, and edges at most two facets, of equal orientation."""
     corners = points.T[facets.T]
     facet, edge = _NAMES[len(points)]
     edges = corners - np.roll(corners, -1, axis=1)
@@ -141,16 +141,15 @@ def _edges(facets: Index) -> tuple[Index, Index, Array]:
 
 
 def edges_of(facets: Index) -> Index:
-    """What neighbours share: (2, 3 nfacets) ends of edges in 3-D, (1, 2 nfacets) points in 2-D."""
+    """Ends of edges, (2, 3 nfacets), in 3-D, or points, (1, 2 nfacets), in 2-D."""
     if len(facets) == 2:
         return facets.reshape(1, -1)
     return np.stack((facets.ravel(), np.roll(facets, -1, axis=0).ravel()))
 
 
 def outwards(points: Array, facets: Index) -> Index:
-    """Facets of a closed surface, turned so that it encloses what is behind them.
-    Parts must be nested by turns: one inside another turned the other way, one beside it the
-    same way."""
+    """Facets of a closed surface, oriented with outward normals.
+    Parts inside one another must have alternating orientations, parts side by side the same."""
     corners = points.T[facets.T]
     number, _, _ = _edges(facets)
     of_edge = np.tile(np.arange(facets.shape[1]), len(number) // facets.shape[1])
@@ -175,7 +174,7 @@ def _check_nesting(corners: Array, part: Index, turn: Array) -> None:
         place = c[0].mean(axis=0)
         around = np.flatnonzero(np.all((low <= place) & (high >= place), axis=1))
         depth = sum(turn[j] * abs(_winding(own[j], place)) for j in around if j != i)
-        # A part that touches another has a fraction and may be either.
+        # A part that touches another has a fractional number and may be either.
         if (depth > 0.75) if turn[i] > 0 else (depth < 0.25):
             where = "inside another part" if turn[i] > 0 else "inside no other part"
             raise InputError(
@@ -186,7 +185,7 @@ def _check_nesting(corners: Array, part: Index, turn: Array) -> None:
 
 
 def _winding(c: Array, place: Array) -> float:
-    """How often facets go around a place: the angle that they are seen at, over the full one.
+    """Winding number of facets around a point: their solid angle over the full angle.
     A. van Oosterom and J. Strackee, The solid angle of a plane triangle, IEEE Transactions on
     Biomedical Engineering 30 (1983), 125-126, equation (8)."""
     r = c - place
@@ -214,9 +213,9 @@ def _at(corners: Array) -> str:
 
 
 def facet_normals(corners: Array) -> Array:
-    """Normals of segments or triangles (nfacets, dim, dim), as long as the facet is large.
-    Triangles turn counter-clockwise seen from outside; the outside of a segment is on the right
-    of the way from its first to its second end, so that a counter-clockwise outline is solid."""
+    """Normals of segments or triangles (nfacets, dim, dim), as long as the facet's length or area.
+    Triangles are counter-clockwise seen from outside; the outside of a segment is on the right of
+    its direction, so that a counter-clockwise outline is solid."""
     edge = corners[:, 1] - corners[:, 0]
     if corners.shape[2] == 2:
         return np.stack((edge[:, 1], -edge[:, 0]), axis=1)
@@ -224,9 +223,9 @@ def facet_normals(corners: Array) -> Array:
 
 
 def gap_to_facets(corners: Array, tree: BoxTree, x: Array, n: Array) -> Array:
-    """Gap along n from x, both (npoints, dim), to the facet ahead that the line enters, or inf.
-    If it entered behind x, x lies inside: negative. Between two layers of an open surface the
-    nearer counts (Moeller and Trumbore, Journal of Graphics Tools 2 (1997), 21-28)."""
+    """Gap along n from x, both (npoints, dim), to the facet at which the line enters, or inf.
+    It is negative if x is inside, the entry being behind x. Between two layers of an open surface
+    the nearer counts (Moeller and Trumbore, Journal of Graphics Tools 2 (1997), 21-28)."""
     line, facet = tree.near_lines(x, n)
     c, normal = corners[facet], facet_normals(corners)[facet]
     slope = np.sum(normal * n[line], axis=1)
@@ -258,7 +257,7 @@ def _nearest(count: int, line: Index, d: Array, enters: Index, among: Array) -> 
 
 
 def coordinates(c: Array, normal: Array, foot: Array) -> Array:
-    """Barycentric coordinates of places in the planes of the facets."""
+    """Barycentric coordinates of points in the planes of the facets."""
     if c.shape[2] == 2:
         edge = c[:, 1] - c[:, 0]
         s = np.sum((foot - c[:, 0]) * edge, axis=1) / np.sum(edge * edge, axis=1)

@@ -14,7 +14,7 @@ from skfem_adini.ground.arguments import array_of, numbers
 
 Array = NDArray[np.float64]
 Components = float | Sequence[float | None]
-ObstacleLike = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
+ObstacleLike = Any  # an obstacle, a number, a callable x -> d, an array of gaps, or None
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,10 @@ class Rigid:
     The contact law acts on the relative displacement: :math:`u_n - w_n \le d`, and friction on
     :math:`u_t - w_t`. Every component of the translation c and of the rotation theta is either
     prescribed or free; a free one is found such that the contact forces balance the given force or
-    moment. Motions are assumed small: the gap changes by w_n at the place where the contact was.
-    For a large motion give the obstacle at its new place, in a history as a `Moved`, which may be
-    within: friction acts on the sum of both.
+    moment. Motions are assumed small: the gap changes by w_n at the original contact points. For a
+    large motion give the obstacle at its new position, in a history as a `Moved`, possibly inside
+    the `Rigid`:
+    friction acts on the sum of both motions.
 
     Parameters
     ----------
@@ -36,8 +37,8 @@ class Rigid:
         Translation, one number a direction. None, as a whole or for one direction, means zero
         there, or free if a force is given.
     force : sequence of float or None, optional
-        External force on the obstacle, per unit depth in 2-D; None in directions in which it is
-        held. A force that presses a foundation below the body against it points up.
+        External force on the obstacle, per unit depth in 2-D; None in directions with a prescribed
+        displacement. A force that presses a foundation below the body against it points up.
     rotation : float (2-D) or sequence of 3 (3-D), optional
         Prescribed rotation in radians, counter-clockwise; small.
     moment : float (2-D) or sequence of 3 (3-D), optional
@@ -105,7 +106,7 @@ class Rigid:
 
 
 def plain(obstacle: ObstacleLike) -> Any:
-    """The obstacle itself, where it is given with a motion of its own."""
+    """The obstacle without its `Rigid` motion, if it has one."""
     return obstacle.obstacle if isinstance(obstacle, Rigid) else obstacle
 
 
@@ -115,7 +116,7 @@ def _read(name: str, given: Any, count: int) -> Array:
     values = np.atleast_1d(array_of(name, given))
     if values.ndim != 1 or np.ma.is_masked(given):
         raise InputError(f"{name}={given!r}: expected {count} finite numbers (or None)")
-    # None stands for "not given"; a NaN that the caller passes does not.
+    # None means "not given"; a NaN from the caller does not.
     entries = [np.inf if v is not None and v != v else v for v in values.tolist()]
     array = numbers(name, [np.nan if v is None else v for v in entries])
     if array.shape != (count,) or np.any(np.isinf(array)):
@@ -127,7 +128,7 @@ def _read(name: str, given: Any, count: int) -> Array:
 class ObstacleMotion:
     """The k motions of all obstacles, expressed at the m contact points."""
 
-    normal: Array  # w_n of unit motions, by the functional of the displacement, (m, k)
+    normal: Array  # w_n of unit motions, by the contact functional, (m, k)
     tangent: Array  # shape (m * (dim - 1), k)
     prescribed: Array  # NaN for a free motion, shape (k,)
     force: Array  # force or moment on a free motion, else NaN, (k,)
@@ -135,7 +136,7 @@ class ObstacleMotion:
 
     @classmethod
     def of_all(cls, found: Sequence[ObstacleMotion]) -> ObstacleMotion | None:
-        """The motions of several obstacles at the same contact points; None of none."""
+        """The motions of several obstacles at the same contact points; None if there are none."""
         if not found:
             return None
         return cls(
@@ -147,7 +148,7 @@ class ObstacleMotion:
 
     @classmethod
     def with_travel(cls, motion: ObstacleMotion | None, travel: Array) -> ObstacleMotion:
-        """The given motion, or none, with the path of the shapes."""
+        """The given motion, or an empty one, with the path of the shapes."""
         if motion is not None:
             return replace(motion, travel=travel)
         m, slips = travel.shape
@@ -163,7 +164,7 @@ class ObstacleMotion:
     def drags(self) -> NDArray[np.bool_]:
         """Tangents of points along which free motions move the obstacle, shape (m, dim - 1)."""
         along = np.abs(self.tangent[:, self.free]).max(axis=1, initial=0.0)
-        moved = along > 1e-12 * along.max(initial=0.0)  # less is rounding
+        moved = along > 1e-12 * along.max(initial=0.0)  # smaller values are rounding
         return np.asarray(moved.reshape(self.normal.shape[0], -1))
 
     def displacement(self, motion: Array) -> tuple[Array, Array]:

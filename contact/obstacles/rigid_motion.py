@@ -1,8 +1,7 @@
 """The rigid motion that takes an obstacle from one step of a history to the next.
 
 Friction acts on the slip, and the obstacle's part of it is the path of its surface points. A
-shape's method ``motion_from(before)`` returns its motion, or None where the two are not the same
-shape.
+shape's method ``motion_from(before)`` returns its motion, or None if the shapes differ.
 """
 
 from __future__ import annotations
@@ -26,16 +25,16 @@ _HALF_TURN = np.pi - 1e-6  # larger rotations have no unique axis and sense
 @dataclass(frozen=True)
 class RigidMotion:
     r"""The motion :math:`w(x) = c + \theta \times (x - m)`.
-    It is evaluated where the contact is: a wheel that turns slips by the length of the arc that
-    has passed, and one that rolls does not slip."""
+    It is evaluated at the contact points: a spinning wheel slips by its arc length, a rolling one
+    does not slip."""
 
-    translation: Array  # c, of a point of the shape, (dim,)
+    translation: Array  # c, translation of a point of the shape, (dim,)
     rotation: Array  # theta, radians, counter-clockwise, (1,) in 2-D and (3,) in 3-D
-    about: Array  # m, halfway between that point's places, (dim,)
+    about: Array  # m, midway between that point's positions, (dim,)
 
     @classmethod
     def between(cls, p: ArrayLike, q: ArrayLike, rotation: ArrayLike | None = None) -> RigidMotion:
-        """The motion that takes the place p of a point of the obstacle to q."""
+        """The motion that takes a point of the obstacle from p to q."""
         start, end = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
         turn = np.zeros(end.size * (end.size - 1) // 2)
         if rotation is not None:
@@ -59,10 +58,10 @@ class RigidMotion:
 
 
 def motion_between(before: Any, now: Any) -> RigidMotion | None:
-    """How an obstacle moved from step to step; None where its shapes do not tell.
-    The motion of a `Rigid` is its own and comes on top of that of the obstacle within."""
+    """Motion of an obstacle from step to step; None if its shapes do not determine it.
+    The small motion of a `Rigid` is not included."""
     before, now = plain(before), plain(now)
-    for moved in (now, before):  # a Moved knows the shape within, whichever side it is on
+    for moved in (now, before):  # either may be a Moved of the shape
         if hasattr(moved, "moved_between"):
             known: RigidMotion | None = moved.moved_between(before, now)
             return known
@@ -73,15 +72,14 @@ def motion_between(before: Any, now: Any) -> RigidMotion | None:
 
 
 def along_normal(before: Any, now: Any, first: bool = False) -> bool:
-    """Whether the obstacle is a number, a gap along the normal alone, in both steps.
-    In the first step of a history it may also be replaced by a shape, which then starts where it
-    is."""
+    """Whether the obstacle is a number, a gap along the normal only, in both steps.
+    In the first step of a history a shape, which then starts there, may replace it."""
     before, now = plain(before), plain(now)
     return is_number(before) and (is_number(now) or first)
 
 
 def gap_tells_place(obstacle: Any) -> bool:
-    """Whether equal gaps mean that a shape is where it was: no plane, no prism, no turning tool."""
+    """Whether equal gaps imply an unmoved shape, unlike for planes, prisms and spinning tools."""
     within = obstacle.obstacle if isinstance(obstacle, Rigid) else obstacle
     return not getattr(within, "_slides_in_itself", False)
 
@@ -94,7 +92,7 @@ def is_number(obstacle: Any) -> bool:
 
 
 def same_gaps(one: Array, other: Array) -> NDArray[np.bool_]:
-    """Where gaps are the same up to rounding, 1e-12 of the largest."""
+    """Mask of gaps that are equal up to rounding, 1e-12 of the largest."""
     if one.shape != other.shape:
         return np.zeros(other.shape, dtype=bool)
     size = np.abs(other[np.isfinite(other)]).max(initial=0.0)
@@ -127,7 +125,7 @@ def turn_of(R: Array) -> Array | None:
     angle = np.linalg.norm(turn)
     if angle > _HALF_TURN:
         return None
-    return turn if angle > 1e-14 else 0.0 * turn  # the rounding of a product of matrices
+    return turn if angle > 1e-14 else 0.0 * turn  # rounding of a matrix product
 
 
 def matrix_of(rotation: Array) -> Array:
@@ -139,7 +137,7 @@ def matrix_of(rotation: Array) -> Array:
 
 
 def fitted(before: Array, now: Array) -> RigidMotion | None:
-    """The motion that takes points (dim, n) to their new places; None if none does.
+    """The rigid motion that takes points (dim, n) to their new positions; None if none does.
     W. Kabsch, Acta Cryst. A 32 (1976), 922-923."""
     p, q = before.mean(axis=1), now.mean(axis=1)
     here, there = before - p[:, None], now - q[:, None]
@@ -149,14 +147,14 @@ def fitted(before: Array, now: Array) -> RigidMotion | None:
     U, _, V = np.linalg.svd(there @ here.T)
     U[:, -1] *= np.sign(np.linalg.det(U @ V))
     turn = turn_of(U @ V)
-    # The rigid motion does not fit all points.
+    # No rigid motion fits all points.
     if turn is None or np.abs(there - U @ V @ here).max() > 1e-9 * size:
         return None
     return RigidMotion.between(p, q, turn)
 
 
 def said_motion(said: Any, dim: int) -> Array | None:
-    """A displacement that the caller gave: dim numbers, or 0 for none; None where not given."""
+    """Check the caller's displacement: dim numbers, or 0 for none; None if not given."""
     if said is None:
         return None
     value = numbers("motion", said)
@@ -171,7 +169,7 @@ def said_motion(said: Any, dim: int) -> Array | None:
 
 
 def unknown_motion(before: Any, now: Any, where: str = "") -> InputError:
-    """The error that asks for a motion which friction needs and the shapes do not tell."""
+    """The error for a motion that friction needs and the shapes do not determine."""
     one, other = (type(plain(o)).__name__ for o in (before, now))
     if before is None:
         one = "unknown in a result from a file"

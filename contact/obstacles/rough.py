@@ -1,4 +1,4 @@
-"""A rough surface as a rigid obstacle: heights over a plane, measured or of a given spectrum."""
+"""A rough surface as a rigid obstacle: heights over a plane, measured or from a spectrum."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ class Rough:
 
     Between the points of the grid the heights are a tensor product of cubic splines, with two
     continuous derivatives, or bilinear. Along the normal of the plane the gap is the difference of
-    heights; along other normals the first place where the ray meets the surface is sought.
+    heights; along other normals it is the distance to the first intersection of the ray with the
+    surface.
 
     Parameters
     ----------
@@ -240,7 +241,7 @@ class Rough:
         return cls(values.reshape(tuple(points.tolist())), lengths, **settings)
 
     def __repr__(self) -> str:
-        """Say how large it is; its heights would fill pages."""
+        """Return the class with the number of points, not the heights."""
         size = " x ".join(map(str, self.heights.shape))
         kind = f"rms height {self.rms_height:.3g}" if self.periodic else "patch"
         return f"Rough({size} points, {kind})"
@@ -273,7 +274,7 @@ class Rough:
         Returns
         -------
         ndarray, shape (n,) or (nx, ny)
-            None where the surface ends, is oblique or looks away: then ask point by point.
+            None if the surface ends, is oblique or faces away: then evaluate point by point.
 
         Examples
         --------
@@ -356,7 +357,7 @@ class Rough:
         return float(np.sqrt(np.sum(np.sum(q**2, axis=0) * C) / np.prod(self._surface.lengths)))
 
     def motion_from(self, before: Rough) -> RigidMotion | None:
-        """How `point` and the axes of the grid have moved.
+        """Motion of `point` and the axes of the grid.
 
         Parameters
         ----------
@@ -365,7 +366,7 @@ class Rough:
         Returns
         -------
         RigidMotion or None
-            None where the heights are not the same.
+            None if the heights differ.
         """
         same = before.heights is self.heights or np.array_equal(before.heights, self.heights)
         settings = ("lengths", "periodic", "interpolation")
@@ -381,7 +382,7 @@ class Rough:
         return np.asarray(np.tensordot(axes, x - column(origin, x), axes=1))
 
     def _above(self, x: Array) -> Array:
-        """How far places x lie above the surface, along the normal of the plane."""
+        """Height of points x above the surface, along the normal of the plane."""
         origin, _, unit = self._frame
         level = np.sum((x - column(origin, x)) * column(unit, x), axis=0)
         return np.asarray(level - self._surface.height(self._on_plane(x)))
@@ -477,7 +478,7 @@ def self_affine(
         generator = np.random.default_rng(seed)
     except (TypeError, ValueError) as error:
         raise InputError(f"seed={seed!r}: {error}") from None
-    # Half of the waves, the others being conjugate: numbers within a box that no grid changes.
+    # Half of the waves (the others are conjugate), within a box that does not depend on the grid.
     most = [int(high * a) for a in aspect]
     waves = np.meshgrid(
         *(np.arange(-m, m + 1) for m in most[:-1]), np.arange(most[-1] + 1), indexing="ij"
@@ -527,7 +528,7 @@ def _sum_of_waves(
     """The sum of amplitude exp(i k x) and its conjugate on the grid."""
     spectrum = np.zeros((*shape[:-1], shape[-1] // 2 + 1), dtype=complex)
     spectrum[tuple(waves)] = amplitude
-    alone = waves[-1] == 0  # the conjugate is not implied by the half spectrum
+    alone = waves[-1] == 0  # the half spectrum does not imply their conjugates
     if len(shape) == 2:
         spectrum[-waves[0][alone], 0] = amplitude[alone].conj()
     return np.asarray(scipy.fft.irfftn(spectrum, s=shape)) * float(np.prod(shape))
@@ -574,12 +575,12 @@ class HeightSpline:
         return np.asarray(np.all((places >= -slack) & (places <= size + slack), axis=0))
 
     def height(self, places: Array) -> Array:
-        """Heights at places (dim - 1, ...), beyond the edge of a patch those of its edge."""
+        """Heights at places (dim - 1, ...), constant beyond the edge of a patch."""
         return self._value(places, np.zeros(len(places), dtype=int))
 
     def over(self, axes: Sequence[Array]) -> Array:
         """Heights of a periodic surface on the tensor grid of the coordinates `axes`.
-        On the surface's own points they are those that were given."""
+        At the surface's own points they are the given heights."""
         numbers = []
         for x, length, n in zip(axes, self.lengths, self._heights.shape, strict=True):
             number = np.rint(x * (n / length))
@@ -601,7 +602,7 @@ class HeightSpline:
         return np.asarray(self._spline(np.moveaxis(np.clip(inside, 0.0, size), 0, -1), nu=order))
 
     def _on_grid(self, axes: list[Array], order: NDArray[np.int64]) -> Array:
-        """Values on a tensor grid, direction by direction: many times faster than by places."""
+        """Values on a tensor grid, direction by direction: much faster than point by point."""
         values = self._spline.c
         for axis, (x, length, nu) in enumerate(zip(axes, self.lengths, order, strict=True)):
             inside = np.clip(x % length if self.periodic else x, 0.0, length)
@@ -611,7 +612,7 @@ class HeightSpline:
 
 
 def _axes(places: Array) -> list[Array] | None:
-    """Coordinates along each axis of places (dim - 1, ...) that are a tensor grid, else None."""
+    """Coordinates along each axis if points (dim - 1, ...) form a tensor grid, else None."""
     if places.ndim != len(places) + 1 or not places.size:
         return None
     axes = []
@@ -641,13 +642,13 @@ def read_heights(path: str | PathLike[str]) -> Array:
         if kind == ".xyz":
             return _points(place)
         return _table(place) if kind in tables else _image(place)
-    except Exception as error:  # readers raise whatever they meet
+    except Exception as error:  # readers raise errors of any type
         said = str(error) or type(error).__name__
         raise InputError(f"path={path!r}: not readable as {kind} ({said})") from error
 
 
 def _array(place: Path) -> Array:
-    # Mapped: a header that claims more numbers than the file holds is refused before any is read.
+    # Memory-mapped: a header that declares more numbers than the file has is refused unread.
     found = np.load(place, mmap_mode="r", allow_pickle=False)
     kind = found.dtype if isinstance(found, np.ndarray) else type(found).__name__
     if getattr(kind, "kind", "") not in tuple("biuf"):
@@ -656,8 +657,8 @@ def _array(place: Path) -> Array:
 
 
 def _table(place: Path) -> Array:
-    """One row of numbers a line, between blanks, commas or semicolons; # begins a comment.
-    A comma is the decimal mark where other marks part the numbers."""
+    """One row of numbers per line, separated by blanks, commas or semicolons; # begins a comment.
+    A comma is the decimal mark if other marks separate the numbers."""
     text = [line.partition("#")[0].strip() for line in place.read_text().splitlines()]
     lines = [line for line in text if line]
     if not lines:
@@ -668,7 +669,7 @@ def _table(place: Path) -> Array:
 
 
 def _decimal_commas(lines: list[str]) -> bool:
-    """Whether commas are decimal marks; a `ValueError` where they may also separate numbers."""
+    """Whether commas are decimal marks; raises `ValueError` if they may also be separators."""
     parts = [part for line in lines for part in line.replace(";", " ").split()]
     exponent = r"(?:[eE][+-]?\d+)?"
     with_comma, whole = (re.compile(n + exponent) for n in (r"[+-]?\d*,\d+", r"[+-]?\d+"))
@@ -700,7 +701,7 @@ def _points(place: Path) -> Array:
         place_of = np.empty(t.size, dtype=int)
         place_of[order] = np.cumsum(step)
         apart = np.diff(t[order][np.flatnonzero(step)], prepend=t[order[0]])
-        if apart.size and np.ptp(apart) > 0.2 * apart.mean():  # more than coordinates are rounded
+        if apart.size and np.ptp(apart) > 0.2 * apart.mean():  # more than rounding of coordinates
             raise ValueError("the points of the grid are not equally far apart; interpolate them")
         index.append(place_of)
     shape = tuple(int(i.max()) + 1 for i in index)

@@ -2,9 +2,9 @@
 
 An obstacle is called as ``obstacle(x, n)`` with points and unit normals of shape (dim, ...) and
 returns the signed distance d along n to its surface: positive where there is a gap, zero where they
-touch, negative where body and obstacle overlap at rest (a press fit), and ``inf`` where the ray
-meets nothing, or at an angle of less than a degree. The contact condition is u_n <= d. Instead of
-an obstacle, a function of x that returns d may be given.
+touch, negative where undeformed body and obstacle overlap (a press fit), and ``inf`` where the ray
+misses the obstacle or meets it at an angle of less than a degree. The contact condition is u_n <=
+d. Instead of an obstacle, a function of x that returns d may be given.
 """
 
 from __future__ import annotations
@@ -87,10 +87,11 @@ class Plane:
 
 
 def _first_meeting(x: Array, n: Array, radius: float) -> Array:
-    """Where the ray x + d n enters |x + d n| <= radius: the lesser root of a d^2 + 2 b d + c."""
+    """Distance d at which x + d n enters |x + d n| <= radius: the smaller root of a d^2 + 2 b d +
+    c."""
     a, b, c = np.sum(n * n, axis=0), np.sum(x * n, axis=0), np.sum(x * x, axis=0) - radius**2
     discriminant = b**2 - a * c
-    # The root is the radius times the sine of the angle between ray and surface where they meet.
+    # The root is the radius times the sine of the angle between ray and surface.
     meets = (discriminant >= (GRAZING * radius) ** 2) & (a > 1e-24)
     ahead = meets & ((c < 0) | (b < 0))
     root = np.sqrt(np.where(ahead, discriminant, 1.0))
@@ -101,7 +102,7 @@ def _first_meeting(x: Array, n: Array, radius: float) -> Array:
 
 
 def _round_gap(obstacle: Cylinder | Sphere, x: Array, n: Array) -> Array:
-    """Gap of places x about the centre. A hole ends where the ray, run backwards, would enter."""
+    """Gap of points x about the centre; for a hole, the reversed ray's entry is the exit."""
     radius = positive_number("radius", obstacle.radius)
     if not flag("hollow", obstacle.hollow):
         return _first_meeting(x, n, radius)
@@ -171,7 +172,7 @@ class Cylinder:
         if len(self.centre) == 2:
             return RigidMotion.between(before.centre, self.centre)
         one, other = vector("axis", before.axis), vector("axis", self.axis)
-        turn = turn_between(one, other if one @ other >= 0 else -other)  # an axis has no sense
+        turn = turn_between(one, other if one @ other >= 0 else -other)  # an axis has no sign
         return RigidMotion.between(before.centre, self.centre, turn)
 
 
@@ -316,10 +317,10 @@ class Cone:
         apart = np.sum((q * h - p * c) ** 2, axis=0)
         skew = [p[i] * q[j] - p[j] * q[i] for j in range(len(p)) for i in range(j)]
         discriminant = apart - np.sum(np.square(skew), axis=0)
-        # Steeper than the surface the ray enters this half of the double cone only along the axis.
+        # A ray steeper than the surface enters this half of the double cone only along the axis.
         enters = np.where(a < 0, c > 0, (discriminant >= 0) & ((b < 0) | (a > 0)))
         root = np.sqrt(np.where(enters, np.maximum(discriminant, 0.0), 1.0))
-        towards = b < 0  # then the other form of the same root would cancel
+        towards = b < 0  # avoids cancellation in the root
         d = np.where(towards, rest, -b - root) / np.where(
             enters, np.where(towards, root - b, a), 1.0
         )
@@ -385,7 +386,7 @@ class ClosestPoint:
         return -np.asarray(self.obstacle.distance(x)[1])
 
     def motion_from(self, before: ClosestPoint) -> RigidMotion | None:
-        """That of the obstacle within."""
+        """The motion of the inner obstacle."""
         return motion_between(before.obstacle, self.obstacle)
 
 
@@ -393,9 +394,9 @@ class ClosestPoint:
 class Moved:
     r"""A shape at another place, by any distance and angle: ``x -> R (x - centre) + centre + c``.
 
-    It is the way to give a tool with a large motion to `LoadStepper.obstacle`: gaps are those of
-    the tool where it is, and friction sees every point of its surface move, from step to step. A
-    `Rigid` instead makes small motions, by forces too, and may hold a `Moved`.
+    Use it for a tool with a large motion in `LoadStepper.obstacle`: gaps are those of the tool at
+    its current position, and friction acts on the motion of its surface points from step to step. A
+    `Rigid` makes small motions, also under forces, and may contain a `Moved`.
 
     Parameters
     ----------
@@ -406,7 +407,7 @@ class Moved:
     rotation : float (2-D) or sequence of 3 (3-D)
         Angle in radians, counter-clockwise, or the rotation vector; whole turns count.
     centre : sequence of float, optional
-        The point that the rotation leaves in its place. Default: the origin.
+        The fixed point of the rotation. Default: the origin.
 
     Raises
     ------
@@ -460,7 +461,7 @@ class Moved:
         return d, np.tensordot(self._matrix, gradient, axes=1)
 
     def at_home(self, x: Array, n: Array) -> tuple[Array, Array]:
-        """Places and directions as the obstacle sees them where it is given."""
+        """Points and directions in the obstacle's original frame."""
         centre, c = np.asarray(self.centre), np.asarray(self.displacement)
         back, away = self._matrix.T, x - column(centre + c, x)
         return np.tensordot(back, away, axes=1) + column(centre, x), np.tensordot(back, n, axes=1)
@@ -471,7 +472,7 @@ class Moved:
 
     @staticmethod
     def moved_between(before: Any, now: Any) -> RigidMotion | None:
-        """The motion of one shape from one place to another, either of which may be its own."""
+        """The motion of a shape between two positions, either of which may be the original."""
         dim = len(next(o.displacement for o in (before, now) if isinstance(o, Moved)))
         one, other = (o if isinstance(o, Moved) else _unmoved(o, dim) for o in (before, now))
         if one is None or other is None:
@@ -493,7 +494,7 @@ class Moved:
 def _unmoved(obstacle: Any, dim: int) -> Moved | None:
     try:
         return Moved(obstacle, (0.0,) * dim)
-    except InputError:  # no shape
+    except InputError:  # not a shape
         return None
 
 
@@ -520,7 +521,7 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
         gap = obstacle(x, n)
     else:
         gap = evaluated("obstacle", obstacle, x)
-    if gap.shape not in ((), x.shape[1:]):  # others would be repeated along an axis of a grid
+    if gap.shape not in ((), x.shape[1:]):  # other shapes would be broadcast along a grid axis
         raise InputError(f"obstacle: gap of shape {gap.shape} for points of shape {x.shape[1:]}")
     gap = np.broadcast_to(gap, x.shape[1:])
     if np.any(np.isnan(gap)) or np.any(np.isneginf(gap)):
@@ -530,8 +531,8 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
 
 def within_reach(obstacle: ObstacleLike, gap: Array, nearest: float, size: float) -> Array:
     """The gap, ``inf`` where it exceeds the boundary's least gap by more than the body's size.
-    Normals near the equator of a ball meet a plane below it far away; if such a gap closed, the
-    body would have sunk by more than its size. Gaps not along normals stay."""
+    Normals near the equator of a ball meet a plane below it far away; such a gap would close only
+    if the body sank by more than its size. Gaps not along normals are unchanged."""
     if isinstance(obstacle, (Plane, Cylinder, Sphere, Cone, SurfaceMesh, Rough, SignedDistance)):
         gap = np.where(np.abs(gap) <= nearest + size, gap, np.inf)
     return gap

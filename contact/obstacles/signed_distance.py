@@ -19,16 +19,16 @@ Array = NDArray[np.float64]
 class SignedDistance:
     """An obstacle given by its signed distance function, positive outside.
 
-    The ray is marched by the distance itself and the sign change closed in by bisection and
-    secant steps, so any continuous function that is positive outside and does not overestimate
-    the distance will do.
+    The gap is found by steps of the distance along the ray, then by bisection and secant steps at
+    the sign change; any continuous function that is positive outside and does not overestimate the
+    distance is suitable.
 
     Parameters
     ----------
     function : callable x -> ndarray
         x of shape (dim, npoints), result of shape (npoints,).
     reach : float
-        Rays that have met nothing within this length have gap ``inf``.
+        Rays without an intersection within this length have the gap ``inf``.
 
     References
     ----------
@@ -81,7 +81,7 @@ class SignedDistance:
         return np.where(crossed & (np.abs(gap) <= reach), gap, np.inf).reshape(shape)
 
     def distance(self, x: Array) -> tuple[Array, Array]:
-        """Signed distance of x, as the function gives it, and its normalised gradient."""
+        """Signed distance of x by the function, and its normalised gradient."""
         flat = x.reshape(x.shape[0], -1)
         step = 1e-6 * max(float(np.ptp(flat)), float(np.abs(self._at(flat)).max()), 1e-300)
         gradient = np.empty_like(flat)
@@ -94,7 +94,7 @@ class SignedDistance:
         return self._at(flat).reshape(x.shape[1:]), (gradient / length).reshape(x.shape)
 
     def motion_from(self, before: SignedDistance) -> RigidMotion | None:
-        """None unless it is the same function, which does not move: see `Moved`."""
+        """No motion for the same function, else None: see `Moved`."""
         return RigidMotion.at_rest() if before.function is self.function else None
 
     def _at(self, x: Array) -> Array:

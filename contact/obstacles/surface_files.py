@@ -1,6 +1,6 @@
 """Surfaces of facets from files and as VTK data.
 
-Damaged files must not end the process: VTK's readers of PLY and OBJ read past their arrays.
+PLY and OBJ are read here, because VTK's readers may crash on damaged files.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def read_surface(path: str | PathLike[str]) -> tuple[Array, Index]:
             faces = np.insert(polygons.vertices, polygons.starts, polygons.length)
             solid = pyvista.PolyData(points, faces=faces).triangulate()
             return np.asarray(solid.points, dtype=float).T, np.asarray(solid.regular_faces, int).T
-    except Exception as error:  # readers raise whatever they meet
+    except Exception as error:  # readers raise errors of any type
         said = str(error) or type(error).__name__
         raise InputError(f"path={path!r}: not readable as {place.suffix} ({said})") from error
     first = np.ones(lines.vertices.size, dtype=bool)
@@ -69,14 +69,14 @@ def polydata(points: Array, facets: Index, normals: Array) -> Any:
 
 
 class _Cells(NamedTuple):
-    """Lengths of polygons or lines, and the vertices that they name, one after the other."""
+    """Lengths of polygons or lines, and their concatenated vertex numbers."""
 
     length: Index
     vertices: Index
 
     @property
     def starts(self) -> Index:
-        """Places of their first vertices."""
+        """Index of the first vertex of each."""
         return np.cumsum(self.length) - self.length
 
 
@@ -87,7 +87,7 @@ class _Facets(NamedTuple):
 
 
 def _check(count: int, polygons: _Cells, lines: _Cells) -> None:
-    """Refuse indices that name no point, before VTK reads where they point to."""
+    """Refuse indices out of range, which VTK would not check."""
     for what, least, cells in (("face", 3, polygons), ("line", 2, lines)):
         length, named = cells
         fewest = int(length.min(initial=least))
@@ -99,8 +99,8 @@ def _check(count: int, polygons: _Cells, lines: _Cells) -> None:
 
 
 def _check_claims(data: bytes) -> None:
-    """Refuse counts of a VTP file that its bytes cannot hold: VTK would end the process.
-    Zlib packs at most 1032 bytes into one (zlib.net/zlib_tech.html)."""
+    """Refuse counts of a VTP file that exceed its bytes: VTK would crash.
+    Zlib compresses by at most a factor 1032 (zlib.net/zlib_tech.html)."""
     claims = re.findall(rb"NumberOf(\w+)\s*=\s*[\"']\s*(-?\d+)", data)
     wide, many = (
         max((int(n) for of, n in claims if (of == b"Components") == inner), default=1)
@@ -113,7 +113,7 @@ def _check_claims(data: bytes) -> None:
 
 
 def _facets(found: Any) -> _Facets:
-    """Those of a pyvista.PolyData, read by NumPy, which checks the places that it reads."""
+    """Facets of a pyvista.PolyData, read by NumPy with bounds checks."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     cells = []
@@ -170,7 +170,7 @@ def _ply(place: Path) -> _Facets:
         }.items()
         for name in names.split()
     }  # fmt: skip
-    if order == "text":  # the same as binary numbers of one type
+    if order == "text":  # text is converted to binary numbers of one type
         data, code = np.array(data.split(), dtype="<f8").tobytes(), dict.fromkeys(types, "<f8")
     else:
         code = {name: order + kind for name, kind in types.items()}
@@ -193,7 +193,7 @@ def _ply(place: Path) -> _Facets:
 def _ply_records(
     data: bytes, at: int, name: str, count: int, properties: list[list[str]], code: dict[str, str]
 ) -> tuple[list[Any], int]:
-    """Records of one element, in runs whose lists are equally long, and where the next begins."""
+    """Records of one element, in runs with equal list lengths, and the position after them."""
     runs, done, most = [], 0, count
     while done < count and properties:
         kind, length = _ply_record(data, at, properties, code)
@@ -205,7 +205,7 @@ def _ply_records(
         for of, value in length.items():
             same &= rows[of] == value
         rows = rows[: same.size if same.all() else int(np.argmin(same))]
-        most = 2 * rows.size  # of lists that change from record to record few are read in vain
+        most = 2 * rows.size  # limits wasted reads if list lengths vary
         runs.append(rows)
         done, at = done + rows.size, at + rows.nbytes
     return runs, at
@@ -214,7 +214,7 @@ def _ply_records(
 def _ply_record(
     data: bytes, at: int, properties: list[list[str]], code: dict[str, str]
 ) -> tuple[np.dtype[Any], dict[str, float]]:
-    """Type of the record that begins at a byte, and the lengths of its lists by their names."""
+    """Type of the record at a byte position, and the lengths of its lists by name."""
     fields: list[Any] = []
     length: dict[str, float] = {}
     for kind, *words in properties:

@@ -38,10 +38,9 @@ Index = NDArray[np.int64]
 class SurfaceMesh:
     """An obstacle whose surface is a mesh: segments in two dimensions, triangles in three.
 
-    A closed surface bounds a solid, whichever way its facets are turned, as long as neighbours are
-    turned alike. Points that are the same are merged, as the triangles of an STL file need it. The
-    gap is measured along the body's normal to the flat facets, or, in a `ClosestPoint`, to their
-    nearest place.
+    A closed surface bounds a solid for either orientation of its facets, if it is consistent.
+    Duplicate points are merged, as STL files require. The gap is measured along the body's normal
+    to the flat facets, or, in a `ClosestPoint`, to their nearest point.
 
     Parameters
     ----------
@@ -51,9 +50,9 @@ class SurfaceMesh:
     hollow : bool
         The obstacle is the other side of the surface: a cavity, with the body in it.
     sheet : bool
-        The surface may have a border. What lies behind it is the obstacle, as far as its facets
-        reach: behind is where a triangle turns clockwise, and on the left of the way along a
-        polyline. Nothing touches its border.
+        The surface may have a border. The obstacle is the region behind its facets: the side from
+        which a triangle is clockwise, and the left of a polyline. The border itself is not in
+        contact.
 
     Attributes
     ----------
@@ -63,15 +62,14 @@ class SurfaceMesh:
     Raises
     ------
     InputError
-        Wrong shapes, NaN, numbers of points that are not there; facets without an area; a border
-        of a surface that is no sheet; edges of more than two facets; neighbours that are turned
-        differently; closed parts within each other that are.
+        Wrong shapes, NaN, point numbers out of range; facets without area; a border without
+        `sheet`; edges of more than two facets; inconsistent orientations of neighbours or of nested
+        closed parts.
 
     Notes
     -----
-    Whether a place lies inside is told by the normal of the nearest place, which at edges and
-    corners is the mean of the facets' normals by their angles. That the surface does not cut
-    itself is not checked.
+    The normal at the nearest point decides whether a point is inside; at edges and corners it is
+    the angle-weighted mean of the facet normals. Self-intersections are not detected.
 
     References
     ----------
@@ -116,7 +114,7 @@ class SurfaceMesh:
             facets = outwards(points, facets)
         if self.hollow:
             facets = facets[::-1]
-        # Beside its own middle the surface loses no digits to a distant origin.
+        # Coordinates relative to the middle avoid rounding from a distant origin.
         shift = 0.5 * (points.min(axis=1) + points.max(axis=1))
         faces = FlatFacets.of(points - shift[:, None], facets)
         self._set(points=points, facets=facets, normals=faces.pseudonormals[:, 0].T.copy())
@@ -175,7 +173,7 @@ class SurfaceMesh:
         return cls(float(size) * points, facets, hollow, sheet)
 
     def __repr__(self) -> str:
-        """Say how large it is; its numbers would fill pages."""
+        """Return the class with the numbers of points and facets."""
         facets = "segments" if len(self.points) == 2 else "triangles"
         kind = "".join(f", {name}=True" for name in ("hollow", "sheet") if getattr(self, name))
         return f"SurfaceMesh({self.points.shape[1]} points, {self.facets.shape[1]} {facets}{kind})"
@@ -196,10 +194,10 @@ class SurfaceMesh:
         Returns
         -------
         distance : ndarray, shape (...)
-            Infinite where the nearest place of a sheet lies on its border and x not straight above
+            Infinite if the nearest point of a sheet is on its border and x is not straight above
             it.
         gradient : ndarray, shape (dim, ...)
-            On an edge, where it jumps, the mean of the facets' normals by their angles.
+            On an edge, where it jumps, the angle-weighted mean of the facet normals.
 
         Raises
         ------
@@ -222,8 +220,8 @@ class SurfaceMesh:
         length = np.linalg.norm(away, axis=1)
         side = np.where(height < 0, -1.0, 1.0)
         lateral = np.linalg.norm(away - height[:, None] * normal, axis=1)
-        # Straight above a facet, or above an edge within a face, the normal has all digits; where
-        # an edge is so close that differences have few, the mean of the normals is as good.
+        # Above a facet, or above an edge within a face, the normal is exact; close to an edge,
+        # where differences lose digits, the mean normal is as accurate.
         straight = (near.part == 0) | (lateral <= 1e-14 * faces.size)
         flat = straight | (length <= 1e-8 * faces.size)
         unit = away / np.where(flat, 1.0, side * length)[:, None]
@@ -263,7 +261,7 @@ class SurfaceMesh:
         return np.asarray((near.foot + self._shift).T.reshape(places.shape))
 
     def translated(self, displacement: Sequence[float]) -> SurfaceMesh:
-        """The same surface elsewhere; nothing is checked anew. `Moved` turns it as well.
+        """The translated surface, without new checks. `Moved` also rotates it.
 
         Parameters
         ----------
@@ -296,7 +294,7 @@ class SurfaceMesh:
         return moved
 
     def motion_from(self, before: SurfaceMesh) -> RigidMotion | None:
-        """How the points have moved.
+        """Rigid motion of the points.
 
         Parameters
         ----------
@@ -305,7 +303,7 @@ class SurfaceMesh:
         Returns
         -------
         RigidMotion or None
-            None where it is no rigid motion.
+            None if the motion is not rigid.
         """
         if (before.hollow, before.sheet) != (self.hollow, self.sheet):
             return None
@@ -337,7 +335,7 @@ class SurfaceMesh:
         return polydata(self.points, self.facets, self.normals)
 
     def _home(self, x: Array) -> Array:
-        """Places (dim, ...) as (npoints, dim), beside the middle of the surface."""
+        """Points (dim, ...) as (npoints, dim), relative to the middle of the surface."""
         if x.shape[0] != self._shift.size:
             raise InputError(
                 f"obstacle of dimension {self._shift.size} against a body of {x.shape[0]}"
@@ -352,7 +350,7 @@ class FlatFacets:
     corners: Array  # shape (nfacets, dim, dim)
     tree: BoxTree
     vertices: scipy.spatial.KDTree
-    pseudonormals: Array  # unit, of the parts in `Nearest.part`, (nfacets, nparts, dim)
+    pseudonormals: Array  # unit normals of the parts in `Nearest.part`, (nfacets, nparts, dim)
     border: NDArray[np.bool_]  # parts on the border of a sheet, (nfacets, nparts)
     size: float  # diagonal of the box around them
 
@@ -389,7 +387,7 @@ def _unit_sums(keys: Index, normals: Array, weights: Array) -> Array:
     _, number = np.unique(key, return_inverse=True)
     total = np.stack([np.bincount(number, weights * part) for part in normals.T], axis=1)[number]
     length = np.linalg.norm(total, axis=1)
-    sharp = length < 1e-12 * weights  # facets folded onto each other: any of them
+    sharp = length < 1e-12 * weights  # facets folded onto each other: take any
     unit = np.where(sharp[:, None], normals, total / np.where(sharp, 1.0, length)[:, None])
     dim = normals.shape[1]  # as many edges and as many corners
     return np.asarray(unit.reshape(dim, -1, dim).transpose(1, 0, 2))
@@ -419,9 +417,9 @@ class Nearest:
 def nearest_on_facets(
     corners: Array, tree: BoxTree, vertices: scipy.spatial.KDTree, x: Array
 ) -> Nearest:
-    """Nearest places of facets (nfacets, dim, dim) to x (npoints, dim); of two, the first facet.
-    The distance is bounded by the nearest vertex, which is close among small facets, and by a
-    facet in the boxes near x, close beside large ones."""
+    """Nearest points of facets (nfacets, dim, dim) to x (npoints, dim); the first facet if equal.
+    The search is bounded by the distances to the nearest vertex, good for small facets, and to a
+    facet in a near box, good for large ones."""
     normals = facet_normals(corners)
     facet = tree.one_near(x)
     foot, part = _on_each(corners[facet], normals[facet], x)
@@ -443,13 +441,13 @@ def nearest_on_facets(
 
 
 def _least(place: Index, away: Array, facet: Index) -> Index:
-    """For each place the pair of the least distance; of equal ones, that of the first facet."""
+    """For each point the pair of smallest distance; among equal ones that of the first facet."""
     order = np.lexsort((facet, away, place))
     return np.asarray(order[np.flatnonzero(np.diff(place[order], prepend=-1))])
 
 
 def _on_each(c: Array, normal: Array, x: Array) -> tuple[Array, Index]:
-    """Nearest place of one facet for each x, and the part of the facet that it lies on.
+    """Nearest point of one facet for each x, and the part of the facet that contains it.
     C. Ericson, Real-Time Collision Detection, Morgan Kaufmann 2005, section 5.1."""
     dim = c.shape[2]
     if dim == 2:

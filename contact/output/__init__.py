@@ -2,5 +2,5 @@
 
 In: the fields of a result.
 Out: PyVista grids, which can be saved as VTK files, and archives with a checksum.
-Start: `vtk` for ParaView and PyVista, `archive` for files that are read again.
+Start: `vtk` for ParaView and PyVista, `archive` for files of results.
 """

@@ -1,7 +1,7 @@
 """Files of results: a NumPy archive of arrays with a JSON head, a format and a checksum.
 
-`to_arrays` and `from_arrays` walk the fields of what is stored; `head` checks kind and format;
-`write_arrays` and `read_arrays` add and compare the checksum, which shows damage and changes.
+`to_arrays` and `from_arrays` convert the stored fields; `head` checks kind and format;
+`write_arrays` and `read_arrays` add and compare the checksum, which detects damage and changes.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ def _damaged(path: Path, what: object) -> InputError:
 
 
 def is_damaged(error: InputError) -> bool:
-    """Whether a file could not be read because it is cut short, or its bits have changed."""
+    """Whether an error means that a file is truncated or corrupted."""
     return _DAMAGED in getattr(error, "__notes__", ())
 
 
 class Kinds(dict[str, Any]):
-    """Classes whose objects a file holds, by their names."""
+    """Classes of stored objects, by their names."""
 
     def __init__(self, *kinds: Any) -> None:
         super().__init__({kind.__name__: kind for kind in kinds})
 
     def name(self, value: Any) -> str:
-        """The name of an object's class; `InputError` of another class, even a derived one."""
+        """The name of an object's class; `InputError` for other classes, even derived ones."""
         kind = type(value)
         if self.get(kind.__name__) is not kind:
             raise InputError(
@@ -65,7 +65,7 @@ class Kinds(dict[str, Any]):
 
 
 def to_arrays(parts: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Arrays of fields by name: None is left out, a sparse matrix becomes its four parts."""
+    """Arrays of fields by name: None is omitted, a sparse matrix becomes its four parts."""
     arrays: dict[str, Any] = {}
     for name, value in parts.items():
         if sparse.issparse(value):
@@ -78,14 +78,14 @@ def to_arrays(parts: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 def from_arrays(
     arrays: Mapping[str, Any], names: Iterable[str], prefix: str = ""
 ) -> dict[str, Any]:
-    """The fields that `to_arrays` took apart, without those that were left out."""
+    """The inverse of `to_arrays`, without omitted fields."""
     found: dict[str, Any] = {}
     for name in names:
         own = prefix + name
         if f"{own}/indptr" in arrays:
             *parts, shape = (arrays[f"{own}/{of}"] for of in _SPARSE)
             found[name] = sparse.csr_array(tuple(parts), shape=tuple(shape.tolist()))
-            found[name].check_format(full_check=True)  # products trust the indices
+            found[name].check_format(full_check=True)  # matrix products do not check indices
         elif own in arrays:
             found[name] = arrays[own]
     return found
@@ -99,8 +99,8 @@ def words(value: Mapping[str, Any]) -> Any:
 def head(
     arrays: Mapping[str, Any], kind: str | None, formats: tuple[int, ...], beside: str, reads: str
 ) -> dict[str, Any]:
-    """The JSON head of a file; `InputError` of another kind or format, which it names.
-    Results of bodies have no kind; `beside` tells of the checksum, `reads` of known formats."""
+    """The JSON head of a file; `InputError` for another kind or format, which it names.
+    Results of bodies have no kind; `beside` and `reads` are parts of the error message."""
     about: dict[str, Any] = json.loads(str(arrays["about"])) if "about" in arrays else {}
     held = about.get("kind")
     if held != kind:
@@ -117,7 +117,7 @@ def head(
 
 
 def named_archive(path: str | Path) -> Path:
-    """The name with its suffix .npz; `InputError` of no name, or another suffix."""
+    """The name with suffix .npz; `InputError` for no name or another suffix."""
     try:
         path = Path(path)
     except TypeError:
@@ -134,7 +134,7 @@ def named_archive(path: str | Path) -> Path:
 
 
 def checksum(arrays: Mapping[str, Any]) -> str:
-    """SHA-256 of names, types, shapes and values: it shows damage and edits, not forgery."""
+    """SHA-256 of names, types, shapes and values: it detects damage and edits, not forgery."""
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = np.asarray(arrays[name])
@@ -146,7 +146,7 @@ def checksum(arrays: Mapping[str, Any]) -> str:
 def write_arrays(
     path: Path, arrays: Mapping[str, Any], compress: bool = True, exclusive: bool = False
 ) -> Path:
-    """Write an archive with its `checksum`, complete or not; `exclusive`: over no existing file."""
+    """Write an archive with its `checksum` atomically; `exclusive`: overwrite no existing file."""
     with complete_file(path, exclusive=exclusive) as file, uninterrupted():
         whole = {name: np.asarray(value) for name, value in arrays.items()}
         whole["checksum"] = np.array(checksum(whole))
@@ -156,9 +156,9 @@ def write_arrays(
 
 
 def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
-    """The arrays of an archive, and their checksum unless it has none, as formats 1 and 2.
+    """The arrays of an archive, and their checksum, which formats 1 and 2 lack.
 
-    An `InputError` that `is_damaged` knows if it is cut short; another if missing or changed.
+    Raises an `InputError`, for truncated files one that `is_damaged` recognises.
     """
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")
@@ -168,8 +168,8 @@ def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
             arrays = {i.filename.removesuffix(".npy"): _array(archive, i) for i in archive.filelist}
     except InputError:
         raise
-    except Exception as error:  # zipfile and NumPy raise of every kind on what they cannot read
-        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # a seek to nowhere
+    except Exception as error:  # zipfile and NumPy raise errors of any type
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # a seek out of range
             raise InputError(f"result file {path} cannot be read: {error}") from error
         raise _damaged(path, error) from error
     given = arrays.pop("checksum", None)
@@ -184,7 +184,7 @@ def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Re-raise errors from arrays that contradict each other as those of this package."""
+    """Re-raise errors due to inconsistent arrays as an `InputError`."""
     try:
         yield
     except InputError as error:
@@ -195,7 +195,7 @@ def reading(path: Path) -> Iterator[None]:
 
 @contextmanager
 def proving(consequence: str) -> Iterator[None]:
-    """Re-raise a certificate that fails as an `InputError` that begins with its consequence."""
+    """Re-raise a failed certificate as an `InputError` that begins with its consequence."""
     try:
         yield
     except NotConverged as error:
@@ -203,17 +203,17 @@ def proving(consequence: str) -> Iterator[None]:
 
 
 def unproved(path: str | Path) -> str:
-    """What is said of a file whose certificate, computed anew, fails."""
+    """Message for a file whose recomputed certificate fails."""
     return f"result file {path}: its solution does not solve the problem beside it"
 
 
 def loosened(tol: float) -> float:
-    """The tolerance when read: on another processor residuals near their limit may round up."""
+    """The tolerance on reading: another processor may round residuals above their limit."""
     return max(2 * tol, 1e-12)
 
 
 def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
-    """Refuse archives that must not even be unpacked."""
+    """Refuse archives with suspicious sizes before unpacking."""
     names = [info.filename for info in archive.filelist]
     if len(set(names)) < len(names):
         raise _damaged(path, "two of its arrays have one name")
@@ -223,7 +223,7 @@ def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
     if any(info.compress_type not in written for info in archive.filelist):
         raise InputError(f"result file {path} is packed in a way that NumPy does not write")
     total, size = sum(info.file_size for info in archive.filelist), path.stat().st_size
-    # Meshes and solutions shrink by less than 50.
+    # Meshes and solutions compress by less than a factor 50.
     if total > max(1 << 26, 200 * size):
         raise InputError(
             f"result file {path}: {size} bytes claim to unpack to {total}; no result does"
@@ -238,7 +238,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
             (2, 0): np.lib.format.read_array_header_2_0,
         }[version]
         shape, fortran, dtype = header(stream)
-        # Before memory is asked for: the header must fit what the archive says, checked above.
+        # Before allocation: the header must match the archive's sizes checked above.
         count = math.prod(shape) * dtype.itemsize
         if dtype.kind not in "biufU" or count != info.file_size - stream.tell():
             raise ValueError(f"{info.filename} is {dtype} of shape {shape}")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_PIECES = 16  # straight pieces of a facet, which may be curved
+_PIECES = 16  # straight pieces per curved facet
 _FACING = 0.1  # least cosine between the normals of a point and of its facet
 
 
@@ -27,7 +27,7 @@ class Run:
 
     points: Index  # contact points in order along the boundary, shape (n,)
     s: Array  # arc length of each point along the run, shape (n,)
-    length: float  # of the facets of the run, or between the end knots of a cut arc
+    length: float  # length of the run's facets, or between the end knots of a cut arc
     closed: bool  # the first point follows the last one
 
 
@@ -64,7 +64,7 @@ def _runs_of_arc(result: Drawn, here: Index) -> list[Run]:
     for k in dict.fromkeys(own.tolist()):
         mine = np.flatnonzero(own == k)
         steps = np.r_[0.0, np.linalg.norm(np.diff(x[:, mine], axis=1), axis=0)]
-        # All of a closed curve, to rounding of its weights, not a part that all but closes.
+        # The whole closed curve, up to rounding of its weights.
         taken = result.system.rows.weights[here[mine]].sum()
         whole = taken > (1 - 1e-9) * arc.weights[arc.curves[k].points].sum()
         closed = bool(arc.curves[k].closed and whole)
@@ -97,7 +97,7 @@ def _vertices(trace: Any, G: Any) -> Index | None:
 
 @dataclass(frozen=True)
 class _Line:
-    """A polyline; `starts` are the places along it where facets begin."""
+    """A polyline; `starts` are the arc lengths at which facets begin."""
 
     points: Array
     starts: Array
@@ -112,7 +112,7 @@ class _Line:
         return float(self.steps.sum())
 
     def project(self, x: Array) -> tuple[Array, Array]:
-        """Place of the nearest point of the line, and the distance from it."""
+        """Arc length of the nearest point of the line, and the distance to it."""
         a, way, size = self.points[:, :-1], np.diff(self.points, axis=1), self.steps
         before = np.cumsum(size) - size
         place, away = np.empty(x.shape[1]), np.empty(x.shape[1])
@@ -166,7 +166,7 @@ def _met(curve: Array, outward: Array, nominal: Array, normals: Array) -> NDArra
     size = np.linalg.norm(curve[:, :, -1] - curve[:, :, 0], axis=0)
     touched = np.zeros((size.size, 2), dtype=bool)
     within = np.zeros(size.size, dtype=bool)
-    near_end = 1e-2  # part of a facet: points so near to its end belong to the vertex
+    near_end = 1e-2  # relative to the facet: points this near to its end belong to the vertex
     for x, n in zip(nominal.T, normals.T, strict=True):
         to = x[:, None, None] - curve
         far = np.sqrt(np.min(np.sum(to * to, axis=0), axis=1))

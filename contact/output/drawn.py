@@ -1,4 +1,4 @@
-"""What pictures and VTK output use of a solved contact problem, and the two sides of its pairs."""
+"""The part of a result that pictures and VTK output use, and the two sides of its pairs."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class Side:
 
     @property
     def trace(self) -> Any:
-        """Its part with a Basis that determines the boundary."""
+        """The body with a Basis that determines the boundary."""
         return self.body.trace
 
 
@@ -134,7 +134,7 @@ def side(result: Drawn, points: Index) -> Side:
 
 
 def pair_name(result: Drawn, k: int) -> str:
-    """Contact boundary k as texts, pictures and blocks call it: "contact 0", or "tie 0"."""
+    """Name of contact boundary k in texts, pictures and blocks: "contact 0", or "tie 0"."""
     return f"{'tie' if result.system.rows.ties[result.part == k].all() else 'contact'} {k}"
 
 
@@ -152,7 +152,7 @@ def is_elastic(result: Drawn, points: Index) -> bool:
     own, axes = side(result, points), rows.axes[points]
     trace = own.trace
     moved = own.G[:, : trace.f.size] @ rigid_field(trace, np.zeros(trace.dim))[:, : trace.dim]
-    # A common translation moves the pairs by rounding alone.
+    # A common translation changes gaps by rounding only.
     return bool(np.abs(moved).max() <= 1e-12 * np.abs(axes).max())
 
 

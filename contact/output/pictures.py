@@ -83,7 +83,7 @@ def pressed_faces(result: Drawn, k: int, tied: bool = False) -> tuple[Index, Arr
         near = np.linalg.norm(off, axis=0) <= (1 + 1e-6) * reach[f]
         near &= np.abs(normal[:, f] @ off) <= 0.2 * reach[f]
         near &= np.abs(normal[:, f] @ normals) > 0.3
-        # All around its middle: a face beside the boundary has points on one side only.
+        # Points must surround its middle: a face next to the boundary has points on one side only.
         around = off[:, near].T
         spread = [
             (around @ (corner[:, i, f] - middle[:, f]) > 0).any() for i in range(len(corner[0]))
@@ -96,7 +96,7 @@ def pressed_faces(result: Drawn, k: int, tied: bool = False) -> tuple[Index, Arr
 
 def _polygons(grid: Any) -> list[Index]:
     """Corners of each cell; those of a cut body have three or four."""
-    cells, found = np.asarray(grid.cells), []  # each as its number of corners, then these
+    cells, found = np.asarray(grid.cells), []  # each is its number of corners, then the corners
     while cells.size:
         found.append(cells[1 : 1 + cells[0]])
         cells = cells[1 + cells[0] :]
@@ -130,7 +130,7 @@ def draw_outlines(result: Drawn, ax: Any) -> Any:
 
 
 def have_outlines(result: Drawn) -> bool:
-    """Whether these are several bodies in 2-D whose mesh ends where they do, which can be drawn."""
+    """Whether the result has several bodies in 2-D with fitted meshes, so that outlines exist."""
     bodies = result.system.body.bodies
     whole = all(isinstance(one, BasisSolid) and not isinstance(one, CutBody) for one in bodies)
     return len(bodies) > 1 and bodies[0].dim == 2 and whole
@@ -146,7 +146,7 @@ def on_deformed(result: Drawn) -> Array:
 
 
 def axes_of(ax: Any) -> Any:
-    """The axes given, or those of a new figure; `InputError` for what is none."""
+    """The given axes, or those of a new figure; `InputError` for other objects."""
     if ax is None:
         import matplotlib.pyplot as plt
 

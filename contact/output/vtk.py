@@ -53,12 +53,12 @@ def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
 
 def boundary_grid(result: Drawn) -> Any:
     """Contact points as pyvista.PolyData with their fields: polylines in 2-D, a cloud in 3-D.
-    There is one polyline for each run of connected facets, closed where the facets are."""
+    There is one polyline for each run of connected facets, closed if the run is."""
     return next(boundary_grids([result]))
 
 
 def boundary_grids(results: Iterable[Drawn]) -> Iterator[Any]:
-    """The grids of several results; points that are the same are joined only once."""
+    """The grids of several results; equal points are connected only once."""
     for result, runs in _joined(results):
         yield _grid(result.system.rows.x, runs, _fields(result))
 
@@ -95,7 +95,7 @@ def _part(result: Drawn, run: Run) -> int:
 
 
 def _joined(results: Iterable[Drawn]) -> Iterator[tuple[Drawn, list[Run]]]:
-    """Results with the runs of their points, which are found anew only where points differ."""
+    """Results with the runs of their points, recomputed only if points differ."""
     places, runs = np.zeros(0), []
     for result in results:
         if result.x.shape[0] == 2 and not np.array_equal(places, result.x_nominal):

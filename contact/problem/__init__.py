@@ -2,6 +2,6 @@
 
 In: body, boundary, obstacle, friction law, method.
 Out: a certified `ContactResult`, or an error that names the cause.
-Start: `contact_problem`, then `solve_system`; the other files have its starts, second attempts and
-warnings.
+Start: `contact_problem`, then `solve_system`; the other modules have initial guesses, second
+attempts and warnings.
 """

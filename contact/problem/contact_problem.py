@@ -40,7 +40,7 @@ FrictionLike = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
 OverclosureLike = float | PressureOverclosure | Sequence[float | PressureOverclosure | None] | None
 Laws = tuple[Any, FrictionLike | None, str | None]
 logger = logging.getLogger(__name__)
-_SAME: Any = object()  # the obstacle of the problem, or of the step before
+_SAME: Any = object()  # stands for the obstacle of the problem or the last step
 
 
 @settled("make a new ContactProblem", "body", "boundary", "functional", "solver", "pairs")
@@ -54,21 +54,21 @@ class ContactProblem(Portable):
     * Signorini: ``u_n <= d``, ``p >= 0``, ``p (u_n - d) = 0``;
     * friction with bound g: ``|shear| <= g``, and ``shear = -g u_t / |u_t|`` where u_t is not 0;
       Coulomb: ``g = F p``; Tresca: g is given. Where supports prescribe the whole tangential
-      displacement of a contact point, its friction would act on them alone and is left out.
+      displacement of a contact point, its friction acts on them only and is omitted.
 
     Parameters
     ----------
     body : ElasticBody, LayeredBlock or CutBody, or a list of these
     boundary : str, list of str, array of facet numbers or CutArc; or a list of Pair and Tie
         The boundary where contact may occur. Together with a list of obstacles: a list of
-        boundaries, each with its own; friction and functional may then be lists as well. Beside a
-        list of bodies: the pairs of boundaries that may touch, or are tied.
+        boundaries, each with its own; friction and functional may then be lists as well. For a list
+        of bodies: the pairs of boundaries that may touch, or are tied.
     obstacle : obstacle, Rigid, Surface, number, callable, array, None, or a list of these
         See `contact.obstacles.shapes`; `ElasticBody.surface` is that of another body. None:
-        friction without a contact law, (4.9) in King. Left out beside a list of pairs.
+        friction without a contact law, (4.9) in King. Omitted for a list of pairs.
     friction : float, callable x -> array, or ndarray of shape (m,)
-        Coulomb: the coefficient. Tresca: the bound, a traction. Never negative. Beside a list of
-        pairs it takes the place of what they have.
+        Coulomb: the coefficient. Tresca: the bound, a traction. Never negative. For a list of pairs
+        it replaces their friction.
     law : {"coulomb", "tresca", None}
         None is frictionless, as is friction = 0.
     functional : str, optional
@@ -145,7 +145,7 @@ class ContactProblem(Portable):
 
     @property
     def obstacle(self) -> ObstacleLike:
-        """The obstacle, or a list of them; may be set anew."""
+        """The obstacle, or a list of them; may be reassigned."""
         return self._laws[0]
 
     @obstacle.setter
@@ -156,7 +156,7 @@ class ContactProblem(Portable):
 
     @property
     def friction(self) -> Array:
-        """Coefficient or bound of each contact point, shape (m,), read-only; may be set anew."""
+        """Coefficient or bound of each contact point, shape (m,), read-only; may be reassigned."""
         return self._friction
 
     @friction.setter
@@ -165,12 +165,12 @@ class ContactProblem(Portable):
 
     @property
     def given_friction(self) -> Any:
-        """Friction as it was given; None for that of the pairs."""
+        """Friction as given; None for that of the pairs."""
         return self._laws[1]
 
     @property
     def law(self) -> str | None:
-        """The friction law; None where there is no friction. It may be set anew."""
+        """The friction law; None without friction. It may be reassigned."""
         return self._laws[2] if np.any(self._friction > 0) else None
 
     @law.setter
@@ -179,7 +179,7 @@ class ContactProblem(Portable):
 
     @property
     def overclosure(self) -> tuple[PressureOverclosure | None, ...]:
-        """Law of compliant surfaces of each boundary; empty for hard contact. May be set anew."""
+        """Law of compliant surfaces of each boundary; empty for hard contact. May be reassigned."""
         return self._overclosure
 
     @overclosure.setter
@@ -208,7 +208,7 @@ class ContactProblem(Portable):
 
     @property
     def opposite(self) -> Any:
-        """The obstacle; of pairs a list with what lies opposite in each."""
+        """The obstacle; for pairs a list with the opposite side of each."""
         return [pair.opposite for pair in self.pairs] if self.pairs else self.obstacle
 
     def _take(self, laws: Laws, boundaries: ContactBoundaries | Interfaces) -> None:
@@ -238,7 +238,7 @@ class ContactProblem(Portable):
 
     @property
     def system(self) -> ContactSystem:
-        """The discrete system under the body's present loads."""
+        """The discrete system under the body's current loads."""
         return self.system_of(self.body)
 
     def system_of(
@@ -252,8 +252,8 @@ class ContactProblem(Portable):
     ) -> ContactSystem:
         """The discrete system of a body under other loads, with another obstacle, after a step.
 
-        `since` is the obstacle of the last step, by default that of `after`, and `said` how far it
-        has moved, where the caller knows. The obstacles of pairs are lists, one for each pair.
+        `since` is the obstacle of the last step, by default that of `after`; `said` is its
+        displacement, if the caller knows it. The obstacles of pairs are lists, one entry per pair.
         """
         self._follow_body()
         rows, motion, now = self.rows, self.motion, obstacle
@@ -274,7 +274,7 @@ class ContactProblem(Portable):
         return ContactSystem(body, rows, loads, law, friction, slip_from, motion, laws, rigid)
 
     def rigid(self, opposite: Any) -> Any:
-        """The obstacles alone, of pairs with None where the other side is elastic."""
+        """The rigid obstacles; for pairs None where the other side is elastic."""
         if not self.pairs:
             return opposite
         each = zip(self.pairs, opposite, strict=True)
@@ -289,7 +289,7 @@ class ContactProblem(Portable):
         after: ContactResult | None,
         gap: Array,
     ) -> ObstacleMotion | None:
-        """The motion of obstacles with the path that their shapes have made up to this step."""
+        """The motion of obstacles, with the path of their shapes up to this step."""
         last = self.rows.gap if after is None else after.system.rows.gap
         moved = self.boundaries.travel(
             since,
@@ -309,18 +309,18 @@ class ContactProblem(Portable):
     def condense(
         self, device: str | Sequence[str] | None = None, deterministic: bool | None = None
     ) -> CondensedContact:
-        """Factor once; the result is kept and serves every later `solve`.
+        """Factor once; the result is cached for later calls of `solve`.
 
         Parameters
         ----------
         device : {"cpu", "cuda", "auto"} or sequence of str, optional
-            Where to condense and solve; default: as before, or "cpu". "cuda" needs CuPy and, but
-            for a `LayeredBlock`, cuDSS; "auto" takes it where it is there and pays, and logs why.
+            Where to condense and solve; default: as before, or "cpu". "cuda" needs CuPy and, except
+            for a `LayeredBlock`, cuDSS; "auto" uses it if available and faster, and logs why.
             ``("cuda:0", "cuda:1")`` shares the factors of bodies with a Basis among devices.
         deterministic : bool, optional
             Whether equal calls give equal bits on the same device; default: as before, or False.
-            cuDSS has no deterministic Schur complement: a body with a Basis is then solved for
-            contact forces one by one, which takes longer. On the host it changes nothing.
+            cuDSS has no deterministic Schur complement: a body with a Basis is then solved once per
+            contact force, which takes longer. No effect on the host.
 
         Returns
         -------
@@ -389,9 +389,9 @@ class ContactProblem(Portable):
             The last step of a load history: friction opposes the slip since then, and the solver
             starts from there. See `LoadStepper`.
         motion : sequence of float, or 0, optional
-            Only with `after`: displacement of the obstacle since then, of its points where they
-            touch; 0 where it is along the normal. Default: as the obstacle's shapes tell; asked for
-            where they do not. Of several boundaries a list, with None for what the shapes tell.
+            Only with `after`: displacement of the obstacle's contact points since then; 0 if along
+            the normal. By default derived from the obstacle's shapes; required if these do not
+            determine it. For several boundaries a list, with None for the default.
         eps : float, optional
             Only ``fixed_point``: slip below which friction is linear. Default 1e-5 of the
             largest displacement of the contact boundary.
@@ -411,10 +411,10 @@ class ContactProblem(Portable):
         Infeasible
             A prescribed displacement contradicts the obstacle.
         Unbounded
-            The body is not held; the message names the rigid motion.
+            The body is not supported; the message names the rigid motion.
         InputError
             A malformed argument; displacements beyond the size of the body, or along the obstacle
-            to where the gap is another one by more than the penetration.
+            so far that the gap changes by more than the penetration.
 
         Warns
         -----
@@ -489,8 +489,8 @@ def condensed_contact(
     device: Device = "cpu",
     deterministic: bool = False,
 ) -> CondensedContact:
-    """Reduce the contact rows of bodies to the contact boundary where that is possible.
-    Arguments as of `CondensedContact`; raises InputError where one of several bodies asks for
+    """Condense the contact rows of bodies; with the backend "krylov" make them unknowns.
+    Arguments as of `CondensedContact`; raises InputError if one of several bodies needs
     "krylov"."""
     if isinstance(body, DistributedBody):
         if body.chosen_backend(rows.G.shape[0] * body.dim) == "krylov":

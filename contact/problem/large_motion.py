@@ -1,9 +1,9 @@
-"""Loaded points that have moved along the obstacle to where the gap is another one.
+"""Checks for loaded points that have moved along the obstacle to a different gap.
 
 With a tangential displacement v relative to the obstacle the gap is :math:`d(x + v)`, not d(x) as
 in the linearised law. The difference is compared with the penetration that contact removes, taken
-as the largest deformation of the body; of two bodies it is found by projecting them anew. Cells
-turned inside out show motions that are too large along the normal."""
+as the largest deformation of the body; between two bodies it is found by a new projection. Inverted
+cells indicate normal motions that are too large."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class _Motion:
     points: NDArray[np.int64]  # shape (k,)
     moves: Array  # tangential displacements relative to the obstacle, shape (dim, k)
     spacing: Array  # distance to the next contact point, shape (k,)
-    loaded: NDArray[np.bool_]  # those that press, shape (k,)
+    loaded: NDArray[np.bool_]  # under pressure, shape (k,)
 
 
 def check_motion(
@@ -44,9 +44,9 @@ def check_motion(
     obstacle: Any,
     sliding: bool = False,
 ) -> None:
-    """Warn of, or refuse, a result whose loaded points have moved to where the gap is another one.
+    """Warn of, or refuse, a result whose loaded points have moved to a different gap.
     LargeMotionWarning from a quarter of the penetration, for points past a facet and inverted
-    cells; InputError beyond the penetration. `sliding`: pairs of bodies were projected anew."""
+    cells; InputError beyond the penetration. `sliding`: pairs of bodies were projected again."""
     _check_cells(result, boundaries)
     motion = _large(result, boundaries)
     if not motion.points.size:
@@ -57,14 +57,14 @@ def check_motion(
     else:
         change = boundaries.change_of_gap(obstacle, motion.points, motion.moves)
         elastic = np.zeros(motion.points.size, dtype=bool)
-    overlap = -np.minimum(result.gap[motion.points], 0.0).min()  # of compliant surfaces
+    overlap = -np.minimum(result.gap[motion.points], 0.0).min()  # overclosure of compliant surfaces
     depth = max(result.system.body.deformation(result.u), float(overlap))
-    # An open point is off where it would have gone through.
+    # An open point counts if it would have penetrated.
     off = np.where(motion.loaded, np.abs(change), -(result.gap[motion.points] + change))
     worst = int(off.argmax())
     far = np.linalg.norm(motion.moves, axis=0)
     warned = elastic | (off > CHANGED * depth)
-    # With less penetration the body has only been moved until it touches.
+    # With less penetration the body has only been moved into contact.
     if not warned.any() or depth <= 1e-9 * far.max():
         return
     k = worst if off[worst] > CHANGED * depth else int(np.where(elastic, far, 0.0).argmax())
@@ -91,7 +91,7 @@ def check_motion(
 
 
 def _check_cells(result: ContactResult, boundaries: ContactBoundaries | Interfaces) -> None:
-    """Warn if more cells are turned inside out than at a singular place of the stresses."""
+    """Warn if more cells are inverted than at a stress singularity."""
     kept = boundaries.bodies.bodies if isinstance(boundaries, Interfaces) else [boundaries.body]
     for body, own, of_all_steps in zip(result.solid.bodies, result.solid.slices, kept, strict=True):
         if not isinstance(body, ElasticBody):
@@ -120,7 +120,7 @@ def _large(result: ContactResult, boundaries: ContactBoundaries | Interfaces) ->
     rows = result.system.rows
     slip = result.system.relative(result.u, result.motion)[1]
     given = result.system.motion
-    if given is not None and given.travel is not None:  # the gap is that where the shape is now
+    if given is not None and given.travel is not None:  # the gap is that of the current shape
         slip = slip + given.travel
     far = np.linalg.norm(slip, axis=1)
     loaded = result.mu > 1e-3 * result.mu.max(initial=0.0)
@@ -166,13 +166,13 @@ def _of_pairs(
 def _projected(
     result: ContactResult, interfaces: Interfaces, k: int, points: NDArray[np.int64]
 ) -> Array:
-    """Gaps of a pair of bodies where they are minus the linearised ones, ``inf`` without any."""
+    """Gaps of a displaced pair of bodies minus the linearised ones, ``inf`` if there is none."""
     try:
         now = interfaces.displaced(result.u).rows
     except InputError:  # no facet of a pair faces another one
         return np.full(points.size, np.inf)
     rows, bodies = result.system.rows, interfaces.bodies
-    of_owner = np.zeros(result.u.size)  # the displacement of the body that the points lie on
+    of_owner = np.zeros(result.u.size)  # displacement of the body that has the points
     own = bodies.slices[rows.owner[points[0]]]
     of_owner[own] = result.u[own]
     n, t = (rows.G @ of_owner)[points], (rows.T @ of_owner).reshape(rows.gap.size, -1)[points]

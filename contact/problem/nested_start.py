@@ -1,4 +1,4 @@
-"""Start of a solve from the solution for other loads or on another mesh (nested iteration)."""
+"""Initial guess from the solution for other loads or on another mesh (nested iteration)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def start_forces(
 ) -> Forces:
     """Contact forces near a solution, in the scale of a problem: physical = scaled / scale.
     Tractions of another mesh are interpolated; rigid motions bring loaded points closest to the
-    obstacle and sticking ones to where they stuck. Raises InputError for another dimension."""
+    obstacle and sticking ones to zero slip. Raises InputError for another dimension."""
     dims = result.x.shape[0], system.rows.x.shape[0]
     if dims[0] != dims[1]:
         raise InputError(
@@ -32,7 +32,7 @@ def start_forces(
             "solution of the same part"
         )
     rows, theirs = system.rows, result.system.rows
-    # The mesh is the same if its contact points differ by rounding only.
+    # Meshes are equal if their contact points differ by rounding only.
     same = theirs.x_nominal.shape == rows.x_nominal.shape and np.allclose(
         theirs.x_nominal, rows.x_nominal, rtol=0.0, atol=1e-9 * float(np.ptp(rows.x_nominal))
     )
@@ -52,7 +52,7 @@ def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, 
     shear = np.einsum("djm,mj->dm", theirs.tangents, result.shear + result.tie_shear)
     traction = np.vstack((result.pressure + result.tie_pressure, shear))
     part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
-    if part.max() != result.part.max():  # other boundaries: points are matched by position alone
+    if part.max() != result.part.max():  # other boundaries: match points by position only
         pairs = [(np.full(part.size, True), np.full(result.part.size, True))]
     else:
         pairs = [(part == k, result.part == k) for k in range(part.max() + 1)]
@@ -80,5 +80,5 @@ def _motion(problem: BoundaryProblem, mu: Array, t: Array, friction: Friction | 
     sticks = (problem.tangent >= 0) & (np.linalg.norm(t, axis=1) < 0.999 * g)[:, None]
     at = np.concatenate((problem.normal[loaded], problem.tangent[sticks]))
     off = np.concatenate(((problem.gap - u_n)[loaded], -u_t[sticks]))
-    # Motions that these points determine by rounding only, 1e-9, are dropped.
+    # Drop motions that these points determine only up to rounding, 1e-9.
     return np.asarray(np.linalg.lstsq(problem.C[at], off, rcond=1e-9)[0])

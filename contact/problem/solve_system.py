@@ -29,7 +29,7 @@ from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactState, ContactSystem
 
 Array = NDArray[np.float64]
-RESERVE = 0.1  # imbalance over the tolerance from which displacements are refined
+RESERVE = 0.1  # refine displacements if the imbalance exceeds this part of the tolerance
 
 
 def solve_system(
@@ -88,14 +88,14 @@ def _solved(
         raise driven(condensed, error.certificate) from error
     except NotConverged as error:
         slender = whole and (condensed.thin or condensed.slender)
-        if slender and options.max_iterations >= 50:  # else its limit may be why it failed
+        if slender and options.max_iterations >= 50:  # otherwise the limit may be why it failed
             with suppress(NotConverged, LinAlgError):
                 return solved_stiffly(system, condensed, options, None, report, history)
         more = doubt(condensed, _boundary_problem(system, condensed, system.load), friction)
         raise NotConverged(f"{error}{more}", tuple(history)) from error
     (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
     t = system.with_held_points(u, mu, t, motion)
-    answer = ContactState(  # displacements lie where they were computed
+    answer = ContactState(  # displacements stay on their device
         system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
     )
     result = ContactResult(**vars(replace(answer, u=condensed.fetched(u))))
@@ -155,7 +155,7 @@ def _boundary_problem(
 
 
 def driven(condensed: CondensedContact, a: Array) -> Unbounded:
-    """The error for a motion a that the loads drive and no contact forces resist."""
+    """The error for a motion a driven by the loads that contact forces cannot balance."""
     if condensed.moves_obstacle(a):
         return Unbounded(
             "the obstacle is not held: contact forces cannot balance the force or moment given "
@@ -178,7 +178,7 @@ def undetermined(condensed: CondensedContact, a: Array) -> Unbounded:
 
 def doubt(condensed: CondensedContact, problem: BoundaryProblem, friction: Friction | None) -> str:
     """A possible reason why no solution was found: the end of an error message, or empty.
-    Raises Unbounded where the loads are at the limit of what friction holds."""
+    Raises Unbounded if the loads are at the limit of friction."""
     limit, a = at_the_limit(problem, friction), by_friction_alone(problem)
     if limit is not None:
         raise undetermined(condensed, limit)

@@ -1,8 +1,8 @@
-r"""The condensed problem with the stiffness of its boundary in place of the compliance.
+r"""The condensed problem with the boundary stiffness instead of the compliance.
 
-Thin bodies held by contact alone bend far more easily than they are compressed: in
-``v = v_0 - W l + C a`` large displacements by bending cancel and digits are lost. Here the
-boundary's own unknowns z are kept beside the forces, with the same Newton's method,
+Thin bodies supported by contact alone are far softer in bending than in compression: in ``v = v_0 -
+W l + C a`` large bending displacements cancel and digits are lost. Here the boundary unknowns z are
+kept in addition to the forces, with the same Newton method,
 
 .. math:: v = v_0 + B z + B N a, \qquad B^T l + S_b z = f_b, \qquad N^T B^T l = s ."""
 
@@ -40,7 +40,7 @@ class StiffnessForm:
             raise NotConverged(f"stiffness form: more than {DENSE_ORDER} unknowns")
         self._condensed, self._system = condensed, system
         S, B, N = condensed.stiffness, condensed.B.toarray(), condensed.N
-        if N.shape[1]:  # S_b resists rigid motions by rounding only: project them out
+        if N.shape[1]:  # rigid motions have only rounding stiffness in S_b: project them out
             unit = N / np.linalg.norm(N, axis=0)
             B_z = B - (B @ unit) @ unit.T
             S = S - unit @ (unit.T @ S)
@@ -97,7 +97,7 @@ class StiffnessForm:
         now = Forces(mu * scale, t * scale[:, None], np.zeros(problem.s.size))
         if near is None:
             now = replace(now, a=self._motions(problem, now.mu, now.t))
-        for _ in range(10):  # each adds the digits of the factorisation
+        for _ in range(10):  # each step adds the digits of the factorisation
             # The next step reduces the residual.
             now = self._change(problem, now, max(tol, 1e-8), report)
             du = self._condensed.moved(left, self._of_boundary(now.a))
@@ -106,8 +106,8 @@ class StiffnessForm:
                 found = self._per_unit * now.a[self._elastic + self._N.shape[1] :]
                 motion[system.motion.free] += found
             size = system.body.largest_displacement(du)
-            # The change ends at rounding of the displacements, or at that of an assembled matrix,
-            # where it is no longer halved.
+            # Converged at the rounding of the displacements, or at that of an assembled matrix,
+            # where the change is no longer halved.
             reach = system.body.largest_displacement(u)
             if size <= np.finfo(float).eps * reach or size > 0.5 * last:
                 break
@@ -122,7 +122,7 @@ class StiffnessForm:
         return (u, now.mu / scale, now.t / scale[:, None]), motion
 
     def _about(self, u: Array, w: Array | None) -> tuple[BoundaryProblem, Array]:
-        """The problem for the change of a displacement u, and the load less the forces of u."""
+        """The problem for the change of a displacement u, and the load minus the forces of u."""
         system, condensed = self._system, self._condensed
         left = system.load - system.body.internal(u)
         reduced = condensed.carried(left)
@@ -154,12 +154,12 @@ class StiffnessForm:
         return z
 
     def _motions(self, problem: BoundaryProblem, mu: Array, t: Array) -> Array:
-        """Motions a that given forces cause; rigid ones such that loaded points touch."""
+        """Motions a under given forces; rigid ones such that loaded points touch."""
         n = self._elastic
         assert problem.K is not None
         a = np.zeros(problem.s.size)
         left = problem.s - problem.C.T @ problem.forces(mu, t)
-        # The rank is decided by the rounding of a stiffness, 1e-14, and of coordinates, 1e-9.
+        # Rank tolerances: rounding of a stiffness, 1e-14, and of coordinates, 1e-9.
         a[:n] = np.linalg.lstsq(problem.K[:n, :n], left[:n], rcond=1e-14)[0]
         if a.size > n:
             u_n, _ = problem.displacements(np.zeros_like(mu), np.zeros_like(t), a)

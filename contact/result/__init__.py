@@ -1,4 +1,4 @@
-"""The solution of a contact problem, which can prove itself.
+"""The solution of a contact problem, with its certificate.
 
 In: the discrete problem (`ContactSystem`) with displacement and forces.
 Out: `ContactResult`: residuals, tractions, status, stresses; the same from a file.

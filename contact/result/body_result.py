@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class BodyFields:
-    """What follows from the displacement of a body and the forces on it."""
+    """Quantities derived from the displacement of a body and the forces on it."""
 
     if TYPE_CHECKING:
         u: Array
@@ -51,12 +51,12 @@ class BodyFields:
 
     @cached_property
     def _meshed(self) -> Any:
-        """The body; of a `LayeredBlock` its cells on a mesh, whose dofs are numbered alike."""
+        """The body; for a `LayeredBlock` its cells on a mesh with the same dof numbers."""
         return self.body.meshed() if isinstance(self.body, LayeredBlock) else self.body
 
     @property
     def on_mesh(self) -> BodyResult:
-        """The same fields of a body with a Basis, which pictures and VTK data are made of."""
+        """The same fields on a body with a Basis, for pictures and VTK data."""
         forces = self.contact_forces, self.tie_forces
         return BodyResult(self._meshed, self.u, self.applied, *forces)
 
@@ -75,7 +75,7 @@ class BodyFields:
             ``load``, ``support``, ``contact``: resultants, shape (dim,); ``residual``: their sum
             divided by the largest of them, or by the internal forces of the body if all resultants
             are rounding errors of these. Only reactions at prescribed displacements count. With
-            ties also ``tie``, their resultant, which is zero of all bodies together.
+            ties also ``tie``, their resultant, which is zero for all bodies together.
         """
         body = self.solid
         parts = {
@@ -88,7 +88,7 @@ class BodyFields:
         largest = max(float(np.abs(part).max()) for part in parts.values())
         forces = self.contact_forces + self.tie_forces
         _, cancelling = body.equilibrium(self.u, forces, self.applied)
-        if largest <= 1e-12 * cancelling:  # nothing but the rounding of forces inside
+        if largest <= 1e-12 * cancelling:  # only rounding of internal forces
             largest = cancelling or 1.0
         parts["residual"] = sum(parts.values(), start=np.zeros(body.dim)) / largest
         return parts
@@ -113,7 +113,7 @@ class BodyFields:
         if points is not None:
             return np.asarray(self.body.stress_at(self.u, self._points(points)))
         body = self._meshed
-        local = body.basis.X  # bodies without one basis refuse here, and name the way out
+        local = body.basis.X  # bodies without a single basis raise an error with the alternative
         mean, gradient = body.mean_dilatation(self.u), body.gradients(self.u)
         volume = None if mean is None else mean[:, None]
         strain = body.thermal_strain_in(local)
@@ -142,7 +142,7 @@ class BodyFields:
         return cell_stress(self._meshed, self.stress())
 
     def von_mises(self, points: ArrayLike | None = None) -> Array:
-        """Von Mises stress, in the places of `stress`; with sigma_zz, or the hoop stress.
+        """Von Mises stress, at the points of `stress`; includes sigma_zz or the hoop stress.
 
         Parameters
         ----------
@@ -265,12 +265,12 @@ class BodyResult(BodyFields):
 
     @property
     def resultant(self) -> Array:
-        """Force of everything in contact with the body on it, without its ties, shape (dim,)."""
+        """Contact force on the body, without its ties, shape (dim,)."""
         return np.asarray(self.body.total(-self.contact_forces))
 
     @property
     def tie_resultant(self) -> Array:
-        """Force of everything tied to the body on it, shape (dim,)."""
+        """Force of the ties on the body, shape (dim,)."""
         return np.asarray(self.body.total(-self.tie_forces))
 
 
@@ -279,8 +279,8 @@ if TYPE_CHECKING:
 
 
 def nodal_stress(body: ElasticBody, u: Array) -> Array:
-    """Stress at the vertices, (3, 3, nvertices): from dofs, or means of cells by their size."""
-    from_dofs = isinstance(body.law, IsotropicLaw) and body.thermal is None  # no axisymmetric law
+    """Stress at the vertices, (3, 3, nvertices): from dofs, or size-weighted means over cells."""
+    from_dofs = isinstance(body.law, IsotropicLaw) and body.thermal is None  # not axisymmetric
     if isinstance(body.element, GRADIENT_DOFS) and from_dofs:
         plane: Any = body.plane or "strain"
         return stress_of_dofs(body.basis, u, body.E, body.nu, plane)

@@ -1,4 +1,5 @@
-"""The certificate: all recomputed residuals are below the tolerance, displacements plausible."""
+"""The certificate: all recomputed residuals are below the tolerance; displacements are
+plausible."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from contact.result.contact_system import ContactState
 
 
 def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
-    """Recompute all residuals; raise unless below tol, those of a regularised law tol + slack."""
+    """Recompute all residuals; raise if they exceed tol, or tol + slack for a regularised law."""
     kkt = state.system.kkt(state.u, state.mu, state.t, state.motion)
     refuse_residuals(state, kkt, tol, slack)
     refuse_shared_points(state)
@@ -28,14 +29,14 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
 
 
 def take_strains(body: Any, chosen: Sequence[int] | None = None) -> bool:
-    """Whether some body, or one of those chosen, computes forces from strains only from now on."""
+    """Let the (chosen) bodies compute forces from strains; returns whether any body changed."""
     bodies = body.bodies if chosen is None else [body.bodies[k] for k in chosen]
     taken = [one.take_strains() for one in bodies if isinstance(one, BasisSolid)]
     return any(taken)
 
 
 def strained_bodies(body: Any) -> list[int]:
-    """Numbers of the bodies that were told to compute forces from strains."""
+    """Numbers of the bodies that compute forces from strains on request."""
     solids = [isinstance(one, BasisSolid) and one.takes_strains for one in body.bodies]
     return [k for k, strained in enumerate(solids) if strained]
 
@@ -44,7 +45,7 @@ def _refuse_large_displacements(state: ContactState) -> None:
     """Raise if displacements exceed the size of the body: the linear theory is then invalid."""
     system, body = state.system, state.system.body
     size, reach = body.extent, body.largest_displacement(state.u)
-    # What is prescribed, and the gap that must close before anything touches, is intended.
+    # Prescribed displacements and the gap that closes before contact are intended.
     nearest = np.abs(system.rows.gap).min(initial=np.inf)
     given = max(
         body.largest_displacement(body.constraint[1]), nearest if np.isfinite(nearest) else 0.0
@@ -86,12 +87,12 @@ def refuse_residuals(state: ContactState, kkt: dict[str, float], tol: float, sla
 
 
 def _uneven(bodies: Sequence[Any]) -> str:
-    """A remark on bodies whose stiffnesses differ so much that digits are lost."""
+    """A remark for error messages if stiffnesses of bodies differ so much that digits are lost."""
     solids = [body for body in bodies if isinstance(body, BasisSolid)]
-    # Of each dof for a unit displacement, whatever the unit of the dof.
+    # Stiffness of each dof per unit displacement, independent of the dof's unit.
     sizes = [float((b.stiffness.diagonal() / b.lengths[0] ** 2).max()) for b in solids]
     ratio = max(sizes, default=1.0) / min(sizes, default=1.0)
-    if ratio < 1e6:  # reactions keep the digits that a certificate needs
+    if ratio < 1e6:  # reactions are accurate enough for a certificate
         return ""
     return (
         f"; the stiffest body is {ratio:.0e} times as stiff as the softest one, so that it moves "
@@ -107,16 +108,16 @@ def as_lines(kkt: dict[str, float]) -> str:
 
 
 def refuse_shared_points(state: ContactState) -> None:
-    """Raise if displacements of points in contact depend on each other linearly.
-    Only sums of their forces would be determined, and the pressure at one be arbitrary."""
+    """Raise if displacements of points in contact are linearly dependent.
+    Only sums of their forces would be determined; pressures would be arbitrary."""
     system = state.system
     body = system.body
-    # The path of a block holds derivatives at its sides, as if they were tied to mirror images.
+    # The path of a block fixes derivatives at its sides, as by ties to mirror images.
     if not any(each._couplings or getattr(each, "path", None) for each in body.bodies):
         return
     rows = system.rows
     u_n, _ = system.relative(state.u, state.motion)
-    rounding = 1e-8  # of gaps over the largest displacement, and of forces over the bound
+    rounding = 1e-8  # of gaps relative to the largest displacement, and of forces to the bound
     closed = (u_n - rows.gap > -rounding * (body.largest_displacement(state.u) or 1.0)) | (
         state.mu > 0.0
     )
@@ -144,7 +145,7 @@ def _dependent(body: Any, rows: sparse.csr_array) -> bool:
         return False
     B: Any = body.in_unknowns(rows[live])
     size = norms(sparse.csr_array(B.T))
-    B = B @ sparse.diags_array(1.0 / np.where(size > 0.0, size, 1.0))  # whatever their units
+    B = B @ sparse.diags_array(1.0 / np.where(size > 0.0, size, 1.0))  # independent of units
     B = sparse.diags_array(1.0 / norms(sparse.csr_array(B))) @ B
     try:
         factor = splu(
@@ -153,7 +154,7 @@ def _dependent(body: Any, rows: sparse.csr_array) -> bool:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-    except RuntimeError:  # a pivot that is exactly zero
+    except RuntimeError:  # an exactly zero pivot
         return True
     pivots: NDArray[np.float64] = np.abs(factor.U.diagonal())
-    return bool(pivots.min() < 1e-11)  # of rows of unit length: rounding
+    return bool(pivots.min() < 1e-11)  # rounding, for rows of unit length

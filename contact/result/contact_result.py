@@ -1,4 +1,4 @@
-"""The solution of a contact problem, which can prove itself."""
+"""The solution of a contact problem, with its certificate."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ Chosen = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactResult(BodyFields, ContactState):
-    """Displacement, contact forces, and what follows from them.
+    """Displacement, contact forces, and derived quantities.
 
-    Bonded points transmit forces of ties, not of contact: these have names of their own.
+    Bonded points transmit forces of ties, which have attributes of their own.
 
     Lengths have the unit of the mesh; stresses, pressures and tractions that of E; forces are
     tractions times areas, in 2-D per unit depth.
@@ -52,9 +52,9 @@ class ContactResult(BodyFields, ContactState):
         One entry an iteration of the solver.
     motion : ndarray, shape (k,), or None
         Of `Rigid` obstacles: translations, then rotation, one obstacle after the other. None, or
-        empty, where there is none; the way of shapes that moved is in ``slip``.
+        empty, if there are none; the path of moved shapes is included in ``slip``.
     tol, slack : float
-        What the certificate was held to, see `certify`; tol None stands for that of the method.
+        Tolerances of the certificate, see `certify`; tol None is the default of the method.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class ContactResult(BodyFields, ContactState):
         return f"ContactResult({counts(self)}; resultant {vector(self.resultant)})"
 
     def summary(self) -> str:
-        """What was solved, what came out and how well it is proved, in ten lines.
+        """The problem, the main results and the residuals, in ten lines.
 
         Returns
         -------
@@ -86,9 +86,9 @@ class ContactResult(BodyFields, ContactState):
         return as_html(self._facts, type(self).__name__)
 
     def keep_facts_of_many(self) -> None:
-        """Keep the residuals and the summary if a body is on many processes.
+        """Compute and store residuals and summary if a body is distributed.
 
-        All of them compute these together, once; then one may print them without the others.
+        All processes compute these together, once; afterwards one may print them alone.
         """
         if any(isinstance(body, DistributedBody) for body in self.solid.bodies):
             self.__dict__["_kept"] = (self.kkt, facts(self))
@@ -149,19 +149,19 @@ class ContactResult(BodyFields, ContactState):
 
     @property
     def x(self) -> Array:
-        """Places of the contact points: the functional's means, shape (dim, m)."""
+        """Positions of the contact points, the centroids of the functional, shape (dim, m)."""
         return self.system.rows.x
 
     @property
     def x_nominal(self) -> Array:
-        """Nominal places of the contact points, shape (dim, m)."""
+        """Nominal positions of the contact points, shape (dim, m)."""
         return self.system.rows.x_nominal
 
     @property
     def pressure(self) -> Array:
         """Contact pressure at `x`, force per area, positive in compression, shape (m,).
 
-        Zero at bonded points, which have `tie_pressure`.
+        Zero at bonded points, see `tie_pressure`.
         """
         return self._normal(~self.system.rows.ties)
 
@@ -170,9 +170,9 @@ class ContactResult(BodyFields, ContactState):
         """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1).
 
         Where supports prescribe the whole slip and it is not zero, the shear opposes it at its
-        bound. Where they prescribe that there is none, the shear cannot be told apart from their
-        reactions and counts as part of these: it is zero, see `Status.UNDETERMINED`.
-        Zero at bonded points, which have `tie_shear`.
+        bound. Where they prescribe zero slip, the shear cannot be distinguished from their
+        reactions and is reported as zero, see `Status.UNDETERMINED`. Zero at bonded points, see
+        `tie_shear`.
         """
         return self._tangential(~self.system.rows.ties)
 
@@ -209,9 +209,9 @@ class ContactResult(BodyFields, ContactState):
 
     @property
     def gap(self) -> Array:
-        """What is left of the gap, d - (u_n - w_n), shape (m,).
+        """Gap in the deformed state, d - (u_n - w_n), shape (m,).
 
-        It is the geometric one: negative by the overclosure where compliant surfaces are pressed.
+        On compliant surfaces under pressure it is minus the overclosure.
         """
         return self.system.rows.gap - self.system.relative(self.u, self.motion)[0]
 
@@ -230,13 +230,13 @@ class ContactResult(BodyFields, ContactState):
         if self.system.law == "tresca":
             loaded = loaded | (g > 0)
         force = np.linalg.norm(self.t, axis=1)
-        # What rounding leaves of a displacement is no slip.
+        # Rounding of a displacement is not slip.
         moves = np.linalg.norm(
             self.slip_increment, axis=1
         ) > 1e-10 * self.system.body.largest_displacement(self.u)
         held = loaded & (g > 0)
         held = held & self.system.held if held.any() else held
-        moves = np.where(held, force > 0, moves)  # where it is zero, so is the slip
+        moves = np.where(held, force > 0, moves)  # zero force implies zero slip
         slides = loaded & moves & (force >= g * (1 - 1e-9))
         status = np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN))
         status = np.where(held & ~slides, Status.UNDETERMINED, status)
@@ -244,7 +244,7 @@ class ContactResult(BodyFields, ContactState):
 
     @property
     def zone(self) -> Array:
-        """Span of the nominal places of loaded points, shape (dim, 2): least and largest.
+        """Bounding box of the nominal positions of loaded points, shape (dim, 2).
 
         NaN where nothing is in contact; bonded points do not count.
         """
@@ -259,7 +259,7 @@ class ContactResult(BodyFields, ContactState):
     def resultant(self) -> Array:
         """Force of the obstacle on the body, pressure and friction together, shape (dim,).
 
-        Where bodies touch each other: the sum of the `resultants`. Ties have `tie_resultants`.
+        Between bodies: the sum of the `resultants`. For ties see `tie_resultants`.
         """
         if self.system.rows.axes.size:
             return np.asarray(self.resultants.sum(axis=0))
@@ -276,7 +276,7 @@ class ContactResult(BodyFields, ContactState):
 
     @property
     def tie_resultants(self) -> Array:
-        """The resultants of ties, as `resultants` are those of contact, (nboundaries, dim)."""
+        """The resultant of each tied boundary, shape (nboundaries, dim)."""
         return self._totals(self.system.rows.ties)
 
     def _totals(self, chosen: Chosen) -> Array:
@@ -286,7 +286,7 @@ class ContactResult(BodyFields, ContactState):
             return np.array([self.system.body.total(-self._forces(p)) for p in boundaries])
         on_points = -np.einsum("ma,mac->mc", np.column_stack((self.mu, self.t)), axes)
         if self.system.body.is_ring:
-            on_points[:, 0] = 0.0  # around the ring these cancel
+            on_points[:, 0] = 0.0  # radial forces cancel around the ring
         return np.array([on_points[p].sum(axis=0) for p in boundaries])
 
     def _forces(self, chosen: Chosen) -> Array:
@@ -310,15 +310,15 @@ class ContactResult(BodyFields, ContactState):
 
     @cached_property
     def tie_forces(self) -> Array:
-        """As `contact_forces`, of the bonded points."""
+        """As `contact_forces`, for the bonded points."""
         return self._forces(self.system.rows.ties)
 
     @property
     def centre_of_pressure(self) -> Array:
-        """Where the resultant of the pressure acts, on each contact boundary, (nboundaries, dim).
+        """Point of action of the pressure resultant of each contact boundary, (nboundaries, dim).
 
-        NaN where nothing is in contact. The forces act at the nominal places: the moment about
-        any point is that which the body feels.
+        NaN without contact. Forces act at the nominal positions, so that moments are those on the
+        body.
         """
         contact = ~self.system.rows.ties
         parts = [contact & (self.part == k) for k in range(self.part.max() + 1)]
@@ -327,21 +327,20 @@ class ContactResult(BodyFields, ContactState):
 
     @property
     def kkt(self) -> dict[str, float]:
-        """Relative residuals of every law, recomputed from the problem, u, mu, t and motion alone.
+        """Relative residuals of every law, recomputed from the problem, u, mu, t and motion only.
 
         ``equilibrium``: largest residual force at a free dof, divided by the largest sum of moduli
         of the forces there; ``balance``: the sum of all loads, reactions and contact forces,
         divided by the sum of their moduli; ``support``: violation of the prescribed displacements;
         ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
         ``|t| <= g``, and t = P_g(t + c u_t) with the slip increment u_t; these laws are not those
-        of bonded points, which have ``tie``: ``|u_n - d|`` and ``|u_t|``. On compliant
-        surfaces penetration and complementarity are the force that the point of the curve with
-        the same ``mu + c (u_n - d)`` has more, or less, than mu. Lengths are relative to
-        the largest displacement, or to the one that a contact force alone would cause if that
-        is larger. Forces are what exceeds the rounding of those that cancel inside the body,
-        relative to the largest contact force, or to that rounding if it is larger. If
-        obstacles are driven by forces, also ``obstacle``: their residual force divided by the
-        sum of moduli.
+        of bonded points, which have ``tie``: ``|u_n - d|`` and ``|u_t|``. On compliant surfaces
+        penetration and complementarity are the excess, or deficit, of the force at the point of the
+        curve with the same ``mu + c (u_n - d)`` over mu. Lengths are relative to the largest
+        displacement, or to the one that a contact force alone would cause if that is larger.
+        Forces are reduced by the rounding error of internal forces, and relative to the largest
+        contact force, or to that rounding error if it is larger. If obstacles are driven by forces,
+        also ``obstacle``: their residual force divided by the sum of moduli.
         """
         kept = self.__dict__.get("_kept")
         if kept is not None:
@@ -383,9 +382,9 @@ class ContactResult(BodyFields, ContactState):
         """Read a file written by `save`: nothing is lost, and the certificate is computed anew.
 
         The stiffness is assembled from the mesh, the element, E and nu in the file, so that the
-        residuals show whether these, loads, laws and solution still belong together. A checksum
-        covers what does not enter the residuals (names, weights, gaps of open points). Functions
-        are not stored: the file has the values that supports, obstacles and friction took.
+        residuals verify that these, loads, laws and solution are consistent. A checksum covers
+        other data (names, weights, gaps of open points). Functions are not stored: the file has the
+        values of supports, obstacles and friction.
 
         Parameters
         ----------
@@ -405,7 +404,7 @@ class ContactResult(BodyFields, ContactState):
         return cls(**vars(read(path)))
 
     def to_pyvista(self, subdivide: int | None = None) -> Any:
-        """The body as a pyvista grid: displacement and stress; of several bodies all that is known.
+        """The body as a pyvista grid: displacement and stress; for several bodies all fields.
 
         Parameters
         ----------
@@ -446,8 +445,8 @@ class ContactResult(BodyFields, ContactState):
     def plot(self, ax: Any = None) -> Any:
         """Pressure and shear along the boundary, stick and slip; in 3-D pressure on the faces.
 
-        Without axes, below them the outlines of several deformed bodies near their contact, in 2-D;
-        not of a `LayeredBlock` or a `CutBody`.
+        If no axes are given, several bodies in 2-D also get a plot of their deformed outlines near
+        the contact, except a `LayeredBlock` or a `CutBody`.
 
         Parameters
         ----------
@@ -472,7 +471,7 @@ class ContactResult(BodyFields, ContactState):
 
 
 def counts(result: Any) -> str:
-    """How many contact points are open, stick and slip, and are bonded or held, if any are."""
+    """Numbers of contact points that are open, stick, slip, and, if any, are bonded or held."""
     return _counted(result.status)
 
 
@@ -516,7 +515,7 @@ def _bodies(body: Any) -> dict[str, str]:
 
 
 def _forces(result: Any) -> dict[str, str]:
-    """The resultant; of several bodies that of each contact and tie, and how its points are."""
+    """The resultant; for several bodies that of each contact and tie, with the point counts."""
     body, owner = result.system.body, result.system.rows.owner
     if len(body.bodies) == 1:
         return {"resultant": vector(result.resultant)}

@@ -30,18 +30,19 @@ class ContactSystem:
     load: Array  # (ndofs,)
     law: str | None  # "coulomb", "tresca"
     friction: Array  # (m,), the coefficient F, or Tresca's bound as a force: traction times weight
-    # Tangential displacement (m, dim - 1) of the last converged step of a history: friction opposes
-    # the slip since then. None: at rest in the reference state.
+    # Tangential displacement (m, dim - 1) at the last converged step of a history, from which
+    # friction counts the slip. None: zero.
     slip_from: Array | None = None
     motion: ObstacleMotion | None = None  # displacements of contact points are relative to it
     overclosure: tuple[PressureOverclosure | None, ...] = ()  # by boundary; empty: hard contact
-    obstacle: Any = None  # from which the gap is; the next step asks it how it has moved
+    obstacle: Any = None  # source of the gap; the next step derives its motion from it
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"obstacle": carried(self.obstacle)}
 
     def relative(self, u: Array, w: Array | None) -> tuple[Array, Array]:
-        """Normal (m,) and tangential (m, dim - 1) displacement relative to obstacles moved by w."""
+        """Normal (m,) and tangential (m, dim - 1) displacement relative to obstacles with motion
+        w."""
         u_n = self.body.at_points(self.rows.G, u)
         u_t = self.body.at_points(self.rows.T, u).reshape(u_n.size, -1)
         if self.motion is None:
@@ -51,12 +52,12 @@ class ContactSystem:
         return u_n - w_n, u_t - w_t
 
     def slip_increment(self, u_t: Array) -> Array:
-        """Tangential displacement since the last step, that of the friction law, (m, dim - 1)."""
+        """Slip since the last step, which enters the friction law, (m, dim - 1)."""
         return u_t if self.slip_from is None else u_t - self.slip_from
 
     @property
     def held(self) -> NDArray[np.bool_]:
-        """Points (m,) whose whole slip is prescribed; not of a ring on its axis, by symmetry."""
+        """Points (m,) whose whole slip is prescribed, except by symmetry on the axis of a ring."""
         rows = self.rows
         free = self.body.unconstrained(rows.T).reshape(rows.gap.size, -1).any(axis=1)
         if self.body.is_ring:
@@ -68,8 +69,8 @@ class ContactSystem:
         return np.asarray(~free & ~rows.ties)
 
     def with_held_points(self, u: Array, mu: Array, t: Array, w: Array | None) -> Array:
-        """t, (m, dim - 1), with the friction law where the whole slip is prescribed: g along it.
-        Zero where no slip is prescribed: there reactions of supports cannot be told from it."""
+        """t, (m, dim - 1), with friction g along the slip where the whole slip is prescribed.
+        Zero for zero prescribed slip, where friction cannot be distinguished from reactions."""
         held = self.held if np.any(self.friction > 0) else np.zeros(mu.size, dtype=bool)
         if not held.any():
             return t
@@ -89,7 +90,7 @@ class ContactSystem:
         return of_law(self.friction).bound(mu)
 
     def scaled_friction(self, scale: Array) -> Friction | None:
-        """The friction law with forces multiplied by the scale of each point; None without."""
+        """The friction law, forces multiplied by the scale of each point; None if frictionless."""
         if self.law is None:
             return None
         return Coulomb(self.friction) if self.law == "coulomb" else Tresca(self.friction * scale)
@@ -104,16 +105,16 @@ class ContactSystem:
         return SurfaceCompliance(self.overclosure, np.where(rows.ties, -1, part), area, unit)
 
     def kkt(self, u: Array, mu: Array, t: Array, w: Array | None = None) -> dict[str, float]:
-        """Relative residuals of every law; `ContactResult.kkt` tells what each is relative to."""
+        """Relative residuals of every law; `ContactResult.kkt` defines their scales."""
         rows, (here, load) = self.rows, map(self.body.placed, (u, self.load))
         contact = self.body.placed(self.body.contact_forces(rows, mu, t))
         unbalanced, cancelling = self.body.equilibrium(here, contact, load)
-        # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
+        # If forces cancel without motion, displacements are rounding of their individual effects.
         length = (
             max(self.body.largest_displacement(here), self.body.local_displacement(contact)) or 1.0
         )
-        # Forces below the rounding of those that cancel inside have no digits: a body moved by its
-        # supports until it just touches has no others.
+        # Forces below the rounding of internal forces have no digits, as in a body moved by its
+        # supports until it just touches.
         noise = LIMITS.noise * cancelling
         size = max(_largest(mu), _largest(t), noise) or 1.0
         ties = rows.ties
@@ -152,8 +153,9 @@ class ContactSystem:
     def off_the_curve(
         self, mu: Array, closed: Array, size: float, length: float
     ) -> dict[str, float]:
-        """How much mu is less, and more, than the force on the curve of a compliant surface.
-        That with the same ``mu + size / length (u_n - d)``; `closed` is ``u_n - d``."""
+        """Deficit and excess of mu relative to the force on the curve of a compliant surface.
+        The point on the curve has the same ``mu + size / length (u_n - d)``; `closed` is ``u_n -
+        d``."""
         laws = self._laws(self.rows.weights, np.full(mu.size, length / size))
         free = ~self.rows.ties
         off = (laws.closest(mu + size / length * closed)[0] - mu)[free]
@@ -163,14 +165,14 @@ class ContactSystem:
         }
 
     def balance(self, u: Any, mu: Array, t: Array) -> float:
-        """The residual ``balance`` of `kkt`, of a displacement wherever it lies."""
+        """The residual ``balance`` of `kkt`, for a displacement on host or device."""
         here, load = map(self.body.placed, (u, self.load))
         contact = self.body.placed(self.body.contact_forces(self.rows, mu, t))
         return self._unbalanced(here, contact, load)
 
     def _unbalanced(self, u: Any, contact: Any, load: Any) -> float:
-        """Residual of the resultant of all forces on a body, the largest of all bodies."""
-        # Checked too because equilibrium in slender cells is relative to large forces that cancel.
+        """Residual of the resultant of all forces on a body, the maximum over all bodies."""
+        # Needed since equilibrium in slender cells is relative to large forces that cancel.
         pairs = zip(self.body.bodies, self.body.slices, strict=True)
         return max(_unbalanced_body(body, u[own], contact[own], load[own]) for body, own in pairs)
 
@@ -208,7 +210,7 @@ def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any) -> float:
     u, contact, load = map(body.placed, (u, contact, load))
     loads = body.total(abs(load))
     given = loads + body.total(abs(contact))
-    if not np.any(given):  # supports alone hold each other
+    if not np.any(given):  # only support reactions, which balance each other
         return 0.0
     reactions = body.at_supports(body.internal(u) + contact - load)
     size = _largest(given + body.total(abs(reactions)))
@@ -217,9 +219,9 @@ def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any) -> float:
 
 
 def beside_travel(left: float, loads: Array, body: Any, u: Any) -> float:
-    """A residual of the balance, less where supports alone, no loads, cause the forces: those of
-    a body that they move until it just touches are of the size of the rounding of that motion."""
-    if left > 1e-12 and not np.any(loads):  # more than the rounding of sums
+    """A balance residual, reduced by the rounding of the prescribed motion if there are no loads: a
+    body moved by its supports until it just touches has forces of this size only."""
+    if left > 1e-12 and not np.any(loads):  # above the rounding of sums
         left /= max(1.0, 1e-3 * body.largest_displacement(u) / (body.deformation(u) or 1e-300))
     return left
 

@@ -1,7 +1,6 @@
 """Results on disk: one compressed NumPy archive that holds the whole discrete problem.
 
-A file may hold anything: besides the checksum and the residuals of the equations, shapes and ranges
-are checked before arrays are used.
+Files are not trusted: checksum, shapes, ranges and residuals of the equations are checked.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ Array = NDArray[np.float64]
 
 class _Formats(NamedTuple):  # numbers of the formats of files
     one: int = 3  # of one body
-    several: int = 4  # of several bodies, which versions that know one body refuse
+    several: int = 4  # of several bodies; refused by versions for one body
     before_checksums: int = 2  # of version 0.1.0
 
 
@@ -71,7 +70,7 @@ _ELEMENTS = Kinds(
     *(skfem.ElementTetP1, skfem.ElementTetP2, skfem.ElementHex1, skfem.ElementHex2),
 )
 _OF_STATE = {"u": "u", "mu": "mu", "t": "multiplier_t", "motion": "motion"}
-OWN = "rows/own"  # in the file of a step of a history that has rows of its own
+OWN = "rows/own"  # in files of steps with their own rows
 _UNIT = 1e-9  # rounding of unit vectors, and of rows that average a constant
 logger = logging.getLogger(__name__)
 
@@ -108,7 +107,7 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
 
 
 def _prefix(k: int) -> str:
-    """What the names of the arrays of body k begin with."""
+    """Prefix of the names of the arrays of body k."""
     return f"body/{k}/"
 
 
@@ -118,11 +117,11 @@ def _thermal_name(body: Solid, k: int) -> str:
 
 
 def rows_arrays(body: Any, rows: ContactRows) -> dict[str, Any]:
-    """The arrays of contact rows, but for the gap, which is one of a state."""
-    # Not in files from before there were ties, or two bodies.
+    """The arrays of contact rows, without the gap, which belongs to a state."""
+    # Absent in files of versions without ties or several bodies.
     optional = ("bonded", "owner", "axes")
     parts = {n: part for n, part in vars(rows).items() if n not in optional or part.size}
-    if isinstance(body, DistributedBody):  # the columns that all processes have
+    if isinstance(body, DistributedBody):  # the columns common to all processes
         n = body.trace.basis.N
         parts |= {"G": rows.G[:, :n], "T": rows.T[:, :n]}
     return to_arrays(parts | {"functional": None, "gap": None}, "rows/")
@@ -134,7 +133,7 @@ def _rows_from(arrays: dict[str, Any], functional: str) -> ContactRows:
 
 
 def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Mesh, material and supports of a body, and what describes them and its rows in words."""
+    """Mesh, material and supports of a body, and the description of these and its rows."""
     if isinstance(body, DistributedBody):
         return _distributed_arrays(body, rows)
     named = {"name": body.name} if body.name else {}
@@ -163,7 +162,7 @@ def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[
         "element": element,
         "plane": body.plane,
         "dilatation": body.dilatation,
-        **rows,  # here, because checksums of earlier load histories depend on the order
+        **rows,  # at this position, on which checksums of earlier histories depend
         "boundaries": list(boundaries),
         "subdomains": list(subdomains),
     }
@@ -174,7 +173,7 @@ def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[
 
 
 def _constants(body: Any) -> dict[str, Any]:
-    """Those of Hooke's law, each a number or one for each cell."""
+    """Constants of Hooke's law, each a scalar or one per cell."""
     if body.anisotropy is None:
         return {"E": body.E, "nu": body.nu}
     return {"C": body.anisotropy.C}
@@ -183,7 +182,7 @@ def _constants(body: Any) -> dict[str, Any]:
 def _distributed_arrays(
     body: DistributedBody, rows: dict[str, str]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What shows that a body on many processes is the same; no file holds its mesh."""
+    """Data that identify a distributed body, whose mesh is not stored."""
     law = body.local
     constants = {n: c for n, c in _constants(law).items() if np.ndim(c) == 0 or n == "C"}
     return constants, {
@@ -239,7 +238,7 @@ def rebuild(
     path: Path, arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None = None
 ) -> ContactState:
     """The state in the arrays of problem and state together, certified again.
-    Body and rows of `near` are used instead of new ones; `with_checksum`: it was right."""
+    Body and rows of `near` are reused if given; `with_checksum`: the checksum was correct."""
     with reading(path):
         state = _rebuild(arrays, with_checksum, near)
         _check_state(state)
@@ -254,13 +253,13 @@ def rebuild(
 
 
 def _certified(state: ContactState, consequence: str) -> ContactState:
-    """Certify a result again, or if it has the digits only so, one with forces from strains."""
+    """Certify a result again, if necessary with forces from strains."""
     tol = default_tolerance(state.method) if state.tol is None else state.tol
     limits = loosened(tol), 2 * state.slack
     with proving(consequence):
         try:
             kkt = certify(state, *limits)
-        except NotConverged:  # as when it was solved, on a copy: the caller's bodies stay
+        except NotConverged:  # as in the solve, on a copy of the caller's bodies
             body = state.system.body.snapshot()
             if not take_strains(body):
                 raise
@@ -278,7 +277,7 @@ def _rebuild(
     about = head(arrays, None, formats, "with" if with_checksum else "without", reads)
     step = json.loads(str(arrays["step"]))
     body, rows = _rebuild_problem(arrays, about) if near is None else (near.body, near.rows)
-    if near is not None and OWN in arrays:  # projected where the bodies were in this step
+    if near is not None and OWN in arrays:  # projected in the configuration of this step
         rows = _rows_from(arrays, about["functional"])
         _check_problem(body, rows)
     for name in ("load", "u0"):
@@ -298,7 +297,7 @@ def _rebuild(
     system = ContactSystem(
         body, rows, arrays["load"], step["law"], arrays["friction"], since, motion, laws
     )
-    # Format 2 did not keep the slack of `fixed_point`, the only method that has one.
+    # Format 2 did not store the slack of `fixed_point`, the only method with one.
     unknown = 1e-3 if step["method"] == "fixed_point" and not with_checksum else 0.0
     return ContactState(
         system,
@@ -388,7 +387,7 @@ def _check_mesh(p: Array, t: NDArray[np.int64], kind: Any) -> None:
 
 
 def _check_problem(body: Solid, rows: ContactRows) -> None:
-    """Shapes and ranges of a problem, and that rows measure displacements along their frames."""
+    """Check shapes and ranges of a problem, and that rows act along their frames."""
     for one in body.bodies:
         _check_body(one)
     dim, n, m = body.dim, body.f.size, rows.G.shape[0]
@@ -424,7 +423,7 @@ def _check_problem(body: Solid, rows: ContactRows) -> None:
 
 
 def _check_body(body: Any) -> None:
-    if isinstance(body, LayeredBlock):  # made anew from its arguments, which it has checked
+    if isinstance(body, LayeredBlock):  # rebuilt from its arguments, which it checks
         return
     mesh, n = body.mesh, body.basis.N
     P, u0 = body.constraint
@@ -444,7 +443,7 @@ def _means(body: Any, rows: ContactRows, own: slice = slice(None)) -> Array:
     """Rows G and T applied to the translations of a body with dofs `own`, (m, dim, dim)."""
     m, dim = rows.G.shape[0], body.dim
     G, T = rows.G[:, own], rows.T[:, own]
-    if isinstance(body, LayeredBlock):  # the rows are those of its lowest cells
+    if isinstance(body, LayeredBlock):  # the rows are on its lowest cells
         n, body = body.trace.ndofs, body.trace
         if G[:, n:].nnz or T[:, n:].nnz:
             raise InputError("rows: G and T lie on more of a block than its lowest cells")
@@ -456,14 +455,14 @@ def _means(body: Any, rows: ContactRows, own: slice = slice(None)) -> Array:
 
 def _check_along(means: Array, frame: Array) -> None:
     """Check means of unit vectors, shape (m, dim, dim), against frames, (dim, dim, m)."""
-    # Averages over facets that turn are nearly of length one, and never point backwards.
+    # Averages over rotated facets have nearly unit length and a positive component.
     share = np.einsum("mac,cam->ma", means, frame)
     if np.any(share <= 0) or np.any(np.linalg.norm(means, axis=2) > 2):
         raise InputError("rows: G and T do not measure displacements along the frames")
 
 
 def _check_axes(bodies: Any, rows: ContactRows) -> None:
-    """Check which body has each contact point, and the directions in which its forces act."""
+    """Check the body of each contact point, and the directions of its forces."""
     m, dim = rows.G.shape[0], bodies.dim
     _whole("rows.owner", rows.owner, (m,), len(bodies.bodies))
     _finite("rows.axes", rows.axes, (m, dim, dim))
@@ -473,8 +472,8 @@ def _check_axes(bodies: Any, rows: ContactRows) -> None:
     )
     of_owner = moved[rows.owner, np.arange(m)]
     others = moved.sum(axis=0) - of_owner
-    # Opposite is another body, which moves against the owner; a rigid obstacle; or the owner
-    # itself, and then a translation moves nothing.
+    # The opposite side is another body, a rigid obstacle, or the owner itself; in the last case a
+    # translation causes no relative displacement.
     turned = np.abs(of_owner - rows.axes).max(axis=(1, 2)) <= _UNIT
     still = np.abs(of_owner).max(axis=(1, 2)) <= _UNIT
     against = np.abs(others + rows.axes).max(axis=(1, 2)) <= _UNIT
@@ -484,7 +483,7 @@ def _check_axes(bodies: Any, rows: ContactRows) -> None:
 
 
 def _check_state(state: ContactState) -> None:
-    """Shapes of a state, finite numbers, friction that is not negative."""
+    """Check the shapes of a state, finite numbers and nonnegative friction."""
     system = state.system
     body, gap = system.body, system.rows.gap
     n, (m, columns) = body.f.size, (system.rows.G.shape[0], body.dim - 1)

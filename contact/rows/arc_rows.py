@@ -1,8 +1,8 @@
 r"""Contact on a curve that cuts the cells of a mesh: hat functions along the arc as multipliers.
 
-The boundary of a cut domain crosses its cells in pieces of any length; one multiplier a cell would
-be too many for the trace space (inf-sup condition). Instead the arc is divided evenly, its length
-measured in sizes of the cells that it crosses. With hats :math:`N_k \ge 0`, :math:`\sum N_k = 1`,
+The boundary of a cut domain crosses its cells in pieces of any length; one multiplier per cell
+would violate the inf-sup condition. Instead the arc is divided evenly, its length measured in units
+of the local cell size. With hats :math:`N_k \ge 0`, :math:`\sum N_k = 1`,
 
 .. math::
     u_{n,k} = \frac{1}{w_k} \int N_k \, n \cdot u, \qquad
@@ -103,7 +103,7 @@ def hats_along(arc: CutArc) -> tuple[sparse.csr_array, Array]:
     """Values of the hats at the points, shape (m, n), and the places of the knots, (2, m)."""
     rows, columns, values, knots, first = [], [], [], [], 0
     for curve in arc.curves:
-        # A quotient that is whole up to rounding counts as whole.
+        # Round a quotient that is an integer up to rounding.
         pieces = max(int(curve.length / arc.spacing + 1e-9), 1)
         count = pieces if curve.closed or curve.length < arc.spacing else pieces + 1
         t = curve.s / curve.length * pieces

@@ -45,7 +45,7 @@ from contact.rows.gap_rule import GapRule
 from skfem_adini.ground.arguments import evaluated
 
 Array = NDArray[np.float64]
-# The axis of contact points of the arrays in `ContactRows`.
+# Axis of the contact points in each array of `ContactRows`.
 _AXES = {
     "gap": 0,
     "weights": 0,
@@ -64,7 +64,7 @@ class ContactBoundaries:
 
     body: ElasticBody
     rows: ContactRows  # of all boundaries, one after the other; their gap is not set
-    rules: tuple[GapRule | ArcGap, ...]  # evaluate the gap, one for each boundary
+    rules: tuple[GapRule | ArcGap, ...]  # gap rule of each boundary
     several: bool  # obstacles and friction are given as lists, one entry for each boundary
     directions: tuple[Array | None, ...]  # (dim, m) towards a `ClosestPoint`; None: along n
 
@@ -123,7 +123,7 @@ class ContactBoundaries:
 
     def change_of_gap(self, obstacle: Any, points: NDArray[np.int64], moves: Array) -> Array:
         """Change of the gap, (k,), where contact points move along tangents by `moves` (dim, k).
-        ``inf`` where they lose the obstacle; zero where unknown, as for gaps given as numbers."""
+        ``inf`` beyond the edge of the obstacle; zero for gaps given as numbers."""
         change, start = np.zeros(points.size), 0
         for rule, o in zip(self.rules, self._obstacles(obstacle), strict=True):
             here = np.flatnonzero((points >= start) & (points < start + rule.order.size))
@@ -152,7 +152,7 @@ class ContactBoundaries:
             now = _towards(o, x)
             same = there is None and now is None
             if there is not None and now is not None:
-                # Directions may be computed by difference quotients, with fewer digits.
+                # Looser tolerance: directions may come from difference quotients.
                 same = bool(np.abs(there - now).max() <= 1e-7)
             if not same:
                 raise InputError(
@@ -162,7 +162,7 @@ class ContactBoundaries:
                 )
 
     def motion(self, obstacle: Any) -> ObstacleMotion | None:
-        """The motions of those obstacles that are `Rigid`; None when none is."""
+        """The motions of the `Rigid` obstacles; None if there are none."""
         rows, dim = self.rows, self.body.dim
         start, found = 0, []
         for rule, o in zip(self.rules, self._obstacles(obstacle), strict=True):
@@ -193,8 +193,8 @@ class ContactBoundaries:
         first: bool = False,
     ) -> Array:
         """Tangential path of the obstacles' shapes since the last step, (m, dim - 1).
-        `said` are displacements by the caller, None: from the shapes. Raises InputError if a motion
-        is unknown but felt: at points with friction `felt` whose gap is not `unchanged`."""
+        `said` are the caller's displacements, None: from the shapes. Raises InputError if a motion
+        is unknown at a point with friction (`felt`) whose gap is not `unchanged`."""
         dim, start, path = self.body.dim, 0, np.zeros(self.rows.T.shape[0])
         each = _each("motion", said, self.several, len(self.rules), shared=(type(None),))
         listed = self.several and isinstance(before, list | tuple) and len(before) == len(each)
@@ -207,7 +207,7 @@ class ContactBoundaries:
             if given is not None:
                 motion = RigidMotion.between(0.0 * given, given)
             if self.body.is_ring and motion is not None and not _is_axial(motion):
-                motion = None  # of the section, not of the ring
+                motion = None  # a motion of the section is not one of the ring
             if motion is None:
                 still = bool(np.all(unchanged[here])) and (last is not None or gap_tells_place(o))
                 known = along_normal(last, o, first) or still
@@ -234,7 +234,7 @@ class ContactBoundaries:
 
 
 def _is_axial(motion: RigidMotion) -> bool:
-    """Whether a motion of the section is one of the ring: along the axis y."""
+    """Whether a motion is along the axis y, as it must be in a ring."""
     if motion.still:
         return True
     size = np.abs(motion.about).max() + np.abs(motion.translation).max()
@@ -293,7 +293,7 @@ def friction_values(friction: Any, x: Array) -> Array:
 
 
 def joined(parts: list[ContactRows]) -> ContactRows:
-    """The rows of several boundaries, one after the other."""
+    """Concatenate the rows of several boundaries."""
     names, first = dict.fromkeys(rows.functional for rows in parts), parts[0]
     tied = any(rows.bonded.size for rows in parts)
     several: dict[str, Any] = {
@@ -312,7 +312,7 @@ def joined(parts: list[ContactRows]) -> ContactRows:
 
 
 def selected(rows: ContactRows, points: NDArray[np.int64]) -> ContactRows:
-    """Some of the contact points."""
+    """The rows of some contact points."""
     slips = rows.tangents.shape[1]
     along = (slips * points[:, None] + np.arange(slips)).ravel()
     known = _AXES | {"part": 0, "bonded": 0}
@@ -325,9 +325,9 @@ def selected(rows: ContactRows, points: NDArray[np.int64]) -> ContactRows:
 
 
 def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) -> None:
-    """Raise or warn if the position of an obstacle is almost certainly a mistake. Warn if no ray
-    meets it, if most of the boundary lies inside it with its nearest surface ahead (the body
-    would be pushed out on the other side), or if they overlap by more than the body's `size`."""
+    """Raise or warn if the position of an obstacle is almost certainly a mistake: no normal meets
+    it, most of the boundary is inside it and would be pushed out on the far side, or the overlap
+    exceeds the body's `size`."""
     if obstacle is None:
         return
     shape = obstacle.obstacle if isinstance(obstacle, ClosestPoint) else obstacle
@@ -383,12 +383,12 @@ def _check_facing(plane: Plane, n: Array) -> None:
 
 
 def _within(obstacle: Any, x: Array, n: Array, size: float) -> NDArray[np.bool_]:
-    """Where the boundary lies inside the obstacle and the nearest way out is ahead of it."""
+    """Points inside the obstacle whose nearest obstacle surface is in the direction of n."""
     if not hasattr(obstacle, "distance"):
         return np.zeros(1, dtype=bool)
     try:
         distance, gradient = obstacle.distance(x)
-    except InputError:  # the centre, or where a function is flat: no direction to judge by
+    except InputError:  # no direction at a centre or where a function is flat
         return np.zeros(1, dtype=bool)
     inside: NDArray[np.bool_] = distance < -1e-9 * size
     return inside & (np.sum(gradient * n, axis=0) > 0)

@@ -2,13 +2,14 @@ r"""Discretisation of a contact boundary: its contact rows, and the rule that ev
 
 Where straight facets of unequal size approximate a curve, `Leaning` corrects the normal rows.
 The normal displacement of a contact point is :math:`\bar n \cdot u` at its vertex. Where facets
-differ in length the mean normal is :math:`\bar n = n + \beta t`, so that a tangential displacement
-counts as :math:`\beta u_t`, of alternating sign: the pressure oscillates on any mesh.
+differ in length the mean normal is :math:`\bar n = n + \beta t`, which adds :math:`\beta u_t`, of
+alternating sign, to the normal displacement: the pressure oscillates on any mesh.
 
-A uniform pressure needs the mean normals. So each facet adds to the row of its corner k
-:math:`\omega_k (n_k - \tfrac1\omega \sum_j \omega_j n_j)` times the displacement of the point whose
-smooth normal is that of the facet, n_k being the smooth normals at corners. The sum over corners is
-zero, that over the facets of a vertex turns :math:`\bar n` into n to second order.
+Exactness for a uniform pressure requires the mean normals. Each facet therefore adds to the row of
+its corner k :math:`\omega_k (n_k - \tfrac1\omega \sum_j \omega_j n_j)` times the displacement of
+the point whose smooth normal is that of the facet, n_k being the smooth normals at corners. The sum
+over corners is zero; the sum over the facets of a vertex turns :math:`\bar n` into n to second
+order.
 
 On triangles a straight edge ij in place of a parabola adds, by the divergence theorem,
 :math:`\nu l \, (n_i - n_j) \cdot (x_i - x_j) / 36`, with the edge's outward normal :math:`\nu`."""
@@ -53,8 +54,7 @@ def contact_rows(
     body: ElasticBody, facets: NDArray[np.int64], obstacle: ObstacleLike, functional: str | None
 ) -> ContactRows:
     """Discretise a contact boundary; without an obstacle (None) the gap is infinite.
-    Raises InputError for a gap that is NaN or of a wrong shape, or a functional that the element
-    does not have or that is not accurate on a curve."""
+    Raises InputError for a gap that is NaN or of a wrong shape, or an unsuitable functional."""
     rows, rule = contact_boundary(body, facets, functional)
     return replace(rows, gap=rule(obstacle))
 
@@ -66,7 +66,7 @@ def contact_boundary(
     direction: Direction | None = None,
 ) -> tuple[ContactRows, GapRule]:
     """Discretise a contact boundary without its obstacle: rows, and the rule for its gap.
-    `direction` x -> n gives unit vectors in place of the outward normals, see `ClosestPoint`."""
+    `direction` x -> n replaces the outward normals, see `ClosestPoint`."""
     outline = Outline(body, facets)
     form = _usable(outline, functional)
     number, count = numbering(outline, form)
@@ -115,8 +115,8 @@ def contact_boundary(
 
 def _usable(outline: Outline, functional: str | None) -> FacetFunctional:
     """The functional of that name; on a curve the default of the element replaces ``gauss``.
-    Raises InputError for another functional of straight boundaries on a curve, and for ``gauss`` on
-    a cubic trace of an axisymmetric body."""
+    Raises InputError for other functionals that require straight boundaries, and for ``gauss`` on a
+    cubic trace of an axisymmetric body."""
     element = outline.body.element
     form = facet_functional(element, functional)
     if form.trace is not None and outline.body.is_ring:
@@ -138,7 +138,7 @@ def _usable(outline: Outline, functional: str | None) -> FacetFunctional:
 def _nominal_places(
     trace: TraceRows, form: FacetFunctional, number: Index, count: int
 ) -> tuple[Array, Array | None]:
-    """Nominal place of each contact point, and its offset from the vertex for ``centroid``."""
+    """Nominal position of each contact point, and its offset from the vertex for ``centroid``."""
     outline, (facet, slot) = trace.outline, first_occurrence(number, count)
     body = outline.body
     x = body.basis.mapping.G(form.nominal, find=outline.facets)[:, facet, slot]
@@ -152,7 +152,7 @@ def _nominal_places(
 def _mean_places(
     outline: Outline, form: FacetFunctional, shares: Shares, integrals: FacetBasis
 ) -> Array:
-    """Mean place of the dual function of each contact point, shape (dim, m)."""
+    """Centroid of the dual function of each contact point, shape (dim, m)."""
     if form.trace is None:
         return shares.x
     spline = Shares.of(outline, form.trace, numbering(outline, form.trace)[0], integrals)
@@ -162,14 +162,14 @@ def _mean_places(
 def _along_normals(
     trace: TraceRows, form: FacetFunctional, means: Array, own: Array, sharp: NDArray[np.bool_]
 ) -> tuple[sparse.csr_array, Array, tuple[Array, Array]]:
-    """Rows of the normal displacement, their normals, and the two arrays of `GapRule.aside`.
+    """Rows of the normal displacement, their normals, and `GapRule.aside`.
     `means`, `own` and `sharp` are the results of `Outline.mean_normals`."""
     outline, shares, P = trace.outline, trace.shares, trace.outline.body.constraint[0]
     G = trace.normal(means, sharp)
     normals = within_supports(trace.supported, means, P)
     leaning = Leaning.of(outline, form, shares)
     G = sparse.csr_array(G + leaning.rows(outline.body.scalar_dofs.nodal_dofs[0], G.shape))
-    # At a plane of symmetry the mirror images of the facets cancel the component normal to it.
+    # At a plane of symmetry the mirrored facets cancel the component normal to it.
     read, turned = (
         within_supports(trace.supported, n / np.linalg.norm(n, axis=0), P)
         for n in (normals if form.mean else own, own + leaning.turn(means.shape[1]))
@@ -188,14 +188,14 @@ def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | N
 
 @dataclass(frozen=True)
 class TraceRows:
-    """The trace of a body on its contact facets, at the points of their functional."""
+    """The trace of a body on its contact facets, at the points of the functional."""
 
     outline: Outline
     shares: Shares
     x: Array  # points of the functional, shape (dim, nfacets, npoints)
-    normals: Array  # of the facets, along which contact acts, shape as x
+    normals: Array  # facet normals, along which contact acts, shape as x
     smooth: Array  # smooth normals, for the tangents, shape as x
-    parts: Array  # from functions to values, (nfacets, nvalues, npoints, nfunctions)
+    parts: Array  # maps functions to values, (nfacets, nvalues, npoints, nfunctions)
     dofs: NDArray[np.int64]  # scalar dofs of the functions, shape (nfacets, nfunctions)
 
     @classmethod
@@ -207,7 +207,7 @@ class TraceRows:
         direction: Callable[[Array], Array] | None,
     ) -> TraceRows:
         """Evaluate the trace with a scalar basis at the points of the functional.
-        `direction` x -> n gives unit vectors in place of the normals."""
+        `direction` x -> n replaces the normals."""
         x, points = np.asarray(basis.global_coordinates()), np.asarray(basis.X)
         values = np.stack([np.asarray(field[0]) for field in basis.basis], axis=-1)
         dofs = np.asarray(basis.element_dofs.T, dtype=np.int64)
@@ -231,9 +231,9 @@ class TraceRows:
 
     @cached_property
     def supported(self) -> sparse.csr_array:
-        """Rows of a scalar trace that decide whether supports fix a contact point, as its vertex.
-        At a plane of symmetry the mean over one side's facets may move across the plane; that over
-        both sides does not."""
+        """Rows of a scalar trace that decide whether supports fix a contact point.
+        At a plane of symmetry the vertex decides: the mean over the modelled half may cross the
+        plane, but the mean over both halves may not."""
         hub = self.shares.hub
         k, place = np.unique(self.shares.number[hub >= 0], return_index=True)
         value = self.outline.body.scalar_dofs.nodal_dofs[0, hub[hub >= 0][place]]
@@ -243,8 +243,8 @@ class TraceRows:
         return sparse.csr_array(vertex + sparse.diags_array(rest) @ self.scalar)
 
     def normal(self, normals: Array, sharp: NDArray[np.bool_]) -> sparse.csr_array:
-        """Rows of the normal displacement, (m, ndofs); in `sharp` corners along `normals` (dim, m).
-        Elsewhere along the normals of the facets."""
+        """Rows of the normal displacement, (m, ndofs); along `normals` (dim, m) in `sharp` corners,
+        elsewhere along the normals of the facets."""
         rows = self._rows(np.einsum("fspb,cfp->cfsb", self.parts, self.normals), self.dim)
         return _chosen(sharp, directed(self.scalar, normals), rows)
 
@@ -263,7 +263,7 @@ class TraceRows:
         turned = turned_tangents(along[:, None], mean, here)[:, 0]
         rows = self._rows(np.einsum("fspb,cfsp->cfsb", self.parts, turned), self.dim)
         rows = _chosen(sharp, directed(self.scalar, tangents), rows)
-        # Rows that vanish, up to rounding, in the free unknowns: supports fix this direction.
+        # Supports fix this direction if the row vanishes, up to rounding, on the free unknowns.
         straight, P = directed(self.supported, tangents), self.outline.body.constraint[0]
         return _chosen(norms(few_times(straight, P)) <= 1e-9 * norms(straight), straight, rows)
 
@@ -283,7 +283,7 @@ class TraceRows:
         place = number.ravel(), column.ravel()
         result = sparse.csr_array(sparse.coo_array((values.ravel(), place), shape=size))
         result.data *= np.repeat(1.0 / self.shares.weights, np.diff(result.indptr))
-        # Drop rounding: a direction along an axis has no other component.
+        # Drop rounding: a direction along an axis has one component.
         length = body.lengths[0][body.dim * (result.indices // components)]
         result.data[np.abs(result.data) < 1e-11 * length] = 0.0
         result.eliminate_zeros()
@@ -293,7 +293,7 @@ class TraceRows:
 def _chosen(
     where: NDArray[np.bool_], rows: sparse.csr_array, other: sparse.csr_array
 ) -> sparse.csr_array:
-    """Rows of the first matrix where chosen, else of the second."""
+    """Rows of the first matrix where chosen, of the second elsewhere."""
     both = sparse.csr_array(sparse.vstack([rows, other], format="csr"))
     result = sparse.csr_array(both[np.arange(where.size) + np.where(where, 0, where.size)])
     result.eliminate_zeros()
@@ -302,11 +302,11 @@ def _chosen(
 
 @dataclass(frozen=True)
 class Leaning:
-    """Terms with displacements of vertices that are added to the rows of contact points."""
+    """Corrections of the normal rows by vertex displacements, where facets differ in length."""
 
     point: Index  # contact point of each term, shape (n,)
     vertex: Index  # mesh vertex of each term, shape (n,)
-    part: Array  # factors of its displacement over the weight of the point, shape (dim, n)
+    part: Array  # coefficients of its displacement over the point's weight, shape (dim, n)
 
     @classmethod
     def of(cls, outline: Outline, form: FacetFunctional, shares: Shares) -> Leaning:
@@ -319,7 +319,7 @@ class Leaning:
         corners, number = outline.corners[bent], shares.number[bent][:, slot]
         normal, omega = outline.turned[:, bent], shares.omega[bent][:, slot]
         mean = np.sum(omega * normal, axis=2) / omega.sum(axis=1)
-        # ``centroid`` evaluates u a sixth of a facet from the vertex, which leaves two thirds.
+        # ``centroid`` evaluates u a sixth of a facet from the vertex: two thirds remain.
         part = omega * (normal - mean[:, :, None]) * (2.0 / 3.0 if shares.mean else 1.0)
         count = corners.shape[1]
         shape = len(bent), count, count
@@ -349,8 +349,8 @@ class Leaning:
 
 def _at_their_normals(normal: Array, own: Array) -> Array:
     """Barycentric weights of the point whose smooth normal is the facet's, (nfacets, ncorners).
-    Of several such points it is the one nearest to the middle. A polygon that shrinks evenly has no
-    tangential displacement there."""
+    Of several such points the one nearest to the middle is taken. A uniformly shrinking polygon has
+    no tangential displacement there."""
     count = normal.shape[2]
     lean = normal - own[:, :, None]
     lean = lean - np.sum(lean * own[:, :, None], axis=0) * own[:, :, None]
@@ -358,7 +358,7 @@ def _at_their_normals(normal: Array, own: Array) -> Array:
     lean = lean / np.linalg.norm(lean, axis=(1, 2), keepdims=True)
     equations = np.concatenate((lean, np.full((len(lean), 1, count), 1.0)), axis=1)
     wrong = np.concatenate((-lean.mean(axis=2), np.zeros((len(lean), 1))), axis=1)
-    # Directions with hardly any curvature do not determine the point: rcond drops them. A point far
+    # rcond drops directions with little curvature, which do not determine the point. A point far
     # outside the facet is replaced by the middle.
     off = np.einsum("fkc,fc->fk", np.linalg.pinv(equations, rcond=0.05), wrong)
     off = np.where(np.abs(off).max(axis=1, keepdims=True) < 1.0, off, 0.0)

@@ -1,4 +1,4 @@
-"""Frames of contact points: normals, tangents, and how supports and facets turn them."""
+"""Frames of contact points: normals and tangents, aligned with supports."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 
 def tangent_frame(normals: Array) -> Array:
     """Orthonormal tangents, (dim, dim - 1, m), of unit normals (dim, m): (1, 0) on a bottom edge.
-    In space a smooth function of n except at one pole, (0, 0, 1) for a mean n_z <= 0; the first is
+    In space they are smooth in n except at one pole, (0, 0, 1) if the mean n_z <= 0; the first is
     (1, 0, 0) on horizontal faces. T. Duff et al., J. Comput. Graph. Tech. 6 (2017)."""
     if normals.shape[0] == 2:
         return np.array([[-normals[1]], [normals[0]]])
     x, y, z = normals
-    # A mean n_z of up to 1e-9 is zero but for rounding.
+    # A mean n_z of up to 1e-9 counts as zero.
     sign = np.full(z.size, 1.0 if z.sum() > 1e-9 * z.size else -1.0)
     square = x * x + y * y
     sign[(square < 1e-290) & (sign * z < 0)] *= -1.0  # the pole itself
@@ -43,9 +43,9 @@ def turned_tangents(tangents: Array, mean: Array, normals: Array) -> Array:
 
 
 def within_supports(B: sparse.csr_array, normals: Array, P: sparse.csr_array) -> Array:
-    """Turn normals that lie in a plane of symmetry up to a small angle exactly into it.
-    At the end of a curve the mean lacks the mirror image's facet; its tangent would have a small
-    component without support. B (m, scalar dofs): the trace, P (ndofs, nfree): free unknowns."""
+    """Turn normals that are nearly in a plane of symmetry exactly into it.
+    At the end of a curve the mean lacks the mirrored facet; its tangent would have a small
+    unsupported component. B (m, scalar dofs): the trace, P (ndofs, nfree): free unknowns."""
     dim = normals.shape[0]
     turned = normals.copy()
     for c in range(dim):
@@ -66,7 +66,7 @@ def along_supports(B: sparse.csr_array, tangents: Array, P: sparse.csr_array) ->
         np.asarray(rows[i].multiply(rows[j]).sum(axis=1)).ravel()
         for i, j in ((0, 0), (0, 1), (1, 1))
     )
-    # Least eigenvalue of the Gram matrix of both rows: zero, up to rounding, if they are dependent.
+    # Least eigenvalue of the rows' Gram matrix: zero up to rounding if they are dependent.
     least = 0.5 * (a + c) - np.hypot(0.5 * (a - c), b)
     angle = np.where(least < 1e-12 * (a + c), 0.5 * np.arctan2(2 * b, a - c), 0.0)
     cos, sin = np.cos(angle), np.sin(angle)
@@ -82,7 +82,7 @@ def directed(B: sparse.csr_array, direction: Array) -> sparse.csr_array:
 
 
 def interleaved(parts: Sequence[sparse.csr_array]) -> sparse.csr_array:
-    """Rows in the dofs of all components, from rows of the scalar trace for each of them."""
+    """Rows on all dofs from one matrix of scalar rows per component."""
     dim, (m, n) = len(parts), parts[0].shape
     coo = [part.tocoo() for part in parts]
     data, row = (np.concatenate([getattr(c, name) for c in coo]) for name in ("data", "row"))
@@ -91,14 +91,14 @@ def interleaved(parts: Sequence[sparse.csr_array]) -> sparse.csr_array:
 
 
 def scaled(v: Array, rows: sparse.csr_array) -> sparse.csr_array:
-    """Rows times the numbers v."""
+    """Multiply each row by its entry of v."""
     result = rows.copy()
     result.data *= np.repeat(v, np.diff(rows.indptr))
     return result
 
 
 def by_point(rows: Sequence[sparse.csr_array]) -> sparse.csr_array:
-    """Rows along one tangent after the other, as those of one contact point after the other."""
+    """Reorder rows grouped by tangent into rows grouped by contact point."""
     count, m = len(rows), rows[0].shape[0]
     together = np.arange(m * count).reshape(count, m).T.ravel()
     return sparse.csr_array(sparse.csr_array(sparse.vstack(rows))[together])

@@ -1,8 +1,8 @@
-r"""Constraint functionals: the values of the displacement's trace that contact conditions act on.
+r"""Constraint functionals: the values of the trace on which contact conditions are imposed.
 
 On each contact facet a functional combines values of the trace, ``value_k = sum_j C[k, j] v(s_j)``;
 facets that meet at a vertex share its value. The gap is combined in the same way, so that a gap in
-the trace space is satisfied exactly.
+the trace space is reproduced exactly.
 
 ==============  ===================================  ========  =====================================
 name            values                               passes    remark
@@ -19,27 +19,28 @@ name            values                               passes    remark
 ==============  ===================================  ========  =====================================
 
 The trace of Adini and BFS is a C1 cubic spline: the value at a vertex within a straight line is a
-mean of its two neighbours and is dropped, which leaves full rank 2N + 2.
+mean of its two neighbours and is dropped; the rows then have full rank 2N + 2.
 
 Quadratic elements cannot use vertex and midpoint values, because vertices of a quadratic triangle
 have weight zero; all Bernstein coefficients of a face have the same weight.
 
-On curves ``bernstein`` is one value a vertex, see `contact.rows.shares`, and replaces ``gauss``,
-with which pressure and shear oscillate by a fifth; ``thesis`` is refused. Where facets differ in
-length see `contact.rows.discretise`; ``nodal`` of Adini stays 1.5 % off there.
+On curves ``bernstein`` has one value a vertex, see `contact.rows.shares`, and replaces ``gauss``,
+with which pressure and shear oscillate by a fifth; ``thesis`` is refused. For facets that differ in
+length see `contact.rows.discretise`; there ``nodal`` of Adini has an error of 1.5 %.
 
 Pressures of linear triangles and tetrahedra are of first order: with parallel diagonals the rms
 error on a roller with 24 facets a quarter is .026 of the largest pressure, with crossed triangles
 (``MeshQuad.to_meshtri(style="x")``) .002, with quadratic ones .006.
 
-A face of the Adini brick has three dofs a vertex; four control or Gauss points a face would make
-dependent rows. ``centroid`` takes one value a vertex v, the part of the mean of u that belongs to
-its functions phi_j,
+A face of the Adini brick has three dofs a vertex; four control or Gauss points per face would give
+dependent rows. ``centroid`` takes one value per vertex v, the contribution of its functions phi_j
+to the mean of u,
 
 .. math::
     b_v(u) = \frac1{w_v} \sum_{j \in v} u_j \int \phi_j, \qquad w_v = \int \phi_{v},
 
-u at the centroid of phi_v to first order. The forces w_v p are the load of a uniform pressure p."""
+which is u at the centroid of phi_v to first order. The forces w_v p are the load of a uniform
+pressure p."""
 
 from __future__ import annotations
 
@@ -61,28 +62,28 @@ class FacetFunctional:
 
     name: str
     points: Array  # where the trace is evaluated, shape (dim - 1, npoints)
-    C: Array  # combines the values at the points, shape (nvalues, npoints)
+    C: Array  # maps values at the points to functionals, shape (nvalues, npoints)
     nominal: Array  # nominal places of the values, shape (dim - 1, nvalues)
-    vertex: tuple[int | tuple[int, int], ...]  # vertex, ends of the edge, or -1: the facet
+    vertex: tuple[int | tuple[int, int], ...]  # vertex, ends of an edge, or -1 for the facet
     smooth: bool = False  # C1 trace: no vertex values between facets on a straight line
     mean: bool = False  # vertex values are shares of the mean (centroid)
-    reduced: bool = False  # on curves hats of the vertices: middles are off by the sagitta
+    reduced: bool = False  # on curves use vertex hats: facet middles miss the curve
     straight: bool = False  # for straight boundaries only
-    trace: FacetFunctional | None = None  # with a value per dof, for places, see `placed_on`
+    trace: FacetFunctional | None = None  # with one value per dof, see `placed_on`
 
     @property
     def shared(self) -> NDArray[np.bool_]:
-        """Numbers that belong to a vertex or an edge, not to the facet alone, shape (nvalues,)."""
+        """Indices of values that belong to a vertex or edge, not to one facet, shape (nvalues,)."""
         return np.array([carrier != -1 for carrier in self.vertex])
 
     @property
     def corners(self) -> NDArray[np.int64]:
-        """The numbers that belong to vertices, in ring order."""
+        """Indices of the values at vertices, in ring order."""
         return np.flatnonzero([isinstance(c, int) and c >= 0 for c in self.vertex])
 
     @property
     def between(self) -> Array:
-        """Values midway between the points, of the polynomial through them, (npoints, nplaces)."""
+        """Interpolation from the points to positions midway between them, (npoints, nplaces)."""
         pairs = np.triu_indices(self.points.shape[1], 1)
         middle = 0.5 * (self.points[:, pairs[0]] + self.points[:, pairs[1]])
         return np.asarray(self.C.T @ self.basis(middle))
@@ -109,7 +110,7 @@ def _line(
 
 @cache
 def _powers(dim: int, count: int) -> NDArray[np.integer]:
-    """Exponents of the monomials that span the traces which that many points determine."""
+    """Exponents of the monomials that `count` points determine."""
     if dim == 1:
         return np.arange(count)[:, None]
     if count in (4, 9):
@@ -120,7 +121,7 @@ def _powers(dim: int, count: int) -> NDArray[np.integer]:
 
 @cache
 def _of_elements() -> dict[str, tuple[FacetFunctional, ...]]:
-    """The functionals of each element, of which the first is its default."""
+    """The functionals of each element; the first is the default."""
     roots = [0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)]
     nodal, gauss = _line("nodal", [0.0, 1.0], None, (0, 1)), _line("gauss", roots, None, (-1, -1))
     quadratic = _line("bernstein", [0.0, 0.5, 1.0], _quadratic(), (0, -1, 1), reduced=True)
@@ -165,7 +166,7 @@ def _quadratic_triangle() -> FacetFunctional:
 
 
 def _quadratic_square() -> FacetFunctional:
-    # Places in halves of a side: vertices, middles of edges, the middle.
+    # Positions in half sides: vertices, middles of edges, the middle.
     place = np.array([(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1)])
     of_line, edges = _quadratic(), ((0, 1), (1, 2), (2, 3), (3, 0))
     C = np.array([[of_line[k, i] * of_line[m, j] for i, j in place] for k, m in place])
@@ -175,7 +176,7 @@ def _quadratic_square() -> FacetFunctional:
 
 
 def facet_functional(element: Any, name: str | None) -> FacetFunctional:
-    """The functional of a scalar element by its name, None for the family's default.
+    """The functional of a scalar element by name; None is the element's default.
     Raises InputError for an unsupported family or a name that it does not offer."""
     family, known = type(element).__name__, _of_elements()
     if family not in known:

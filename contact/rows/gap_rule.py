@@ -14,16 +14,16 @@ from contact.rows.shares import Shares
 from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
-# Error between points of the polynomial through them, over that by which the mean exceeds their
-# range, up to which a gap is smooth: 1/4 at a kink, more at a step.
+# A gap is smooth up to this ratio of the interpolation error between the points to the excess of
+# the mean over their range: 1/4 at a kink, more at a step.
 _SMOOTH = 0.2
 
 
 @dataclass(frozen=True)
 class GapRule:
     """Evaluates the gap of a contact boundary with the same functional as the displacement.
-    Negative weights are right where the polynomial through the points is the gap; where it is not,
-    as at a step, a mean is kept between the least and the largest of its gaps."""
+    Negative weights are correct if the gap is a polynomial; otherwise, as at a step, a mean is
+    limited to the range of its gaps."""
 
     x: Array  # evaluation points, shape (dim, nfacets, npoints)
     normals: Array  # outward normals there
@@ -31,11 +31,11 @@ class GapRule:
     x_nominal: Array  # nominal places of the contact points, not sorted, shape (dim, m)
     mean_normals: Array  # their normals, not sorted, shape (dim, m)
     slant: Array  # length of the mean of the facets' normals, 1 where they agree, shape (m,)
-    sharp: NDArray[np.bool_]  # facets meet there in a sharp corner, shape (m,)
+    sharp: NDArray[np.bool_]  # where facets meet in a sharp corner, shape (m,)
     order: NDArray[np.int64]  # sorts the contact points, shape (m,)
     size: float  # largest extent of the body: no gap exceeds the nearest one by more
-    between: Array  # from the points to places between them, shape (npoints, nplaces)
-    offset: Array | None = None  # from the vertex, not sorted, of centroid, (dim, m)
+    between: Array  # interpolation to positions between the points, shape (npoints, nplaces)
+    offset: Array | None = None  # offset from the vertex for ``centroid``, not sorted, (dim, m)
     raised: Array | None = None  # points above x on the curve, see `Outline.raised`
     aside: tuple[Array, Array] | None = None  # normals of the gap and of the rows, (dim, m)
 
@@ -72,14 +72,14 @@ class GapRule:
         def total(part: Array) -> Array:
             return np.bincount(shares.number[own], part[own], count).astype(np.float64)
 
-        # Values of neighbouring facets are left out: they are the same where the gap is smooth, and
-        # a kink or a step of the obstacle affects its own facet only.
+        # Omit values of neighbouring facets: for a smooth gap they are equal, and a kink or step of
+        # the obstacle then affects its own facet only.
         gap = self._bounded(obstacle, total(value) / total(shares.omega), np.where(open_, 0.0, at))
         unseen = total(blind.astype(float)) > 0
         alone = np.bincount(shares.number[own], minlength=count) == 1
         gap[unseen & alone] = np.inf
-        # In a corner the normals of the facets meet the obstacle at distant places, or not at all:
-        # the gap is taken along their mean.
+        # In a corner the facet normals may meet the obstacle at distant points, or not at all: take
+        # the gap along their mean.
         seek = np.flatnonzero(~alone & (unseen | self.sharp))
         if seek.size:
             where = self.x_nominal[:, seek], self.mean_normals[:, seek]
@@ -88,7 +88,7 @@ class GapRule:
         return gap
 
     def _bounded(self, obstacle: ObstacleLike, gap: Array, at: Array) -> Array:
-        """The means, between the gaps of their points where the gap is no polynomial."""
+        """The means, limited to the range of their gaps where the gap is not a polynomial."""
         shares = self.shares
         least, most = np.full(gap.size, np.inf), np.full(gap.size, -np.inf)
         facet, value, point = np.nonzero((shares.C != 0) & ~shares.lent[:, :, None])
@@ -114,7 +114,7 @@ class GapRule:
         """Gap along the normals of the rows minus that along the facets' mean, before sorting."""
         longer = np.zeros(self.order.size)
         if self.aside is not None:
-            # Normals that differ by 1e-12 at most are the same up to rounding.
+            # Normals that differ by at most 1e-12 are equal.
             turned = np.flatnonzero(np.abs(self.aside[1] - self.aside[0]).max(axis=0) > 1e-12)
             where = self.x_nominal[:, turned]
             one, two = (
@@ -129,7 +129,7 @@ class GapRule:
         return longer
 
     def _extrapolated(self, obstacle: ObstacleLike, offset: Array) -> Array:
-        """d plus its derivative along the offset, as for u; exact for quadratic d."""
+        """Gap d plus its derivative along the offset, as for u; exact for quadratic d."""
         vertex = self.x_nominal - offset
 
         def read(parts: tuple[float, ...], k: Any = slice(None)) -> Array:
@@ -148,26 +148,26 @@ class GapRule:
         if k.size:
             quadratic = np.array([[0.375, 0.75, -0.125], [-0.125, 0.75, 0.375]]) @ at[:, k]
             missed = np.abs(read((0.25, 0.75), k) - quadratic).max(axis=0)
-            # These weights are twice as large as those of means: 1/8 at a kink, 3/16 at a step.
+            # These weights are twice those of means: 1/8 at a kink, 3/16 at a step.
             k = k[missed > 0.5 * _SMOOTH * beyond]
             gap[k] = np.clip(gap[k], least[k], most[k])
         return np.where(open_, np.inf, gap)
 
 
 def _outside(gap: Array, least: Array, most: Array) -> tuple[NDArray[np.int64], Array]:
-    """Means that lie outside the gaps of their points by more than rounding, and by how much."""
+    """Mask of means outside the range of their gaps, beyond rounding, and the excess."""
     beyond = np.maximum(least - gap, gap - most)
     k = np.flatnonzero(beyond > 1e-12 * np.maximum(np.abs(least), np.abs(most)))
     return k, beyond[k]
 
 
 def _nearest(gap: Array) -> float:
-    """Least modulus of the gaps, ``inf`` without any."""
+    """Smallest absolute gap, ``inf`` if there is none."""
     return float(np.abs(gap).min(initial=np.inf))
 
 
 def given_gaps(obstacle: ObstacleLike, x: Array) -> Array:
-    """Gaps given as one number for each contact point, in their order, at x (dim, m).
+    """Check gaps given as one number per contact point x (dim, m).
     Raises InputError for a wrong number of gaps, NaN or minus infinity."""
     given = numbers("obstacle", obstacle)
     if given.shape not in ((), x.shape[1:]):

@@ -1,8 +1,8 @@
 """All pairs of boundaries of several bodies, discretised together.
 
-Two numbers of every contact point tell how well two meshes resolve their interface. Straight facets
-of length h lie off a curve of radius R by up to h^2 / 8R, so that the measured gap is wrong by the
-sagittas of both sides; and the coarser of the two meshes limits the pressure."""
+Two numbers per contact point measure how well the meshes resolve their interface: `risen`, since
+straight facets of length h miss a curve of radius R by up to h^2 / 8R on each side, which falsifies
+the gap; and `facet_ratio`, since the coarser mesh limits the accuracy of the pressure."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ Side = Interface | ContactBoundaries
 
 @dataclass(frozen=True)
 class RowsInMotion:
-    """Derivatives with respect to the displacement at which rows were projected."""
+    """Derivatives of the rows with respect to the displacement."""
 
     normal: sparse.csr_array  # to be added to G, shape (m, ndofs)
     tangential: sparse.csr_array  # to be added to T, shape (m, ndofs)
-    force: sparse.csr_array  # of the negative contact forces, shape (ndofs, ndofs)
+    force: sparse.csr_array  # derivative of the negative contact forces, shape (ndofs, ndofs)
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,10 @@ class Interfaces:
     bodies: Bodies
     rows: ContactRows  # of all pairs, one after the other, on the dofs of all bodies
     pairs: tuple[Pair, ...]
-    sides: tuple[Side, ...]  # of two bodies, or opposite a rigid obstacle
+    sides: tuple[Side, ...]  # interface of two bodies, or boundary opposite a rigid obstacle
     risen: Array  # `interface_rise`, 0 for ties, obstacles and given clearances, shape (m,)
-    facet_ratio: Array  # see the function of this name, 1 for ties and obstacles, (m,)
-    projected: tuple[MortarRows | None, ...] = ()  # by `displaced`, of pairs that slide
+    facet_ratio: Array  # see `facet_ratio` below, 1 for ties and obstacles, (m,)
+    projected: tuple[MortarRows | None, ...] = ()  # set by `displaced`, for sliding pairs
 
     def __repr__(self) -> str:
         return f"Interfaces({len(self.pairs)} pairs, {self.rows.gap.size} points)"
@@ -58,8 +58,7 @@ class Interfaces:
     @classmethod
     def of(cls, bodies: Bodies, pairs: Sequence[Pair]) -> Interfaces:
         """Discretise the pairs.
-        Raises InputError for a body that is not among the bodies, or boundaries that share
-        facets."""
+        Raises InputError for an unknown body, or boundaries that share facets."""
         _refuse_shared(bodies, pairs)
         sides: list[Side] = []
         parts, risen, ratios = [], [], []
@@ -91,7 +90,7 @@ class Interfaces:
         return cls(bodies, joined(parts), tuple(pairs), tuple(sides), *extra)
 
     def displaced(self, u: Array) -> Interfaces:
-        """The same pairs at displacement u of all dofs, with the gap between the reference places.
+        """The same pairs projected at displacement u, with the gap between the reference positions.
         Raises InputError where no facet of a pair faces another one any longer."""
         parts, projected = [], list[MortarRows | None]()
         for pair, side, own in zip(self.pairs, self.sides, self._points, strict=True):
@@ -109,7 +108,7 @@ class Interfaces:
         return replace(self, rows=joined(parts), projected=tuple(projected))
 
     def in_motion(self, u: Array, last: Array, mu: Array, t: Array) -> RowsInMotion | None:
-        """Derivatives of these rows, those of `displaced` at u; None if none is known.
+        """Derivatives of the rows of `displaced` at u; None if no pair has any.
         `last` is the displacement of the last step; mu (m,) and t (m, dim - 1) are contact
         forces."""
         total = self.bodies.slices[-1].stop
@@ -143,7 +142,7 @@ class Interfaces:
 
     @property
     def boundary_dofs(self) -> sparse.csr_array:
-        """Entries at all dofs of the facets of both sides of every pair, shape (1, ndofs)."""
+        """Row with nonzeros at the dofs of the facets on both sides of every pair, (1, ndofs)."""
         seen = np.zeros(self.bodies.slices[-1].stop)
         for side in self.sides:
             if isinstance(side, ContactBoundaries):
@@ -157,7 +156,7 @@ class Interfaces:
 
     @property
     def _points(self) -> list[NDArray[np.int64]]:
-        """Contact points of each pair."""
+        """Slices of the contact points of each pair."""
         return np.split(np.arange(self.rows.gap.size), np.cumsum(self._sizes)[:-1])
 
     @property
@@ -169,7 +168,7 @@ class Interfaces:
         return np.split(values, np.cumsum(self._sizes)[:-1], axis=-1)
 
     def gap(self, opposites: Sequence[Any]) -> Array:
-        """Gap of every contact point, shape (m,); the rigid obstacles among the opposites."""
+        """Gap of every contact point, shape (m,); only rigid `opposites` are evaluated."""
         return self._read(ContactBoundaries.gap, opposites, self.rows.gap)
 
     def rise(self, opposites: Sequence[Any]) -> Array:
@@ -179,7 +178,8 @@ class Interfaces:
     def _read(
         self, read: Callable[[ContactBoundaries, Any], Array], opposites: Any, known: Array
     ) -> Array:
-        """Values of every contact point: `known` between bodies, read off rigid obstacles."""
+        """Values at every contact point: `known` between bodies, evaluated by `read` at
+        obstacles."""
         each = zip(opposites, self.sides, self._of_each(known), strict=True)
         return np.concatenate(
             [read(side, o) if isinstance(side, ContactBoundaries) else own for o, side, own in each]
@@ -214,7 +214,7 @@ class Interfaces:
         return np.concatenate(paths)
 
     def motion(self, opposites: Sequence[Any]) -> ObstacleMotion | None:
-        """The motions of those obstacles that are `Rigid`; None when none is."""
+        """The motions of the `Rigid` obstacles; None if there are none."""
         m, slips = self.rows.gap.size, self.rows.tangents.shape[1]
         start, found = 0, []
         for o, side, size in zip(opposites, self.sides, self._sizes, strict=True):
@@ -230,8 +230,7 @@ class Interfaces:
 
     def friction(self, given: Any) -> Array:
         """Coefficient or bound of every contact point, shape (m,), for all pairs or one for each.
-        None takes those of the pairs; raises InputError if not finite, negative, or of a wrong
-        shape."""
+        None uses the friction of each pair. Raises InputError for invalid values."""
         if given is None:
             each = [pair.friction for pair in self.pairs]
         elif isinstance(given, list | tuple):
@@ -248,7 +247,7 @@ class Interfaces:
 
 @contextmanager
 def _said_of(bodies: Bodies, pair: Pair) -> Iterator[None]:
-    """Errors inside name the bodies of the pair, and its side as the caller knows it."""
+    """Context in which errors name the bodies of the pair, and the side as the caller named it."""
     try:
         yield
     except InputError as error:
@@ -271,7 +270,7 @@ def _interface(pair: Pair) -> Interface:
         first, facets, second, others = second, others, first, facets
     tied, functional = isinstance(pair, Tie), pair.functional
     if functional is None and tied and first.dim == 2:
-        functional = "standard"  # in space their degree is not lowered at held edges
+        functional = "standard"  # in space the degree is not reduced at fixed edges
     return Interface.of(first.trace, facets, second.trace, others, functional, tied)
 
 
@@ -285,7 +284,7 @@ def _of_two(bodies: Bodies, interface: Interface, found: MortarRows) -> ContactR
 
 
 def _bonded(rows: ContactRows, pair: Pair) -> ContactRows:
-    """Rows of tied boundaries: a gap between the meshes is kept, a given clearance is closed."""
+    """Rows of tied boundaries: a measured gap is kept, a given clearance is closed."""
     gap = rows.gap if pair.opposite.clearance is not None else np.zeros(rows.gap.size)
     return replace(rows, gap=gap, bonded=np.ones(rows.gap.size, dtype=bool))
 
@@ -293,7 +292,7 @@ def _bonded(rows: ContactRows, pair: Pair) -> ContactRows:
 def _owned(
     trace: Any, rows: ContactRows, k: int, G: sparse.csr_array, T: sparse.csr_array
 ) -> ContactRows:
-    """Rows of a body's own trace, with those of all bodies in their place."""
+    """Rows of one body's trace, with G and T on the dofs of all bodies."""
     m, dim = rows.gap.size, trace.dim
     shifts = rigid_field(trace, np.zeros(dim))[:, :dim]
     axes = np.concatenate(
@@ -304,12 +303,12 @@ def _owned(
 
 
 def _refuse_shared(bodies: Bodies, pairs: Sequence[Pair]) -> None:
-    """Raise if facets carry the multipliers of two pairs, or are opposite to themselves."""
+    """Raise if a facet carries the multipliers of two pairs, or faces itself."""
     taken: dict[int, list[NDArray[np.int64]]] = {}
     faced: dict[int, list[NDArray[np.int64]]] = {}
     for pair in pairs:
         arc = isinstance(pair.boundary, CutArc)
-        # Points of arcs are told from facets by their sign.
+        # Points of arcs have negative numbers, facets non-negative ones.
         with _said_of(bodies, pair):
             own = -1 - pair.boundary.index if arc else pair.body.trace.whole_facets(pair.boundary)
         sides = [(pair.body, own)]
@@ -320,7 +319,7 @@ def _refuse_shared(bodies: Bodies, pairs: Sequence[Pair]) -> None:
         for (body, facets), where in zip(sides, (taken, faced), strict=False):
             where.setdefault(bodies.number_of(body), []).append(facets)
     for k, own in taken.items():
-        # A facet may face several others, as a foundation does, but carry one set of multipliers.
+        # A facet may face several others but carry only one set of multipliers.
         seen, counts = np.unique(np.concatenate(own), return_counts=True)
         opposite = np.unique(np.concatenate(faced.get(k, [np.zeros(0, dtype=np.int64)])))
         twice = np.union1d(seen[counts > 1], np.intersect1d(seen, opposite))
@@ -334,14 +333,14 @@ def _refuse_shared(bodies: Bodies, pairs: Sequence[Pair]) -> None:
 
 
 def interface_rise(first: Outline, second: Outline, found: MortarRows) -> Array:
-    """Gap between the curves that straight facets approximate less the measured one, (m,)."""
+    """Gap between the curves that straight facets approximate minus the measured gap, (m,)."""
     q = found.quadrature
     raised = _heights(first, q.facet, q.x, q.X) + _heights(second, q.other, q.y, q.Y)
     return np.asarray(-(found.P @ raised))
 
 
 def facet_ratio(first: Outline, second: Outline, found: MortarRows) -> Array:
-    """Largest ratio, at least 1, of the lengths of two facets facing at a contact point, (m,)."""
+    """Largest length ratio, at least 1, of two facets that face at a contact point, (m,)."""
     own, other = (
         facet_lengths(first)[found.quadrature.facet],
         facet_lengths(second)[found.quadrature.other],
@@ -354,7 +353,7 @@ def facet_ratio(first: Outline, second: Outline, found: MortarRows) -> Array:
 
 
 def _heights(outline: Outline, facet: NDArray[np.int64], x: Array, X: Array) -> Array:
-    """Height of the smooth curve above places on facets, see `Outline.raised`."""
+    """Height of the smooth curve above points on facets, see `Outline.raised`."""
     corner = outline.body.mesh.p[:, outline.corners]
     change = outline.turned - outline.at_corners
     off = np.sum(change[:, facet] * (x[:, :, None] - corner[:, facet]), axis=0)

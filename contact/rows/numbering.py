@@ -1,4 +1,4 @@
-"""Contact points of a boundary: which values of its facets are shared, and their order."""
+"""Numbering and order of the contact points, and the facet values that they share."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Index = NDArray[np.int64]
 
 def numbering(outline: Outline, form: FacetFunctional) -> tuple[Index, int]:
     """Contact point of each facet's values, shape (nfacets, nvalues), and how many there are.
-    -1 for values that others determine, see `contact.rows.shares`: of C1 traces at vertices within
-    a straight line, and on facets of a curve all but those of the corners."""
+    -1 marks values determined by others, see `contact.rows.shares`: of C1 traces at vertices within
+    a straight line, and on facets of a curve all but the corner values."""
     count, ends = outline.facets.size, outline.corners.T
     carried = form.shared
     number = np.full((count, carried.size), -1, dtype=np.int64)
@@ -41,13 +41,13 @@ def numbering(outline: Outline, form: FacetFunctional) -> tuple[Index, int]:
 
 
 def _edge_key(ends: Index, nvertices: int) -> Index:
-    """A number for each edge, the same from both facets and larger than all vertex numbers."""
+    """A unique number per edge, equal for both facets and larger than all vertex numbers."""
     low, high = np.sort(ends.astype(np.int64), axis=0)
     return np.asarray(nvertices * (1 + low) + high)
 
 
 def first_occurrence(number: Index, count: int) -> tuple[Index, Index]:
-    """First facet, and value on it, that belong to each contact point, shapes (count,)."""
+    """First facet and value number of each contact point, shapes (count,)."""
     first = np.zeros(count, dtype=np.int64)
     flat = number.ravel()
     used = np.flatnonzero(flat >= 0)[::-1]
@@ -88,7 +88,7 @@ def in_order(outline: Outline, nominal: Array, number: Index, count: int) -> Ind
             walk.append((f, arc, forward))
             arc += lengths[f]
             vertex = end[f] if forward else start[f]
-        arc += 1e-9 * length.sum()  # keeps separate pieces apart where one ends as the next starts
+        arc += 1e-9 * length.sum()  # separates disconnected pieces
     facets, before, forwards = map(np.array, zip(*walk, strict=True))
     s = np.where(forwards[:, None], nominal[facets], 1.0 - nominal[facets])
     places, points = before[:, None] + s * length[facets, None], number[facets]

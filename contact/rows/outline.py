@@ -1,9 +1,9 @@
 """How the facets of a boundary meet: angles, corners, and smooth normals.
 
 The normals of straight facets along a curve jump at every vertex. Normal displacement and gap use
-the facets' normals: a uniform pressure then loads the polygon exactly. Slip uses smooth tangents:
-along the facets a polygon that shrinks would seem to slip to and fro. With the weights of
-N. Max (J. Graphics Tools 4, 1999) vertex normals are exact on circles and spheres."""
+facet normals: a uniform pressure is then exact on the polygon. Slip uses smooth tangents: with
+facet tangents a uniformly shrinking polygon would show alternating slip. With the weights of N. Max
+(J. Graphics Tools 4, 1999) vertex normals are exact on circles and spheres."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from skfem_adini.conditions.trace_directions import CORNER, corner_weights
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Sine of the largest angle of a normal to a plane of symmetry: half of that to its mirror image.
+# Sine of the largest angle between a normal and a plane of symmetry: half that to its mirror image.
 NEARLY = np.sin(0.5 * CORNER)
 
 
@@ -47,7 +47,7 @@ class Outline:
 
     @cached_property
     def at_corners(self) -> Array:
-        """Normals of each facet at its own corners, shape (dim, nfacets, ncorners)."""
+        """Normals of each facet at its corners, shape (dim, nfacets, ncorners)."""
         return self.normals(reference_corners(self.body.dim, self.corners.shape[1]))
 
     @cached_property
@@ -67,13 +67,12 @@ class Outline:
 
     @cached_property
     def turned(self) -> Array:
-        """Smooth normals at corners of each facet, where sharp its own; shape as `at_corners`."""
+        """Smooth normals at facet corners, at sharp ones the facet's; shape as `at_corners`."""
         return self.averaged(self.at_corners, self.body.mesh.p[:, self.corners])
 
     def averaged(self, own: Array, corners: Array) -> Array:
-        """Smooth normals at corners of each facet, where sharp its own; shape as `at_corners`.
-        `own` are the facets' normals there, `corners` the places, perhaps moved, (dim, nfacets,
-        ncorners)."""
+        """Smooth normals at facet corners, at sharp ones the facet's; shape as `at_corners`.
+        `own` are the facet normals, `corners` the current coordinates, (dim, nfacets, ncorners)."""
         vertex, place = self._vertices
         weight = corner_weights(corners, axis=2)
         mean = _unit_sums(weight * own, place, vertex.size)
@@ -82,9 +81,9 @@ class Outline:
         return np.where(sharp[place], own, mean[:, place])
 
     def averaging(self, own: Array, corners: Array) -> tuple[sparse.csr_array, NDArray[np.bool_]]:
-        """Matrix from changes of the normals `own` to those of averaged ones, and free components.
-        Of order nfacets * ncorners, before the part along averaged normals is taken off; free where
-        no support holds them at zero, (dim, nfacets, ncorners). Arguments as of `averaged`."""
+        """Derivative of averaged normals with respect to the normals `own`, and free components.
+        Its order is nfacets * ncorners; the part along the averaged normal is not yet removed. Free
+        components (dim, nfacets, ncorners) are not zero by symmetry. Arguments as of `averaged`."""
         vertex, place = self._vertices
         weight, at = corner_weights(corners, axis=2).ravel(), place.ravel()
         total = [np.bincount(at, weight * c.ravel(), vertex.size) for c in own]
@@ -103,11 +102,11 @@ class Outline:
     def curved(self) -> NDArray[np.bool_]:
         """Whether a facet approximates a piece of a curve or curved surface, shape (nfacets,)."""
         tilt = np.maximum(*self._tilts)
-        return np.asarray((tilt > 0.5 * 1e-3).any(axis=1))  # smaller angles, in radians, are noise
+        return np.asarray((tilt > 0.5 * 1e-3).any(axis=1))  # smaller angles (rad) are noise
 
     @cached_property
     def _tilts(self) -> tuple[Array, Array]:
-        """Distance from the normals at corners to the smooth ones, and to that of the middle."""
+        """Distances of corner normals from the smooth ones, and from the normal in the middle."""
         middle = self.normals(
             reference_corners(self.body.dim, self.corners.shape[1]).mean(1)[:, None]
         )
@@ -116,13 +115,13 @@ class Outline:
 
     @cached_property
     def continued(self) -> NDArray[np.bool_]:
-        """Corners (2-D) where one other facet continues, not sharply, (nfacets, ncorners)."""
+        """Corners (2-D) with one adjacent facet and no sharp angle, (nfacets, ncorners)."""
         vertex, place = self._vertices
         met = np.bincount(place.ravel(), minlength=vertex.size)
         bend = np.zeros((self.body.dim, vertex.size))
         for c in range(self.body.dim):
             np.add.at(bend[c], place, self.at_corners[c])
-        # The sum of two unit vectors is twice the cosine of half the angle between them.
+        # The length of a sum of unit vectors is twice the cosine of half their angle.
         sharp = np.linalg.norm(bend, axis=0) < 2 * np.cos(0.5 * CORNER)
         return np.asarray((met == 2) & ~sharp)[place]
 
@@ -140,7 +139,7 @@ class Outline:
 
     def smooth(self, normals: Array, points: Array) -> Array:
         """Smooth normals at points (dim - 1, n), from those of the facets (dim, nfacets, n).
-        They add the interpolated difference between smooth and own normals at the corners."""
+        The interpolated difference between smooth and facet normals at the corners is added."""
         change = (self.turned - self.at_corners) @ hats(points, self.corners.shape[1])
         result: Array = normals + change
         return result / np.linalg.norm(result, axis=0)
@@ -149,8 +148,8 @@ class Outline:
         self, points: Array, number: Index, size: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Normals of contact points that facets share: smooth unit means, own means, where sharp.
-        Own means, (dim, m), are shorter than one where facets differ; `number` (nfacets, nvalues)
-        is -1 for none, `size` weighs. Raises InputError for opposite normals."""
+        Own means, (dim, m), are shorter than one where facet normals differ; `number` (nfacets,
+        nvalues) is -1 for none, `size` are weights. Raises InputError for opposite normals."""
         used, own = number >= 0, self.normals(points)
         at, count = number[used], int(number.max()) + 1
 
@@ -160,7 +159,7 @@ class Outline:
 
         normals = mean(self.smooth(own, points))
         length = np.linalg.norm(normals, axis=0)
-        if np.any(length < 1e-9):  # unit vectors that cancel, up to rounding
+        if np.any(length < 1e-9):  # opposite unit vectors
             raise InputError("boundary: facets with opposite normals meet at a contact point")
         normals /= length
         sharp = _sharp(own[:, used], at, count)
@@ -169,10 +168,10 @@ class Outline:
     @cached_property
     def bent(self) -> NDArray[np.bool_]:
         """Straight facets whose smooth normals diverge, or converge, at all corners, (nfacets,).
-        They approximate a curve, unlike those next to a flat side, noisy ones, or second order."""
+        They approximate a curve; facets next to a flat side, noisy or curved ones do not."""
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
         lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
-        # The same sign at all corners, and similar sizes: none below a quarter of the largest.
+        # The same sign at all corners, and none below a quarter of the largest.
         bent = np.abs(lean.sum(axis=1)) > 0.999 * np.abs(lean).sum(axis=1)
         bent &= np.abs(lean).min(axis=1) > 0.25 * np.abs(lean).max(axis=1)
         between, within = (tilt.max(axis=1) for tilt in self._tilts)
@@ -180,8 +179,8 @@ class Outline:
 
     def raised(self, x: Array, points: Array) -> Array:
         """Points on the smooth surface above points x (dim, nfacets, n) of `bent` facets.
-        Height: half the hat-weighted mean of heights of the planes at the corners normal to the
-        smooth normals, exact to second order on circles and spheres."""
+        The height is half the hat-weighted mean of the tangent planes' heights at the corners,
+        exact to second order on circles and spheres."""
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
         bent = self.bent
         own = np.einsum("cfk,cfp->fkp", change, x) - np.sum(change * corner, axis=0)[..., None]
@@ -196,7 +195,7 @@ class Outline:
         return turned / np.where(size > 0, size, 1.0)
 
     def _within_a_plane(self, normals: Array, vertex: Index) -> NDArray[np.bool_]:
-        """Components of normals of mesh vertices that planes of symmetry hold at zero, (dim, n)."""
+        """Components of vertex normals that vanish at planes of symmetry, (dim, n)."""
         body = self.body
         P, value = body.constraint[0], body.scalar_dofs.nodal_dofs[0, vertex]
         dofs = body.dim * value + np.arange(body.dim)[:, None]
@@ -204,7 +203,7 @@ class Outline:
 
 
 def _unit_sums(v: Array, at: Index, count: int) -> Array:
-    """Sums of the vectors at each place, scaled to unit length; zero where they cancel."""
+    """Sums of the vectors of each index, scaled to unit length; zero where they cancel."""
     total = np.array([np.bincount(at.ravel(), c.ravel(), count) for c in v])
     scale = np.bincount(at.ravel(), np.linalg.norm(v, axis=0).ravel(), count)
     size = np.linalg.norm(total, axis=0)
@@ -212,8 +211,8 @@ def _unit_sums(v: Array, at: Index, count: int) -> Array:
 
 
 def _sharp(normals: Array, at: Index, count: int) -> NDArray[np.bool_]:
-    """Whether two of the facets that meet form an angle larger than `CORNER`.
-    Angles to the mean do not decide this: it leans towards the small facets."""
+    """Whether any two of the facets that meet form an angle larger than `CORNER`.
+    Angles to the mean normal are unsuitable: it is dominated by small facets."""
     order = np.argsort(at, kind="stable")
     at, normals = at[order], normals[:, order]
     sharp, limit = np.zeros(count, dtype=bool), np.cos(CORNER)

@@ -28,12 +28,13 @@ class Pair:
     friction : float, callable x -> array, or ndarray of shape (m,)
         As for `ContactProblem`.
     functional : {None, "standard", "hat"}, optional
-        Multipliers of two bodies: dual by default, see `contact.rows.mortar.multipliers`. Of a
+        Multipliers between two bodies: dual by default, see `contact.rows.mortar.multipliers`. For
+        a
         rigid obstacle: as for `ContactProblem`.
     clearance : float, callable x -> array, or ndarray of shape (m,), optional
-        The gap between two bodies along the normals, where it is known better than the two meshes
-        show it: facets lie beside a curve by an amount that may exceed an interference. Default:
-        measured between the meshes.
+        The gap between two bodies along the normals, if known better than from the meshes, whose
+        facets
+        may miss a curve by more than an interference. Default: measured between the meshes.
     multipliers : {"first", "second"}
         Which of two bodies carries the multipliers. The one with the finer mesh, or the softer one,
         is the better choice.
@@ -160,7 +161,7 @@ class Tie(Pair):
 def between(
     body: Solid, boundary: Any, obstacle: Any, functional: Any
 ) -> tuple[Solid, tuple[Pair, ...]]:
-    """Bodies and pairs of a problem given by a body and its obstacles; no pair if all are rigid.
+    """Bodies and pairs of a problem given by a body and obstacles; no pairs if all are rigid.
     Raises InputError for lists of different lengths."""
     several = isinstance(obstacle, list | tuple)
     obstacles = list(obstacle) if several else [obstacle]
@@ -197,8 +198,7 @@ def given_pairs(
     bodies: Any, pairs: Any, obstacle: Any, functional: Any
 ) -> tuple[Bodies, tuple[Pair, ...]]:
     """Bodies and pairs of a problem given by lists of them, checked.
-    Raises InputError for anything but a list of bodies and a list of their pairs, or an argument
-    that belongs into the pairs."""
+    Raises InputError for malformed lists, or arguments that belong in the pairs."""
     if not isinstance(bodies, list | tuple):
         raise InputError(
             "body: expected an ElasticBody, a LayeredBlock or a CutBody, or a list of them, got "

@@ -1,7 +1,7 @@
-r"""What each facet contributes to the contact points: functionals, weights and centroids.
+r"""Contributions of each facet to the contact points: functionals, weights and centroids.
 
 On a facet e the trace is :math:`\sum_k c_k^e(v) N_k`, with polynomials N_k that sum to one. A value
-k that facets share is the mean of theirs, weighted by their integrals of N_k,
+k shared by facets is the mean of their values, weighted by the integrals of N_k,
 
 .. math::
     P_k v = \frac1{w_k} \sum_e \omega_k^e \, c_k^e(v), \qquad
@@ -9,16 +9,16 @@ k that facets share is the mean of theirs, weighted by their integrals of N_k,
 
 On straight facets these are the dual multipliers :math:`N M_e^{-1} \omega^e` (B. Wohlmuth, SIAM J.
 Numer. Anal. 38, 2000). :math:`\sum_k w_k P_k v` is the integral of v on every facet, so that a
-uniform pressure is exact on any outline; of an axisymmetric body it is that over the ring.
+uniform pressure is exact on any outline; in an axisymmetric body integrals are over the ring.
 
-Between two facets f and g on a straight line a cubic C1 trace has no value of its own at the
-vertex: it is :math:`(l_g c_f + l_f c_g) / (l_f + l_g)`, of the values next to it. So f has, besides
-:math:`c_f`, the value :math:`c_g = ((l_f + l_g) c_v - l_g c_f) / l_f` of its neighbour. A value
-kept at the vertex would make rows nearly dependent at small angles.
+Between two facets f and g on a straight line the value of a cubic C1 trace at the vertex depends on
+the adjacent values: :math:`(l_g c_f + l_f c_g) / (l_f + l_g)`. So f has, besides :math:`c_f`, the
+value :math:`c_g = ((l_f + l_g) c_v - l_g c_f) / l_f` of its neighbour. A separate value at the
+vertex would make rows nearly dependent at small angles.
 
-On straight facets along a curve, conditions at vertices and between them contradict each other by
-the gradient times the sagitta. There the N_k are the hats of the vertices, and c_k^e is the
-projection of v onto them, so that all conditions contain the same sagitta."""
+On straight facets along a curve, conditions at vertices and between them differ by the gradient
+times the sagitta. There the N_k are the hats of the vertices, and c_k^e is the projection of v onto
+them, so that all conditions contain the same sagitta."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ Index = NDArray[np.int64]
 class Shares:
     """The contributions of all facets to the values at the contact points of a boundary."""
 
-    number: Index  # contact point; where lent, of the neighbour, shape (nfacets, nvalues)
-    lent: NDArray[np.bool_]  # values without a contact point of this facet, (nfacets, nvalues)
+    number: Index  # contact point; if `lent`, the neighbour's, shape (nfacets, nvalues)
+    lent: NDArray[np.bool_]  # values whose contact point is on the neighbour, (nfacets, nvalues)
     C: Array  # omega_k^e c_k^e, shape (nfacets, nvalues, npoints)
     omega: Array  # omega_k^e, shape (nfacets, nvalues)
     weights: Array  # w_k, lengths or areas, shape (m,)
     x: Array  # centroids of the N_k, shape (dim, m)
-    mean: bool  # values are the vertices' shares of the mean (centroid)
+    mean: bool  # whether values are shares of the mean (centroid)
     hub: Index  # vertex of each value, -1 for others, shape (nfacets, nvalues)
-    mix: Array  # from polynomials of a facet to the N_k, shape (nfacets, nvalues, nvalues)
+    mix: Array  # maps facet polynomials to the N_k, shape (nfacets, nvalues, nvalues)
 
     @classmethod
     def of(
@@ -61,8 +61,7 @@ class Shares:
         integrals: FacetBasis,
     ) -> Shares:
         """Contributions of the facets, `number` (nfacets, nvalues) as by `numbering`.
-        Raises InputError where a weight is not positive, as on facets that are far too
-        distorted."""
+        Raises InputError if a weight is not positive, as on strongly distorted facets."""
         length = np.asarray(integrals.dx).sum(axis=1)
         at = np.asarray(integrals.global_coordinates())
         dx = np.asarray(integrals.dx) * outline.body.depth(at)
@@ -99,9 +98,9 @@ class Shares:
 
 
 def placed_on(shares: Shares, spline: Shares, values: Array) -> Array:
-    """Centroids for point values that are fewer than the dofs of the trace, shape (dim, m).
-    Forces w_k x_k fit the spline's load w_j x_j of a linear pressure by least squares weighted with
-    w_j; `values` (nvalues, npoints) has the spline's polynomials at the points."""
+    """Centroids if there are fewer point values than dofs of the trace, shape (dim, m).
+    They fit the spline's load w_j x_j of a linear pressure by least squares with weights w_j;
+    `values` (nvalues, npoints) are the spline's polynomials at the points."""
     N = spline.mix @ values
     j = np.broadcast_to(spline.number[:, :, None], N.shape)
     k = np.broadcast_to(shares.number[:, None, :], N.shape)

@@ -1,4 +1,4 @@
-"""The layers above a surface grid: symbols of their lower side, and the planes of nodes inside."""
+"""The layers above a surface grid: symbols of their lower side, and displacements inside."""
 
 from __future__ import annotations
 
@@ -20,20 +20,18 @@ Array = NDArray[np.float64]
 
 
 class CondensedLayers:
-    """Layers of equal cells, from the bottom up, on their supports, or on what their top is bonded
-    to.
-    """
+    """Layers of equal cells, from the bottom up, with their top fixed or bonded to a half space."""
 
     def __init__(
         self,
         bodies: Sequence[ElasticBody],
         counts: Sequence[int],
         kinds: NDArray[np.int64],  # by `contact.body.rigid_modes.dof_kinds`
-        lengths: Array,  # by which unknowns become displacements
+        lengths: Array,  # factors that scale unknowns to displacements
         held: NDArray[np.bool_],  # components that are fixed on the top
         waves: LateralWaves,
         base: RealSymbol | None = None,
-        changes: Sequence[bool] = (),  # at whose lower side derivatives are their own
+        changes: Sequence[bool] = (),  # layers with separate derivatives at their lower side
     ) -> None:
         dim, parity = held.size, parities(kinds, held.size)
         self.kinds, self.lengths, self.held = kinds, lengths, held
@@ -51,14 +49,12 @@ class CondensedLayers:
 
     @property
     def own(self) -> list[int]:
-        """Unknowns of a node that an upper layer has for itself, of all interfaces."""
+        """Unknowns of a node that the upper layer does not share, over all interfaces."""
         return [int(k) for kink in self._column.kinks for k in kink]
 
     @property
     def loose(self) -> NDArray[np.intp]:
-        """Unknowns of a node of the top that are not fixed; a fixed value fixes its derivatives
-        along it.
-        """
+        """Free node unknowns of the top; a fixed value fixes its lateral derivatives."""
         dim = self.held.size
         component = np.arange(self.kinds.size) % dim
         along = (self.kinds >= -1) & (self.kinds < dim - 1)
@@ -66,14 +62,14 @@ class CondensedLayers:
 
     @property
     def _of_mean(self) -> NDArray[np.intp]:
-        """Those that are eliminated in the wave 0, where nothing determines free values on the top:
-        a body moves as one whose top is fixed, and by a translation more.
+        """Top unknowns that are eliminated in the wave 0, where free values are undetermined: the
+        body moves as with a fixed top, plus a translation.
         """
         return self.loose[self.kinds[self.loose] != -1]
 
     def symbols(self) -> tuple[RealSymbol, RealSymbol]:
-        """Compliance and stiffness of the lower side; the compliance without means that are
-        measured from the top, because nothing holds them or the top lies on a half space.
+        """Compliance and stiffness of the lower side; the compliance excludes means measured from
+        the top, where these are free or the top is on a half space.
         """
         steps, d = self._waves.steps, self.held.size
         stiffness, compliance = condensed(self._column, steps, self._flat_base())
@@ -91,7 +87,7 @@ class CondensedLayers:
 
     def plane(self, load: Any, row: int, above: bool = False) -> Any:
         """Waves of the unknowns on a plane, counted from the bottom, of the layer above it or
-        below; a mean that nothing holds is left out, or measured from that of the lower side.
+        below; a free mean is omitted, or measured from that of the lower side.
         """
         xp, d, r = namespace(load), self.held.size, self.kinds.size
         turn = xp.asarray(np.array([1, 1j, -1, -1j])[list(self.turns)])
@@ -104,7 +100,7 @@ class CondensedLayers:
             lower, upper = self._ends(stack, given[at], at)
             found[at] = stack.at(row, lower, upper, above)
             if self._base is not None and not at.start:
-                found[0] -= lower[0]  # all are values: the base is joined to linear cells
+                found[0] -= lower[0]  # all are values: cells on a base are linear
         found *= turn / xp.asarray(self.lengths)
         return xp.moveaxis(found, 1, 0).reshape(r, *load.shape[1:])
 
@@ -134,17 +130,17 @@ class CondensedLayers:
         return lower, upper
 
     def _tops(self, at: slice) -> list[tuple[slice, NDArray[np.intp]]]:
-        """Waves of a block, and the unknowns of the top that are free in them."""
+        """Blocks of waves with the top unknowns that are free in them."""
         if at.start:
             return [(slice(None), self.loose)]
         return [(slice(0, 1), self._of_mean), (slice(1, None), self.loose)]
 
     def _stacks(self) -> Iterator[tuple[slice, Stack]]:
-        """Slabs inside, a block of waves at a time; kept where they are few."""
+        """Slabs inside, for one block of waves at a time; cached if they are few."""
         steps, r = self._waves.steps, self.kinds.size
         waves = int(np.prod(self._waves.shape))
         levels = sum(2 * count.bit_length() for count in self._column.counts)
-        # At most 1 GB of slabs is kept, or made for one block of waves.
+        # At most 1 GB of slabs is cached, or made for one block of waves.
         size = max(1, int(1e9 / (24 * r * r * levels)))
         if self._kept is not None:
             yield slice(0, waves), self._kept

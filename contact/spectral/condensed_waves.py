@@ -1,4 +1,4 @@
-"""Condensation of a layered block by transforms, where its supports are those of its waves."""
+"""Condensation of a layered block by transforms, if these diagonalise its supports."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 class CondensedWaves(CondensedBody):
-    """A layered block, condensed onto its bottom wave by wave; `rows` are on its unknowns alone."""
+    """A layered block, condensed onto its bottom wave by wave."""
 
     path = "fourier"
 
@@ -81,7 +81,7 @@ class CondensedWaves(CondensedBody):
 
 @condense.register(MeshedBlock)
 def _by_waves(body: MeshedBlock, rows: BodyRows, solver: str, device: str) -> CondensedBody:
-    """By transforms where the supports allow it, else by a sparse factorisation."""
+    """Condense by transforms if the supports allow it, else by a sparse factorisation."""
     arrays = arrays_on(device)
     try:
         if solver != "auto" and body.path is None:
@@ -99,8 +99,8 @@ class Planes(NamedTuple):
     P: sparse.csr_array  # u = P z with the unknowns of `WaveFactor`
     lateral: LateralWaves
     loose: NDArray[np.int64]  # unknowns of a node that are free on the top
-    lengths: Array  # by which unknowns become displacements
-    shape: tuple[int, ...]  # of z: rows, nodes in each direction, unknowns of a node
+    lengths: Array  # factors that scale unknowns to displacements
+    shape: tuple[int, ...]  # shape of z: rows, nodes in each direction, node unknowns
     cells: list[ElasticBody]  # one cell of each layer
 
 
@@ -157,7 +157,7 @@ def _loose(
     lateral: LateralWaves,
     shape: tuple[int, ...],
 ) -> NDArray[np.int64]:
-    """Unknowns of a node that are free on the top; what is held must be what the waves hold."""
+    """Node unknowns that are free on the top; fixed ones must be those fixed for all waves."""
     r = shape[-1]
     of_z = np.zeros(shape, dtype=bool)
     of_z.ravel()[column[free]] = True
@@ -171,7 +171,7 @@ def _loose(
 
 
 def _same_span(body: MeshedBlock, P: sparse.csr_array) -> bool:
-    """Whether the block's free unknowns are those of the planes, tied nodes moving alike."""
+    """Whether the block's free unknowns equal those of the planes, with tied nodes merged."""
     own, square = body.constraint[0], np.asarray(P.multiply(P).sum(axis=0)).ravel()
     if own.shape[1] != np.count_nonzero(square):
         return False

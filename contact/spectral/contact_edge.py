@@ -1,9 +1,9 @@
 r"""Where contact ends between points of a grid, and the pressure next to it.
 
-Forces over the area of a point are accurate pressures inside the contact, but not next to its edge:
-there the pressure falls as a square root, and the edge lies anywhere between two points. Where
-smooth surfaces part without friction, the pressure inside and the slope of the gap g outside are
-parts of one analytic function: with the distances :math:`\rho` into the contact and t out of it,
+Forces over the area of a point are accurate pressures inside the contact, but not next to its edge,
+where the pressure falls as a square root and the edge is anywhere between two points. For smooth
+frictionless surfaces, the pressure inside and the slope of the gap g outside are parts of one
+analytic function: with the distances :math:`\rho` into the contact and t out of it,
 
 .. math::
     p = \sqrt\rho \sum_k c_k \rho^k, \qquad
@@ -15,8 +15,8 @@ edge, without the two points on either side of it.
 
 On a surface a line crosses the edge at an angle to its normal, whose cosine is n, and the edge has
 a curvature k. With the distance t along the line the gap is then n (1 + b t) times the one above,
-:math:`b = 3 k (1 - n^2) / (5 n) - k n / 5`; the last term is that of Hertz' ball. Lines along the
-two axes share a point by the squares of n.
+:math:`b = 3 k (1 - n^2) / (5 n) - k n / 5`; the last term is that of Hertz' ball. Values of lines
+along the two axes are averaged with the weights n^2.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class _Fit(NamedTuple):  # what is fitted along a line of the grid, beside the edge
-    skipped: int = 2  # points on either side that do not count
-    inside: int = 5  # points in contact that do, at most
-    outside: int = 4  # points not in contact that do, at most
-    terms: int = 4  # of the series for the pressure
+class _Fit(NamedTuple):  # parameters of the fit along a grid line
+    skipped: int = 2  # omitted points on either side
+    inside: int = 5  # most points used in contact
+    outside: int = 4  # most points used out of contact
+    terms: int = 4  # terms of the pressure series
 
 
 FIT = _Fit()
@@ -50,7 +50,7 @@ class ContactEdge:
     places : ndarray, shape (dim - 1, m)
         Where lines of the grid cross the edge: in the plane the ends of contact.
     pressure : ndarray, shape (nx[, ny])
-        That of the forces but for points next to the edge, of which `recovered` tells.
+        Forces over area, except at the points `recovered` next to the edge.
     recovered : ndarray of bool, shape (nx[, ny])
         Points whose pressure was fitted.
 
@@ -83,8 +83,8 @@ def contact_edge(
     modulus: float,
     mirrored: Sequence[bool] = (),
 ) -> ContactEdge:
-    """Edge of frictionless contact by its pressure and gap on a grid, for E* `modulus`; none is
-    found where no square root fits, as between rough spots of a few points.
+    """Edge of frictionless contact from pressure and gap on a grid, for E* `modulus`; omitted where
+    no square root fits, as for contact spots of few points.
     """
     inner = tuple(slice(n) for n in pressure.shape)
     sides = [axis for axis, twice in enumerate(mirrored) if twice]
@@ -110,14 +110,14 @@ def contact_edge(
 
 
 def _unfolded(values: Array, axis: int) -> Array:
-    """A mirrored direction as half of a periodic one."""
+    """Extend a mirrored direction to a periodic one."""
     back = np.flip(values.take(range(1, values.shape[axis] - 1), axis=axis), axis)
     return np.concatenate([values, back], axis=axis)
 
 
 class _Lines:
-    """Crossings of the edge by lines along one axis, out of contact in one sense. Lengths are in
-    units of the spacing along the lines, `gap` in those of the pressure.
+    """Points where lines along one axis leave the contact in one direction. Lengths are in units of
+    the spacing along the lines, `gap` in units of the pressure.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class _Lines:
         beside = gap[self.at(t)]
         used = self._used(t) & np.isfinite(beside)
         values = np.where(t > 0, pressure[self.at(t)], np.where(used, beside, 0.0))
-        oblique = 0.3  # cosine of the most oblique crossing that counts
+        oblique = 0.3  # smallest cosine of a crossing that is used
         beyond = beside_edge(np.maximum(n, oblique), curvature)
         self.e, self.c, good = fitted(t.astype(float), values, used, beyond)
         near = np.arange(1 - FIT.skipped, FIT.skipped)
@@ -147,7 +147,7 @@ class _Lines:
         return tuple(index)
 
     def _used(self, t: Array) -> NDArray[np.bool_]:
-        """Points before the next edge, and before those next to it."""
+        """Points before the next edge, without the omitted ones next to it."""
         touches = self.p[self.at(np.arange(2 * FIT.skipped + FIT.inside))] > 0
         opens = ~(self.p[self.at(-1 - np.arange(FIT.skipped + FIT.outside))] > 0)
         run, free = (np.cumprod(part, axis=1).sum(axis=1)[:, None] for part in (touches, opens))
@@ -171,8 +171,8 @@ class _Lines:
 def direction(
     p: Array, axis: int, sense: int, spacing: Sequence[float], at: Callable[[Any], Any]
 ) -> tuple[Array, Array]:
-    """Cosine between lines and normals of the edge, and its curvature, zero where not known: by the
-    squared pressure, smooth up to the edge, at the fourth to sixth point.
+    """Cosine between lines and edge normals, and the curvature (zero if unknown), from the squared
+    pressure, which is smooth up to the edge, at the fourth to sixth point.
     """
     count = at(0)[0].size
     if p.ndim == 1:
@@ -183,7 +183,7 @@ def direction(
     there = []
     for slope, sign in zip(slopes, (-sense, 1), strict=True):
         near, far = slope[at([3, 5])].T
-        there.append(sign * (near + 1.5 * (near - far)))  # at the edge, by a straight line
+        there.append(sign * (near + 1.5 * (near - far)))  # extrapolated linearly to the edge
     length = np.hypot(*there)
     length = np.where(length > 0, length, 1.0)
     n, s = there[0] / length, there[1] / length
@@ -199,7 +199,7 @@ def direction(
 
 
 def beside_edge(n: Array, curvature: Array) -> Array:
-    """Gap over that of a straight edge across the lines: coefficients of 1 and t, (lines, 2)."""
+    """Gap relative to that of a straight orthogonal edge: coefficients of 1 and t, (lines, 2)."""
     return np.stack([n, curvature * (0.6 * (1 - n**2) - 0.2 * n**2)], axis=1)
 
 
@@ -212,7 +212,7 @@ def _second(values: Array, axis: int) -> Array:
 
 
 def _sum(c: Array, rho: Array) -> Array:
-    """Pressure of coefficients at distances into the contact, shape (lines, points)."""
+    """Pressure series at distances rho into the contact, shape (lines, points)."""
     powers = rho[..., None] ** np.arange(FIT.terms)
     return np.asarray(np.sqrt(rho) * np.sum(c[:, None] * powers, -1))
 
@@ -230,8 +230,8 @@ def fitted(t: Array, values: Array, used: Any, bend: Array) -> tuple[Array, Arra
         B, slope = _functions(rho, inside, kept)
         more = np.where(inside, 1.0, bend[:, :1] + bend[:, 1:] * rho)
         B, slope = more[..., None] * B, more[..., None] * slope
-        # As errors of the squared pressure and of the like of it outside; those that the grid makes
-        # fall with the distance, faster inside.
+        # Weight as errors of the squared pressure and its analogue outside; grid errors decrease
+        # with the distance, faster inside.
         w = used * np.where(inside, 2 * rho**2.5, rho**0.5)
         J = np.concatenate([B, slope @ c[..., None]], axis=2) if step else B
         left = values - (B @ c[..., None])[..., 0]
@@ -242,13 +242,13 @@ def fitted(t: Array, values: Array, used: Any, bend: Array) -> tuple[Array, Arra
             settled, e = np.abs(moved - e).max(initial=0.0) < 1e-10, moved
             if settled:
                 break
-    off = np.abs((B @ c[..., None])[..., 0] - values) > 0.05 * values  # an edge of another kind
+    off = np.abs((B @ c[..., None])[..., 0] - values) > 0.05 * values  # not a square-root edge
     good = (within >= 3) & (beyond >= 2) & (c[:, 0] > 0) & ~np.any(off & used & inside, axis=1)
     return e, c, good
 
 
 def _functions(rho: Array, inside: Any, kept: Any) -> tuple[Array, Array]:
-    """Functions that the coefficients multiply, and their derivatives by the place of the edge."""
+    """Basis functions of the series, and their derivatives with respect to the edge position."""
     k = np.arange(FIT.terms)
     powers, root = rho[..., None] ** k * kept[:, None], np.sqrt(rho)[..., None]
     outer = 1.5 * (-1.0) ** k

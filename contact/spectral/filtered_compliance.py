@@ -1,4 +1,4 @@
-"""Compliance of a surface grid whose waves do not know each other: products by transforms."""
+"""Compliance of a surface grid that is diagonal in Fourier space: products by transforms."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from skfem_adini.ground.arrays import namespace
 
 
 class FilteredCompliance:
-    """Displacements under forces on a grid, by a symbol of each wave of a real transform.
+    """Displacements under forces on a grid, by a symbol for each wave of a real transform.
 
     Attributes
     ----------
     normal_filter : NormalFilter
-        The normal component alone, also on coarser grids.
+        Only the normal component, also on coarser grids.
     """
 
     normal_filter: NormalFilter
@@ -36,7 +36,7 @@ class FilteredCompliance:
     ) -> None:
         """Keep the symbols of all components, and those of the component `normal` alone."""
         own = compliance[normal, normal]
-        # A mean that nothing holds is treated as the softest wave.
+        # A free mean is treated as the softest wave.
         held = namespace(own).where(own > 0, own, own.max())
         self._compliance, self._stiffness, self._lateral = compliance, stiffness, lateral
         self.normal_filter = NormalFilter(
@@ -45,12 +45,12 @@ class FilteredCompliance:
         )  # fmt: skip
 
     def apply(self, forces: Any) -> Any:
-        """Displacements of the points that forces on them cause.
+        """Displacements of the points under forces on them.
 
         Parameters
         ----------
         forces : array, shape (dim, nx[, ny])
-            The mean is left out in components that nothing holds.
+            The mean is ignored in components with a free mean.
 
         Returns
         -------
@@ -59,7 +59,7 @@ class FilteredCompliance:
         Raises
         ------
         InputError
-            No real numbers of that shape.
+            Not real numbers, or of another shape.
         """
         expected = (len(self.shape) + 1, *self.shape)
         real = getattr(getattr(forces, "dtype", None), "kind", "") in ("i", "u", "f")
@@ -70,7 +70,7 @@ class FilteredCompliance:
         return self._lateral.filtered(self._compliance, self._lateral.doubled(forces))
 
     def precondition(self, displacements: Any) -> Any:
-        """Forces that cause given displacements, or nearly so in means that nothing holds.
+        """Forces that cause given displacements; approximate for free means.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class FilteredCompliance:
         return self._lateral.halved(self._lateral.filtered(self._stiffness, displacements))
 
     def apply_normal(self, forces: Any) -> Any:
-        """Normal displacements under normal forces alone.
+        """Normal displacements under normal forces only.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class FilteredCompliance:
         return self.normal_filter.apply_normal(forces)
 
     def precondition_normal(self, displacements: Any) -> Any:
-        """Normal forces alone that cause given normal displacements.
+        """Normal forces that, acting alone, cause given normal displacements.
 
         Parameters
         ----------

@@ -27,28 +27,28 @@ class Waves:
 
     @cached_property
     def law(self) -> ContactLaw:
-        """The law of its points."""
+        """The law of all points."""
         return ContactLaw(self.friction, self.problem.scale, swept=self.problem.swept)
 
     def state(self, forces: tuple[Grid, Any]) -> State:
-        """Forces with the displacements they cause."""
+        """Forces and the displacements that they cause."""
         (l, a), p = forces, self.problem
         v = p.displacements(l, a)
         through = p.xp.where(p.can_touch, v[0] - p.gap, -np.inf)
         return State(forces, l[0], l[1:], through, v[1:])
 
     def residual(self, state: State) -> float:
-        """Largest violation of the laws and of the balance, over the largest force."""
+        """Largest violation of the laws and the load balance, over the largest force."""
         p, (l, _) = self.problem, state.forces
         off = (p.sums(l) - p.force)[p.free] / max(1.0, p.gap.size**0.5)
         return max(self.law.violation(state), np.abs(off).max(initial=0.0)) / p.size(l)
 
     def rounding(self, state: State) -> float:
-        """Not known."""
+        """Return zero: the rounding error is unknown."""
         return 0.0
 
     def softened(self, forces: tuple[Grid, Any], delta: float) -> Waves:
-        """With springs at the points, at rest under the forces."""
+        """The problem with springs at the points, stress-free at `forces`."""
         return replace(self, problem=Softened.near(self.problem, forces[0], delta))
 
     def step(self, state: State, zones: Zones, form: str, size: float) -> tuple[Grid, Any]:
@@ -56,7 +56,7 @@ class Waves:
         problem, xp, free, (l, a) = self.problem, self.problem.xp, self.problem.free, state.forces
         system = _System.of(problem, zones, self.law.slip(zones, state.t, form))
         kept, slip = xp.where(system.live, l, 0.0), system.slip
-        # Forces that vanish act on the others' displacements, too.
+        # Changes to zero force also change the displacements of the other points.
         off = -system.rows(kept, problem.displacements(kept, a))
         off[0] -= xp.where(zones.active, problem.scale[0] * problem.gap, 0.0)
         off[1:] += xp.where(zones.slip, slip.a * slip.weight * slip.bound, 0.0)
@@ -73,13 +73,13 @@ class Waves:
 
 @dataclass(frozen=True)
 class Softened(GridProblem):
-    """A problem with springs at its points, but not where a side fixes them."""
+    """A problem with springs at its points, except at components fixed by a side."""
 
-    springs: tuple[float, float]  # compliances along the normal and along the surface
+    springs: tuple[float, float]  # normal and tangential compliance
 
     @classmethod
     def near(cls, problem: GridProblem, forces: Grid, delta: float) -> Softened:
-        """The problem whose springs are at rest under given forces."""
+        """The problem whose springs are stress-free at the given forces."""
         normal, along = (delta / c for c in problem.scale)
         step = cls(problem.compliance, problem.v0, problem.gap, problem.force, (normal, along))
         return replace(step, v0=problem.v0 + step._shortened(forces))
@@ -89,7 +89,7 @@ class Softened(GridProblem):
         return super().W(forces) + self._shortened(forces)
 
     def _shortened(self, forces: Grid) -> Grid:
-        """Of the springs; what a side fixes has none."""
+        """Displacement of the springs, zero for components fixed by a side."""
         normal, along = self.springs
         u = self.xp.concatenate((normal * forces[:1], along * forces[1:]))
         return u if self.fixed is None else self.xp.where(self.fixed, 0.0, u)
@@ -97,8 +97,8 @@ class Softened(GridProblem):
 
 @dataclass(frozen=True)
 class _System:
-    """Linearised laws and balance of free motions. Vectors hold the live components of points
-    alone, as a rule few, and the free motions after.
+    """Linearised laws and balance of free motions. Vectors consist of the live components of
+    points, usually few, and the free motions.
     """
 
     problem: GridProblem
@@ -107,17 +107,17 @@ class _System:
     held: Grid
     zones: Zones
     slip: SlipLaw
-    of_normal: Grid  # the bound F mu is an unknown
+    of_normal: Grid  # coefficient of mu: the bound F mu is an unknown
     unit: float
     columns: list[Grid]
     gram: Any
 
     @classmethod
     def of(cls, problem: GridProblem, zones: Zones, slip: SlipLaw) -> _System:
-        """The laws, and what preconditions the free motions."""
+        """Make the linearised laws and the preconditioner of the free motions."""
         xp, along = problem.xp, len(problem.v0) - 1
         live = xp.stack([zones.active, *[zones.stick | zones.slip] * along])
-        # Where slip has only begun, rows are nearly those of stick, and preconditioned alike.
+        # For small slip, rows are nearly those of stick and are preconditioned alike.
         begun = zones.stick | (zones.slip & (slip.ratio > 0.5))
         held = xp.stack([zones.active, *[begun] * along])
         of_normal, unit = slip.weight * slip.coefficient, 1.0 / problem.gap.size**0.5
@@ -140,13 +140,13 @@ class _System:
         return out
 
     def packed(self, values: Grid, motions: Any) -> Any:
-        """A vector of values on the grid and of numbers of the free motions."""
+        """Pack grid values and free motions into a vector."""
         return self.problem.xp.concatenate(
             (values.ravel()[self.at], self.problem.xp.asarray(motions))
         )
 
     def unpacked(self, vector: Any) -> tuple[Grid, Any]:
-        """Values on the grid, zero where nothing is live, and those of the motions on the host."""
+        """Unpack grid values, zero where not live, and free motions (on the host)."""
         values, n = self.problem.xp.zeros(self.live.shape), self.at.size
         values.reshape(-1)[self.at] = vector[:n]
         return values, host(vector[n:])
@@ -160,13 +160,13 @@ class _System:
         return self.packed(self.rows(x, v), problem.sums(x)[problem.free] * self.unit)
 
     def _forces(self, y: Grid) -> Grid:
-        """Approximate forces of given rows."""
+        """Approximate forces for given rows."""
         problem, xp, slip = self.problem, self.problem.xp, self.slip
         held = xp.where(self.held, y, 0.0)
         held[0] /= problem.scale[0]
         held[1:] /= problem.scale[1]
         x = xp.where(self.held, problem.S(held), 0.0)
-        if problem.fixed is not None:  # forces there move nothing; they balance those of a motion
+        if problem.fixed is not None:  # forces there cause no displacement but balance a motion
             x = xp.where(self.held & problem.fixed, y, x)
         rest = self.zones.slip & ~self.held[1]
         weight = xp.where(rest, slip.weight, 1.0)
@@ -174,7 +174,7 @@ class _System:
         return x
 
     def precondition(self, vector: Any) -> Any:
-        """Roughly the inverse: forces of displacement rows, then motions that balance them."""
+        """Approximate inverse: forces from displacement rows, then motions that balance them."""
         problem, (y, wanted) = self.problem, self.unpacked(vector)
         x = self._forces(y)
         if not problem.free:

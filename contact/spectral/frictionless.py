@@ -22,15 +22,13 @@ def frictionless(
     tol: float = 1e-12,
     report: Report = lambda iteration: None,
 ) -> tuple[Grid, float]:
-    r"""Normal forces and the free normal motion of frictionless contact, from forces of a similar
-    problem.
+    r"""Normal forces and the free normal motion of frictionless contact, from an initial guess.
 
     On the active set, where :math:`\mu + c (u_n - d) > 0` at the last iterate, the forces solve
-    :math:`W \mu = v_0 - d + a`, by conjugate gradients preconditioned by the inverse symbol, whose
-    result is cut off outside the set. They end at a hundredth of what the set before was off
-    (forcing terms). Under a given force the iterates keep its sum (projection), and a is the mean
-    of what is left. The first set is that of the problem on every other point, where the body knows
-    it.
+    :math:`W \mu = v_0 - d + a`, by conjugate gradients preconditioned by the inverse symbol,
+    restricted to the set. They stop at a hundredth of the last set's error (forcing terms). Under a
+    given force the iterates keep its sum (projection), and a is the mean residual. The first set is
+    that of the problem on every other point, if the body has such a coarse grid.
 
     M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865, active sets; I. A. Polonsky,
     L. M. Keer, Wear 231 (1999) 206, transforms; N. I. M. Gould, M. E. Hribar, J. Nocedal, SIAM J.
@@ -72,7 +70,7 @@ def _solved(
             break
         if settled:
             best = size
-        solved = settled or step >= 30  # later every set is solved
+        solved = settled or step >= 30  # from then on solve fully on every set
         accuracy = 0.5 * tol if solved else max(0.5 * tol, min(loosest, 1e-2 * size))
         if not bool(found.any()):
             raise NotConverged("frictionless contact: no point is left in contact")
@@ -83,13 +81,13 @@ def _solved(
 
 
 def _drifts(problem: NormalProblem) -> bool:
-    """Whether nothing holds the mean displacement of the surface."""
+    """Whether the mean displacement of the surface is free."""
     whole = problem.W(problem.xp.ones_like(problem.driving))
-    return bool(problem.c * float(problem.xp.abs(whole).max()) < 1e-9)  # zero but for rounding
+    return bool(problem.c * float(problem.xp.abs(whole).max()) < 1e-9)  # zero up to rounding
 
 
 def _first_set(problem: NormalProblem, start: Grid | None) -> tuple[Grid, Grid]:
-    """Forces to begin with, and the points in contact."""
+    """Initial forces and points in contact."""
     if start is None and (coarser := problem.coarser()) is not None and problem.filter is not None:
         try:
             mu, _ = _solved(coarser, None, 0.1, lambda iteration: None)
@@ -100,7 +98,7 @@ def _first_set(problem: NormalProblem, start: Grid | None) -> tuple[Grid, Grid]:
         mu, active = problem.predicted(start)
         if bool(active.any()):
             return mu, active
-    # A given displacement may not hold all points at once.
+    # Not all points need to be in contact under a given displacement.
     active = problem.can_touch if problem.given else problem.can_touch & (problem.driving > 0)
     return problem.xp.zeros_like(problem.driving), active
 
@@ -108,8 +106,8 @@ def _first_set(problem: NormalProblem, start: Grid | None) -> tuple[Grid, Grid]:
 def _on_set(
     problem: NormalProblem, active: Grid, start: Grid, accuracy: float
 ) -> tuple[Grid, float, Grid]:
-    """Forces on the active set, the free motion, displacements of all points. Numbers that steps
-    need stay where the arrays are; the host asks for them once a product.
+    """Forces on the active set, the free motion, displacements of all points. Scalars of the
+    iteration stay on the device; the host reads them once per product.
     """
     xp, given = problem.xp, problem.given
     at, field = xp.flatnonzero(active), xp.zeros_like(problem.driving)
@@ -120,7 +118,7 @@ def _on_set(
         return field
 
     def centred(values: Grid) -> tuple[Grid, Grid]:
-        """Without their mean, which the free motion takes up: no digits are lost to it."""
+        """Subtract the mean, which the free motion absorbs, to avoid cancellation."""
         mean = values.mean() if given else 0.0
         return values - mean, mean
 
@@ -142,13 +140,13 @@ def _on_set(
         since = 0 if left < 0.5 * best[0] else since + 1
         if left < best[0]:
             best = (left, step, x, a)
-        # What is left after so many products that do not halve it is rounding.
+        # A residual not halved by this many products is rounding.
         if left <= accuracy * largest or slope <= 0 or since > 25:
             break
         w = problem.W(spread(p))
         inside = w.ravel()[at]
         curvature = xp.vdot(p, inside)
-        with np.errstate(divide="ignore", invalid="ignore"):  # seen, and dropped, by `curved`
+        with np.errstate(divide="ignore", invalid="ignore"):  # `curved` excludes such steps
             along = rz / curvature
             x, u = x + along * p, u + along * w
             r, mean = centred(r - along * inside)
@@ -164,15 +162,15 @@ def _on_set(
 
 @dataclass(frozen=True)
 class NormalProblem:
-    """Normal forces mu that press points back: through = driving + a - W mu."""
+    """Normal forces mu that reduce the penetration: through = driving + a - W mu."""
 
-    W: Callable[[Grid], Grid]  # displacements of forces
-    S: Callable[[Grid], Grid]  # nearly its inverse
-    driving: Grid  # by how far points would enter without forces, zero where none can
+    W: Callable[[Grid], Grid]  # compliance
+    S: Callable[[Grid], Grid]  # approximate inverse of W
+    driving: Grid  # penetration without forces, zero where contact is impossible
     can_touch: Grid
-    total: float  # sum of the forces; NaN where a is zero instead
-    c: float  # force per displacement of a point alone
-    filter: NormalFilter | None  # the body, where it is known on coarser grids
+    total: float  # sum of the forces; NaN if a is zero instead
+    c: float  # force per displacement of a single point
+    filter: NormalFilter | None  # the body, if it has coarser grids
 
     @classmethod
     def of(cls, problem: GridProblem) -> NormalProblem:
@@ -191,11 +189,11 @@ class NormalProblem:
 
     @property
     def given(self) -> bool:
-        """Whether the sum of the forces is given, and a free."""
+        """Whether the sum of the forces is given and the motion a is free."""
         return not np.isnan(self.total)
 
     def coarser(self) -> NormalProblem | None:
-        """The problem on every other point; None where the body has no coarser grid."""
+        """The problem on every other point; None if the body has no coarser grid."""
         body = None if self.filter is None else self.filter.coarser
         if body is None:
             return None
@@ -212,7 +210,7 @@ class NormalProblem:
         )
 
     def predicted(self, mu: Grid) -> tuple[Grid, Grid]:
-        """Forces near mu with the given sum, and the points that they say are in contact."""
+        """Forces near mu with the given sum, and the resulting points in contact."""
         inside, a = mu > 0, 0.0
         if self.given:
             mu = mu * (self.total / mu.sum())

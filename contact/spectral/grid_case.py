@@ -1,4 +1,4 @@
-"""What states a contact problem on a grid: a compliance, and numbers on the host."""
+"""The data of a contact problem on a grid: a compliance, and host arrays."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ class GridCase:
     friction: Array  # Coulomb's coefficient, or Tresca's bound, a traction
     law: str
     motion: Array
-    force: Array  # of the obstacle, as its motion; one of the two is NaN
-    slip_from: Array | None  # slip of the step before, which friction does not act on
+    force: Array  # force on the obstacle; NaN where `motion` is given, and vice versa
+    slip_from: Array | None  # slip of the last step, from which friction counts
     travel: Array | None = None  # path of the obstacle's own shape along the surface
-    obstacle: Any = None  # from which the gap is, if known
+    obstacle: Any = None  # obstacle from which the gap was computed, if known
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"obstacle": carried(self.obstacle)}
 
     @property
     def areas(self) -> Any:
-        """Area of each point, a number or of the shape of the grid."""
+        """Area of each point, a scalar or an array of the grid's shape."""
         return float(np.prod(self.compliance.spacing)) * getattr(self.compliance, "weights", 1.0)
 
     @property
@@ -45,10 +45,10 @@ class GridCase:
         return self.law == "coulomb"
 
     def problem(self) -> GridProblem:
-        """The problem in normal and tangential components, where the compliance computes."""
+        """The problem in normal and tangential components, on the compliance's device."""
         initial, motion, force = self.compliance.initial, self.motion, self.force
         travel = np.zeros(motion.size) if self.travel is None else self.travel
-        if not np.any(self.friction > 0):  # what is not felt is not balanced either
+        if not np.any(self.friction > 0):  # without friction, tangential forces are not balanced
             across = np.asarray(self.compliance.normal) == 0
             motion, force = np.where(across, 0.0, motion), np.where(across, np.nan, force)
             travel = np.zeros(motion.size)
@@ -61,7 +61,7 @@ class GridCase:
         if self.slip_from is not None:
             since = xp.asarray(self.slip_from)
             v0[1:] -= since
-            if problem.fixed is not None:  # rounding of what was dragged far is no slip
+            if problem.fixed is not None:  # rounding of a large motion is not slip
                 size = max(float(xp.abs(part).max()) for part in (since, moved))
                 still = problem.fixed[1:] & (xp.abs(v0[1:]) <= UNMOVED * size)
                 v0[1:] = xp.where(still, 0.0, v0[1:])

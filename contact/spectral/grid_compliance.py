@@ -1,4 +1,4 @@
-"""What contact on a grid asks of an elastic body."""
+"""The interface of an elastic body for contact on a grid."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ class GridCompliance(Protocol):
     """Displacements of a surface grid under forces on its points, by transforms.
 
     All arrays have the shape (dim, nx) or (dim, nx, ny): component along a coordinate axis, then
-    the point. They live where those of `initial` do, on the host or on a device. The methods
-    ``apply_normal(forces)`` and ``precondition_normal(displacements)`` may be given, too, for
-    normal components alone, of shape (nx,) or (nx, ny): frictionless contact is then several times
-    faster, and again where ``normal_filter``, as in `contact.spectral.normal_filter`, tells the
-    same on coarser grids. The attributes ``weights``, shape (nx[, ny]), the area of each point in
-    units of a cell, ``fixed``, shape (dim, nx[, ny]), components of points that supports fix, and
-    ``mirrored``, a bool for each direction, are those of a surface that is not periodic.
-    ``contact_modulus``, E* at the surface, serves `GridResult.edge`.
+    the point. They are on the device of `initial`. Optional methods ``apply_normal(forces)`` and
+    ``precondition_normal(displacements)`` for normal components only, of shape (nx,) or (nx, ny),
+    make frictionless contact several times faster, and so does an attribute ``normal_filter``, as
+    in `contact.spectral.normal_filter`, with the same on coarser grids. The optional attributes
+    ``weights``, shape (nx[, ny]), the area of each point in units of a cell, ``fixed``, shape (dim,
+    nx[, ny]), components of points that supports fix, and ``mirrored``, a bool for each direction,
+    are those of a surface that is not periodic. ``contact_modulus``, E* at the surface, serves
+    `GridResult.edge`.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class GridCompliance(Protocol):
     normal : array, shape (dim,)
         Outward unit normal of the body, along a coordinate axis, in either sense.
     constant : array of bool, shape (dim,)
-        Components whose mean displacement nothing holds; `apply` leaves out the mean force there.
+        Components whose mean displacement is free; `apply` ignores the mean force there.
     initial : array, shape (dim, nx[, ny])
         Displacements without contact forces.
     """
@@ -41,7 +41,7 @@ class GridCompliance(Protocol):
     initial: Any
 
     def apply(self, forces: ArrayLike) -> ArrayLike:
-        """Displacements that forces on the points of the body cause: symmetric, not negative."""
+        """Displacements under forces on the points: symmetric positive semidefinite."""
 
     def precondition(self, displacements: ArrayLike) -> ArrayLike:
-        """Forces that cause given displacements, or nearly so: symmetric, positive."""
+        """Approximate forces that cause given displacements: symmetric positive definite."""

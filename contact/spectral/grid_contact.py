@@ -62,8 +62,8 @@ class GridContact:
     Raises
     ------
     InputError
-        Gaps with NaN or of another shape, negative friction, an obstacle that turns; a component of
-        the body that nothing holds; sides that fix all points.
+        Gaps with NaN or of another shape, negative friction, an obstacle that turns; a component in
+        which the body is free; sides that fix all points.
 
     References
     ----------
@@ -117,20 +117,20 @@ class GridContact:
                 "compliance: its sides fix the normal displacement of every point of the grid; "
                 "take more cells"
             )
-        _ = self._gap  # its errors belong here
+        _ = self._gap  # raise its errors here
 
     @property
     def _rigid(self) -> Rigid:
         return self.obstacle if isinstance(self.obstacle, Rigid) else Rigid(self.obstacle)
 
     def _controls(self) -> tuple[Array, Array]:
-        """Prescribed motions and given forces of the obstacle, NaN for what is not given."""
+        """Prescribed motions and given forces of the obstacle, NaN where not given."""
         dim = len(self.compliance.shape) + 1
         motion, force = self._rigid.components(dim)
         return motion[:dim], force[:dim]
 
     def points(self) -> Array:
-        """Places of the grid points.
+        """Coordinates of the grid points.
 
         Returns
         -------
@@ -224,7 +224,7 @@ class GridContact:
         Warns
         -----
         LargeMotionWarning
-            Loaded points have moved past the next one, to where the gap is another one.
+            Loaded points have moved past a neighbour, to positions with a different gap.
         """
         self._check(tol, after)
         if motion is not None and after is None:
@@ -281,9 +281,9 @@ class GridContact:
     ) -> list[GridResult]:
         """Solve for one motion or force of the obstacle after the other, with friction's memory.
 
-        A shape that is moved from step to step, a `Rough` to another `point`, say, tells its motion
-        to friction; the first step is counted from the obstacle of this problem, unless that is a
-        plain number. Heights that change, as an array does that is rolled, do not tell it.
+        Friction takes the motion from a shape that is moved from step to step, such as a `Rough`
+        with another `point`; the first step counts from the obstacle of this problem, unless that
+        is a plain number. The motion of changing heights, such as a rolled array, is unknown.
 
         Parameters
         ----------
@@ -291,7 +291,8 @@ class GridContact:
             The obstacle of each step, with its displacement or force from the beginning.
         motion : sequence, optional
             For each step the displacement of the obstacle's shape since the beginning, dim numbers,
-            besides that of its `Rigid`; 0 for along the normal only, None for what the shape tells.
+            without that of its `Rigid`; 0 for along the normal only, None to derive it from the
+            shape.
         tol, verbose
             See `solve`.
 
@@ -302,8 +303,8 @@ class GridContact:
         Raises
         ------
         InputError
-            Something that is no sequence of obstacles; a motion that friction needs and no shape
-            tells; and what `solve` raises.
+            Not a sequence of obstacles; a motion that friction needs and the shape does not
+            determine; and as `solve`.
         """
         if isinstance(obstacles, str) or not isinstance(obstacles, Iterable):
             raise InputError(f"obstacles={obstacles!r}: expected a sequence, one a step")
@@ -386,10 +387,10 @@ def _check_forces(case: GridCase, problem: GridProblem) -> None:
 def _check_motion(problem: GridProblem, result: GridResult, travel: Any) -> None:
     """Warn where points slip past others and the gap changes noticeably on their way."""
     xp, slip, p = problem.xp, result._fields["slip"], result._fields["pressure"]
-    if travel is not None:  # the gap is that where the shape is now
+    if travel is not None:  # the gap is that of the current shape
         slip = slip + xp.asarray(travel[problem.order[0][1:]]).reshape((-1,) + (1,) * p.ndim)
     steps = slip / xp.asarray(problem.compliance.spacing).reshape((-1,) + (1,) * p.ndim)
-    far = (xp.abs(steps).max(axis=0) > 1.0) & (p > 1e-3 * p.max())  # less hardly presses
+    far = (xp.abs(steps).max(axis=0) > 1.0) & (p > 1e-3 * p.max())  # less is negligible
     if not bool(far.any()):
         return
     far, steps, gap = host(far), host(steps), host(problem.gap)
@@ -414,7 +415,7 @@ def _check_motion(problem: GridProblem, result: GridResult, travel: Any) -> None
 
 
 def _check_fixed(problem: GridProblem, l: Any, a: Any) -> None:
-    """Raise an `Infeasible` where the obstacle enters a point that a side holds."""
+    """Raise an `Infeasible` if the obstacle penetrates a point fixed by a side."""
     if problem.fixed is None:
         return
     through = problem.xp.where(
@@ -430,7 +431,7 @@ def _check_fixed(problem: GridProblem, l: Any, a: Any) -> None:
 
 
 def _with_friction(problem: GridProblem, law: Friction, start: Any, tol: float, report: Any) -> Any:
-    """Newton's method; where it stalls, proximal points (Tresca) or solves with given friction."""
+    """Newton's method; if it stalls, proximal points (Tresca) or solves with given friction."""
     waves = Waves(problem, law)
     if isinstance(law, Tresca):
         return _with_given_friction(waves, start, tol, report)
@@ -439,7 +440,7 @@ def _with_friction(problem: GridProblem, law: Friction, start: Any, tol: float, 
     except NotConverged:
         now = start
     try:
-        for _ in range(6):  # solves for Tresca's law that lead to Coulomb's
+        for _ in range(6):  # fixed-point steps with Tresca's law towards Coulomb's
             given = Waves(problem, Tresca(law.bound(now[0][0])))
             now = _with_given_friction(given, now, 1e-6, report, "tresca")
         return newton(waves, now, tol=tol, max_iterations=_NEWTON, report=report)
@@ -451,7 +452,7 @@ def _with_friction(problem: GridProblem, law: Friction, start: Any, tol: float, 
 def _with_given_friction(
     waves: Waves, start: Any, tol: float, report: Any, phase: str = "newton"
 ) -> Any:
-    """Newton's method for Tresca's law; where it stalls, proximal points."""
+    """Newton's method for Tresca's law; if it stalls, proximal points."""
     try:
         return newton(waves, start, tol=tol, max_iterations=_NEWTON, phase=phase, report=report)
     except NotConverged:
@@ -459,12 +460,12 @@ def _with_given_friction(
 
 
 def _check_drag(problem: GridProblem, law: Friction, start: Any) -> None:
-    """Raise an `Infeasible` where the force along the surface is beyond that of sliding."""
+    """Raise an `Infeasible` if the tangential force exceeds the sliding friction."""
     along = np.nan_to_num(problem.force) * (np.arange(len(problem.force)) > 0)
     drag = float(np.linalg.norm(along))
     if drag == 0:
         return
-    far = 10 * drag / problem.scale_along  # further than all the force would move a single point
+    far = 10 * drag / problem.scale_along  # farther than the whole force would move one point
     force = np.where(np.arange(along.size) > 0, np.nan, problem.force)
     v0 = problem.v0 + problem.moved(far / drag * along)
     sliding = GridProblem(problem.compliance, v0, problem.gap, force)

@@ -14,17 +14,17 @@ from contact.spectral.grid_compliance import GridCompliance
 from skfem_adini.ground.arrays import namespace
 
 Grid = Any  # an array of NumPy or CuPy
-_UNMOVED = 1e-14  # rounding of a motion, over the largest displacement
+_UNMOVED = 1e-14  # relative to the largest displacement, below which a motion is rounding
 
 
 @dataclass(frozen=True)
 class GridProblem:
     """Displacements ``v = v0 - W l + a`` of grid points relative to the obstacle under forces l =
-    (mu, t). A component of a is free where a force is given, to which its forces sum.
+    (mu, t). A component of a is free if its total force is given.
     """
 
     compliance: GridCompliance
-    v0: Grid  # (dim, nx[, ny]): along the normal, then along the tangents
+    v0: Grid  # (dim, nx[, ny]): normal, then tangential components
     gap: Grid  # infinite where contact is impossible
     force: Any  # (dim,), NaN where a is zero
 
@@ -65,17 +65,17 @@ class GridProblem:
         return self.turned(self.compliance.apply(self.turned_back(forces)))
 
     def S(self, displacements: Grid) -> Grid:
-        """The preconditioner, nearly the inverse of W."""
+        """The preconditioner, an approximate inverse of W."""
         return self.turned(self.compliance.precondition(self.turned_back(displacements)))
 
     def W_normal(self, mu: Grid) -> Grid:
-        """Normal displacements of normal forces, by the body's own product where it has one."""
+        """Normal displacements under normal forces, by the body's `apply_normal` if it exists."""
         if hasattr(self.compliance, "apply_normal"):
             return self.compliance.apply_normal(mu)
         return self.W(self._along_normal(mu))[0]
 
     def S_normal(self, u: Grid) -> Grid:
-        """Nearly the normal forces that cause normal displacements."""
+        """Approximate normal forces that cause normal displacements."""
         if hasattr(self.compliance, "precondition_normal"):
             return self.compliance.precondition_normal(u)
         return self.S(self._along_normal(u))[0]
@@ -87,19 +87,19 @@ class GridProblem:
 
     @property
     def scale(self) -> tuple[float, float]:
-        """Forces per displacement of a point alone, normal and tangential: c = 1 / diag(W)."""
+        """Forces per displacement of a single point, normal and tangential: c = 1 / diag(W)."""
         return self.scale_normal, self.scale_along
 
     @cached_property
     def scale_normal(self) -> float:
-        """Normal force per displacement of a point alone."""
+        """Normal force per displacement of a single point."""
         alone, middle = self.xp.zeros_like(self.gap), self._middle
         alone[middle] = 1.0
         return 1.0 / float(self.W_normal(alone)[middle])
 
     @cached_property
     def scale_along(self) -> float:
-        """Tangential force per displacement of a point alone, the mean of directions not fixed."""
+        """Tangential force per displacement of a single point, the mean over free directions."""
         own, middle = [], self._middle
         for i in range(1, len(self.v0)):
             if self.fixed is not None and bool(self.fixed[(i, *middle)]):
@@ -111,12 +111,12 @@ class GridProblem:
 
     @property
     def _middle(self) -> tuple[int, ...]:
-        """The point in the middle, as a rule inside, where points are alike."""
+        """The middle point, which represents all inner points."""
         return tuple(m // 2 for m in self.gap.shape)
 
     @cached_property
     def can_touch(self) -> Grid:
-        """Points with an obstacle within reach whose normal displacement no side fixes."""
+        """Points with a finite gap whose normal displacement is not fixed by a side."""
         near = self.xp.isfinite(self.gap)
         return near if self.fixed is None else near & ~self.fixed[0]
 
@@ -128,9 +128,7 @@ class GridProblem:
 
     @cached_property
     def swept(self) -> Grid | None:
-        """Points that a side fixes while an obstacle moves along them as given: no force lets them
-        stick.
-        """
+        """Points fixed by a side along which the obstacle is moved: they cannot stick."""
         xp, given = self.xp, [i for i in range(1, len(self.v0)) if i not in self.free]
         if self.fixed is None or not given:
             return None
@@ -140,8 +138,8 @@ class GridProblem:
 
     @cached_property
     def at_rest(self) -> Grid | None:
-        """Tangential components that a side fixes where nothing moves along them, or None: friction
-        there cannot be told apart from the reactions of the side.
+        """Tangential components fixed by a side without obstacle motion, or None: friction there
+        cannot be distinguished from the reactions of the side.
         """
         if self.fixed is None:
             return None
@@ -158,7 +156,7 @@ class GridProblem:
         return self.v0 - self.W(forces) + self.moved(a)
 
     def size(self, forces: Grid) -> float:
-        """Scale of residuals: the largest force, at least 1e-12 of what the data would cause."""
+        """Scale of residuals: the largest force, at least 1e-12 of the forces due to the data."""
         overlap = self.xp.where(self.can_touch, self.v0[0] - self.gap, -np.inf).max()
         along = float(self.xp.abs(self.v0[1:]).max())
         causes = (self.scale_normal * float(overlap), self.scale_along * along if along else 0.0)
@@ -172,7 +170,7 @@ class GridProblem:
 
 
 def residuals(problem: GridProblem, l: Grid, v: Grid, bound: Grid) -> dict[str, float]:
-    """Relative residuals of the laws and of the balance, with the words of `ContactResult.kkt`."""
+    """Relative residuals of the laws and the balance, with the names of `ContactResult.kkt`."""
     xp, size = problem.xp, problem.size(l)
     length = max(float(xp.abs(v).max()), size / problem.scale_normal)
     through = xp.where(problem.can_touch, v[0] - problem.gap, -np.inf)

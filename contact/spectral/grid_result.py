@@ -1,4 +1,4 @@
-"""The solution of contact on a grid, which can prove itself."""
+"""The solution of contact on a grid, with its certificate."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 class GridResult(FieldsInside):
     """Pressure, shear and displacement of a surface grid, on the host.
 
-    From a device each field comes when it is first asked for.
+    Fields on a device are copied when first accessed.
 
     Attributes
     ----------
@@ -56,19 +56,19 @@ class GridResult(FieldsInside):
     shear : ndarray, shape (dim - 1, nx[, ny])
         Traction that acts on the body, along the coordinate axes of the surface in their order.
     u : ndarray, shape (dim, nx[, ny])
-        Displacement of the points. Where nothing holds the body it is measured from its mean.
+        Displacement of the points, relative to its mean in components in which the body is free.
     opening : ndarray, shape (nx[, ny])
-        Gap that is left.
+        Gap in the deformed state.
     slip : ndarray, shape (dim - 1, nx[, ny])
         Tangential displacement relative to the obstacle, from the beginning of a history.
     status : ndarray of int, shape (nx[, ny])
         Values of `Status`.
     motion : ndarray, shape (dim,)
-        Of the obstacle, relative to the body's mean where nothing holds it; zero where it makes no
-        difference.
+        Motion of the obstacle, relative to the body's mean where the body is free; zero where it
+        has no effect.
     kkt : dict
-        Residuals, recomputed from the problem with the words of `ContactResult.kkt`;
-        ``obstacle`` is the balance of an obstacle that is driven by a force.
+        Residuals, recomputed from the problem, with the names of `ContactResult.kkt`; ``obstacle``
+        is the force balance of an obstacle driven by a force.
     history : tuple of Iteration
     forces : ndarray, shape (dim, nx[, ny])
         Multipliers (mu, t); forces on the body are their opposites.
@@ -90,11 +90,11 @@ class GridResult(FieldsInside):
     motion: Array
     kkt: dict[str, float]
     history: tuple[Iteration, ...]
-    _fields: dict[str, Grid]  # where they were computed, until they are asked for
-    _proof: tuple[GridCase, Array, float] | None = None  # case, motions found, tolerance
+    _fields: dict[str, Grid]  # on their device until accessed
+    _proof: tuple[GridCase, Array, float] | None = None  # case, computed motions, tolerance
 
     def __getattr__(self, name: str) -> Any:
-        """A field, brought to the host when it is first asked for."""
+        """A field, copied to the host on first access."""
         fields = self.__dict__.get("_fields", {})
         if name not in fields:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
@@ -102,7 +102,7 @@ class GridResult(FieldsInside):
         return self.__dict__[name]
 
     def to_host(self) -> None:
-        """Bring all fields to the host, which frees the memory of a device."""
+        """Copy all fields to the host, which frees the memory of a device."""
         for name in list(self._fields):
             getattr(self, name)
 
@@ -136,9 +136,9 @@ class GridResult(FieldsInside):
 
         The compliance is built from its arguments in the file, and all fields are computed from it
         and the contact forces, so that the residuals show whether problem and solution still belong
-        together. A checksum covers what does not enter them, such as gaps of open points. The next
-        step of a history may start from the result as from the one that was saved. Functions are
-        not stored: the file has the values that obstacle and friction took.
+        together. A checksum covers other data, such as gaps of open points. A history may continue
+        from the result as from the one that was saved. Functions are not stored: the file has the
+        values of obstacle and friction.
 
         Parameters
         ----------
@@ -181,13 +181,13 @@ class GridResult(FieldsInside):
         size = " x ".join(map(str, self.pressure.shape))
         touching = int(np.count_nonzero(self.pressure))
         whole = self.resultant
-        small = 1e-12 * float(np.abs(whole).max())  # rounding of a sum that vanishes
+        small = 1e-12 * float(np.abs(whole).max())  # rounding of a zero sum
         total = ", ".join(f"{v if abs(v) > small else 0.0:.6g}" for v in whole)
         return f"GridResult({size} points, {touching} in contact; resultant ({total}))"
 
     @property
     def cell(self) -> float:
-        """Area (2-D: length) of one point, of those on a side that is not periodic twice that."""
+        """Area (2-D: length) of one point; points on a mirrored side have half of it."""
         return float(np.prod(self.compliance.spacing))
 
     @property
@@ -208,7 +208,7 @@ class GridResult(FieldsInside):
 
     @property
     def area(self) -> float:
-        """Contact area (2-D: length), by the number of points under pressure."""
+        """Contact area (2-D: length), from the number of points under pressure."""
         return float((self._weights * (self.pressure > 0)).sum() * self.cell)
 
     @property
@@ -218,7 +218,7 @@ class GridResult(FieldsInside):
 
     @property
     def corrected_area(self) -> float:
-        """Contact area without the share that whole cells along its edge add.
+        """Contact area, corrected for whole cells counted along its edge.
 
         Raises
         ------
@@ -230,10 +230,10 @@ class GridResult(FieldsInside):
     def edge(self) -> ContactEdge:
         """Edge of frictionless contact between the points, and the pressure next to it.
 
-        Forces over the area of a point are no pressures next to an edge, where the pressure falls
-        as a square root. It is fitted to pressures and gaps farther away: take it where contact
-        has some ten points from edge to edge, the gap a few beside it, and the surface is smooth at
-        their scale. On layers the lowest one should be several points thick.
+        Forces over the area of a point are not accurate pressures next to an edge, where the
+        pressure falls as a square root. It is fitted to pressures and gaps farther away, which
+        requires about ten points across the contact, a few in the gap, and a surface smooth at this
+        scale. The lowest layer should be several points thick.
 
         Returns
         -------
@@ -242,7 +242,7 @@ class GridResult(FieldsInside):
         Raises
         ------
         InputError
-            Friction, which changes the square root; a compliance that does not tell its modulus.
+            Friction, which changes the square root; a compliance without `contact_modulus`.
 
         Examples
         --------
@@ -267,7 +267,7 @@ class GridResult(FieldsInside):
         )
 
     def spectrum(self) -> tuple[Array, Array]:
-        """Wave vectors and the power spectral density of the pressure, as `Rough.spectrum` has it.
+        """Wave vectors and the power spectral density of the pressure, as in `Rough.spectrum`.
 
         Returns
         -------
@@ -347,9 +347,8 @@ def certified(
     history: tuple[Iteration, ...],
     travel: Array | None = None,
 ) -> GridResult:
-    """The result of forces and motions, or `NotConverged` where a residual exceeds tol. `given` are
-    the prescribed motions of the obstacle, else NaN, `travel` the path of its shape.
-    """
+    """The result for forces and motions; raises `NotConverged` if a residual exceeds tol. `given`
+    are prescribed motions of the obstacle, else NaN, `travel` is the path of its shape."""
     (l, a), xp = state, problem.xp
     pressed, bound = problem.W(l), law.bound(l[0])
     v = problem.v0 - pressed + problem.moved(a)
@@ -361,7 +360,7 @@ def certified(
             f"the solution fails its certificate at tolerance {tol:.1e}: {found}", history
         )
     u = problem.compliance.initial - problem.turned_back(pressed)
-    # What rounding leaves of a displacement is no slip, as in `ContactResult.status`.
+    # Rounding of a displacement is not slip, as in `ContactResult.status`.
     moves = xp.sqrt((v[1:] ** 2).sum(axis=0)) > 1e-10 * max(float(xp.abs(u).max()), 1e-300)
     slips = moves & (xp.sqrt((l[1:] ** 2).sum(axis=0)) >= bound * (1 - 1e-9))
     rubs = xp.where(slips, int(Status.SLIP), int(Status.STICK))
@@ -401,9 +400,8 @@ def perimeter(
     spacing: tuple[float, ...],
     mirrored: tuple[bool, ...] = (False, False),
 ) -> float:
-    """Length of the edges between cells in contact and others, halves on a mirrored side; of a
-    profile the number of ends.
-    """
+    """Length of the edges between cells in contact and others, halved on a mirrored side; for a
+    profile the number of ends."""
     cell, length = float(np.prod(spacing)), 0.0
     for axis, h in enumerate(spacing):
         share = shares(touching.shape, mirrored)
@@ -429,7 +427,7 @@ def corrected_area(
     spacing: tuple[float, ...],
     mirrored: tuple[bool, ...] = (False, False),
 ) -> float:
-    r"""Area of the cells in contact less :math:`(\pi - 1 + \ln 2) / 24` times their perimeter and
+    r"""Area of the cells in contact minus :math:`(\pi - 1 + \ln 2) / 24` times their perimeter and
     spacing: V. A. Yastrebov, G. Anciaux, J.-F. Molinari, Tribology International 114 (2017) 161.
     """
     if touching.ndim != 2:
@@ -447,10 +445,10 @@ _ELEMENTS = Kinds(
 
 
 class GridState(NamedTuple):
-    """A solution beside its problem: multipliers, motions found, tolerance of the certificate."""
+    """A problem and its solution: multipliers, computed motions, tolerance of the certificate."""
 
     case: GridCase
-    forces: Array  # (dim, nx[, ny]), the normal ones first
+    forces: Array  # (dim, nx[, ny]), normal first
     a: Array  # (dim,)
     tol: float
     history: tuple[Iteration, ...]

@@ -24,9 +24,9 @@ class HalfSpace(FilteredCompliance):
         u_n &= \frac{1 - \nu}{G |k|} p_n + i \frac{1 - 2 \nu}{2 G |k|} e \cdot p_t, \\
         u_t &= \frac{1}{G |k|} (I - \nu e e^T) p_t - i \frac{1 - 2 \nu}{2 G |k|} e p_n.
 
-    They are measured from the mean displacement, which is infinite in a half space: the motion of
-    an obstacle is relative to it. Forces on points are tractions times the area of a cell; waves
-    beyond the grid are left out.
+    They are relative to the mean displacement, which is infinite in a half space; so is the motion
+    of an obstacle. Forces on points are tractions times the area of a cell; waves not resolved by
+    the grid are omitted.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ class HalfSpace(FilteredCompliance):
     lengths, E, nu
         As they were given, the lengths as a tuple.
     stiffness : array, shape (dim, dim, nx // 2 + 1) or (dim, dim, nx, ny // 2 + 1)
-        Forces on points per displacement, for each wave of a real transform; for the mean those of
-        the longest wave.
+        Forces on points per displacement, for each wave of a real transform; the mean has the value
+        of the longest wave.
     contact_modulus : float
         E* = E / (1 - nu^2).
 
@@ -122,12 +122,12 @@ class HalfSpace(FilteredCompliance):
         return self._stiffness.full()
 
     def __repr__(self) -> str:
-        """Say how many points there are."""
+        """Return the class with the number of points."""
         return f"HalfSpace({' x '.join(map(str, self.shape))} points)"
 
 
 def _check_range(given: Any, E: float, spacing: Sequence[float], period: float) -> None:
-    """Raise an `InputError` where products of stiffnesses leave the range of numbers."""
+    """Raise an `InputError` if products of stiffnesses would overflow or underflow."""
     with np.errstate(over="ignore", under="ignore"):
         k = np.array([1.0 / np.float64(period), 1.0 / min(spacing)])
         sizes = np.r_[k, np.float64(E) * k * np.prod(spacing)]
@@ -143,7 +143,7 @@ def _check_range(given: Any, E: float, spacing: Sequence[float], period: float) 
 def _symbol(
     shape: tuple[int, ...], spacing: tuple[float, ...], E: float, nu: float, normal: Any
 ) -> Any:
-    """Displacements per force of each wave; the mean, which moves freely, as the longest wave."""
+    """Displacements per force of each wave; the free mean is treated as the longest wave."""
     fft = scipy.fft
     steps = [fft.fftfreq(m, h) for m, h in zip(shape, spacing, strict=True)]
     steps[-1] = np.abs(fft.fftfreq(shape[-1], spacing[-1])[: shape[-1] // 2 + 1])
@@ -152,7 +152,7 @@ def _symbol(
     mean = (0,) * len(shape)
     length[mean] = np.min(length[length > 0])
     e = k / length
-    # A wave at the limit of the grid has no sign: what is odd in its direction vanishes.
+    # A wave at the Nyquist limit has no sign: terms odd in its direction vanish.
     odd = e.copy()
     for axis, m in enumerate(shape):
         if m % 2 == 0:

@@ -1,11 +1,10 @@
 r"""Waves along the sides of layers: Fourier series, or cosines and sines of a mirrored body.
 
-A body between two sides on which the normal displacement is zero and no shear acts is half of a
-periodic one of twice the width that equals its mirror image: displacements along the side are even
-functions of the distance from it, the normal one is odd. Where the displacements along the side are
-zero and no normal traction acts, it is the reverse. A derivative in the direction of the reflection
-is odd where the function is even. With n cells the waves have the phases :math:`\theta_k = \pi k /
-n` a cell, and
+A body between two sides with zero normal displacement and zero shear is half of a periodic,
+mirror-symmetric body of twice the width: displacements along the side are even functions of the
+distance from it, the normal one is odd. If the displacements along the side and the normal traction
+are zero, parities are reversed. A derivative across the side has the opposite parity. With n cells
+the waves have the phases :math:`\theta_k = \pi k / n` a cell, and
 
 .. math::
     u_j = \frac{1}{2n} \sum_k \hat u_k e^{i \theta_k j}, \qquad
@@ -32,8 +31,8 @@ Grid = Any  # an array of NumPy or CuPy, shape (m, nx[, ny]) or (nx[, ny])
 
 
 class LateralWaves:
-    """Transforms of values on the nodes of a plane. `odd` are for each direction the unknowns of a
-    node that are odd, None where it is periodic; `points` are its nodes, `shape` its waves.
+    """Transforms of values on the nodes of a plane. `odd` lists for each direction the odd node
+    unknowns, None if periodic; `points` are the numbers of nodes, `shape` those of waves.
     """
 
     def __init__(
@@ -50,7 +49,7 @@ class LateralWaves:
 
     @property
     def steps(self) -> list[Any]:
-        """Change of phase over a cell of the waves of each direction, one-dimensional arrays."""
+        """Phase change per cell of the waves in each direction, one-dimensional arrays."""
         xp, steps = self.xp, []
         for axis, n in enumerate(self.cells):
             if self.mirrored[axis]:
@@ -62,23 +61,23 @@ class LateralWaves:
 
     @property
     def turns(self) -> NDArray[np.int64]:
-        """Power of the imaginary unit by which waves of each unknown are turned from complex ones,
-        so that the symbols of mirrored directions are real.
+        """Power of i that multiplies the complex waves of each unknown, so that the symbols of
+        mirrored directions are real.
         """
         odd = [np.asarray(p, dtype=int) for p in self.odd if p is not None]
         return np.sum(odd, axis=0) if odd else np.zeros(1, dtype=int)
 
     def doubled(self, forces: Grid) -> Grid:
-        """Forces on the nodes as those of the mirrored body, which on a side are twice as large."""
+        """Forces on the mirrored body: doubled on sides."""
         return forces * self._ends if any(self.mirrored) else forces
 
     def halved(self, forces: Grid) -> Grid:
-        """Forces on the nodes from those of the mirrored body."""
+        """Forces on the body from those on the mirrored body: halved on sides."""
         return forces / self._ends if any(self.mirrored) else forces
 
     @property
     def weights(self) -> Grid:
-        """Area that belongs to each node in units of a cell, shape (nx[, ny]): halves at sides."""
+        """Area of each node in units of a cell, shape (nx[, ny]): halves at sides."""
         return 1.0 / self._ends
 
     @cached_property
@@ -92,9 +91,8 @@ class LateralWaves:
         return ends
 
     def forward(self, values: Grid, first: int = 0, kinds: Any = None) -> Any:
-        """Waves, (m, *shape, ...), of values on the nodes, (m, *points, ...), of the unknowns from
-        `first` on or of the numbers `kinds`.
-        """
+        """Waves, (m, *shape, ...), of node values (m, *points, ...), for unknowns from `first` on,
+        or with the numbers `kinds`."""
         chosen = slice(first, None) if kinds is None else kinds
         for axis, parity in enumerate(self.odd):
             if parity is not None:
@@ -128,9 +126,7 @@ class LateralWaves:
         return zero
 
     def missing(self, kinds: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """The constant and the shortest wave of unknowns that are odd, which have none: (m,
-        *shape), on the host.
-        """
+        """Host mask (m, *shape) of the waves that odd unknowns lack: constant and shortest."""
         none = np.zeros((kinds.size, *self.shape), dtype=bool)
         for axis, parity in enumerate(self.odd):
             if parity is not None:
@@ -156,7 +152,7 @@ def _series(values: Grid, odd: bool, cells: int) -> Grid:
 
 
 def _sum(waves: Grid, odd: bool, cells: int) -> Grid:
-    """The values, n + 1 along the last axis, of such coefficients."""
+    """The inverse of `_series`: n + 1 values along the last axis."""
     fft = fft_of(namespace(waves))
     values = fft.irfft(-1j * waves if odd else waves, n=2 * cells, axis=-1)[..., : cells + 1]
     if odd:

@@ -29,19 +29,19 @@ def node_kinds(body: ElasticBody) -> NDArray[np.int64]:
 def node_lengths(
     kinds: NDArray[np.int64], spacing: Sequence[float], layers: Sequence[Layer]
 ) -> NDArray[np.float64]:
-    """Length by which each unknown of a node is multiplied to become a displacement, shape (r,)."""
+    """Length that scales each node unknown to a displacement, shape (r,)."""
     sizes = np.array([*spacing, min(layer.height / layer.cells for layer in layers)])
     mixed = np.prod(sizes[:2])
     return np.array([1.0 if k == -1 else mixed if k < 0 else sizes[k] for k in kinds])
 
 
 def named(components: Sequence[int]) -> str:
-    """Components in the words of a message."""
+    """Names of components for a message."""
     return " and ".join("xyz"[c] for c in components)
 
 
 def read_base(base: Any) -> tuple[float, float]:
-    """Young's modulus and Poisson's ratio of the half space, which checks their ranges itself."""
+    """Young's modulus and Poisson's ratio of the half space; `HalfSpace` checks their ranges."""
     if not isinstance(base, tuple | list) or len(base) != 2:
         raise InputError(f"base={base!r}: expected a pair (E, nu)")
     return base[0], base[1]

@@ -1,4 +1,4 @@
-"""The factor of a mirrored block without a mesh, in its own unknowns, by cosines and sines."""
+"""The factor of a mirrored block without a mesh, by cosine and sine transforms."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from contact.spectral.wave_factor import WaveFactor
 
 
 class MirroredFactor(WaveFactor):
-    """`WaveFactor` of a `LayeredBlock`, whose derivatives are no displacements. `free` are unknowns
-    of all rows but the top and of the top, (2, 6 (columns + 1)), `boundary` those kept.
+    """`WaveFactor` of a `LayeredBlock`, with derivatives in their own units. `free` (2, 6 (columns
+    + 1)) marks free unknowns of all rows but the top, and of the top; `boundary` are kept.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Normal displacements of a surface grid under normal forces on it, also on every other point."""
+"""Normal displacements of a surface grid under normal forces, also on coarser grids."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class NormalFilter:
     compliance: RealSymbol
     stiffness: RealSymbol
     cells: tuple[int, ...]
-    lateral: LateralWaves | None = None  # of directions that are not periodic
+    lateral: LateralWaves | None = None  # transforms if a direction is not periodic
 
     def apply_normal(self, forces: Any) -> Any:
-        """Normal displacements, shape (nx[, ny]), under normal forces alone."""
+        """Normal displacements, shape (nx[, ny]), under normal forces only."""
         if self.lateral is None:
             return filtered(self.compliance, forces[None])[0]
         doubled = self.lateral.doubled(forces)[None]
         return self.lateral.filtered(self.compliance, doubled, forces.ndim)[0]
 
     def precondition_normal(self, displacements: Any) -> Any:
-        """Normal forces, shape (nx[, ny]), alone that cause given normal displacements."""
+        """Normal forces, shape (nx[, ny]), that alone cause given normal displacements."""
         if self.lateral is None:
             return filtered(self.stiffness, displacements[None])[0]
         caused = self.lateral.filtered(self.stiffness, displacements[None], displacements.ndim)
@@ -37,9 +37,7 @@ class NormalFilter:
 
     @cached_property
     def coarser(self) -> NormalFilter | None:
-        """The same body by every other point and without the waves that these do not resolve; None
-        where they would be few, or cells odd in number.
-        """
+        """The same body on every other point; None for few points, or an odd number of cells."""
         if min(self.cells) < 64 or any(n % 2 for n in self.cells):
             return None
         cells = tuple(n // 2 for n in self.cells)
@@ -47,7 +45,7 @@ class NormalFilter:
         if lateral is not None:
             lateral = LateralWaves(cells, lateral.odd, namespace(self.compliance.entries))
         compliance, stiffness = (self._resolved(s) for s in (self.compliance, self.stiffness))
-        # A point stands for the forces of as many points as it takes the place of.
+        # A coarse point carries the forces of the points that it replaces.
         share = 2.0 ** -len(cells)
         return NormalFilter(
             RealSymbol(share * compliance, (0,)),

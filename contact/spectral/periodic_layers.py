@@ -40,11 +40,11 @@ Array = NDArray[np.float64]
 class PeriodicLayers(FilteredCompliance):
     r"""Layers of equal cells, periodic or mirrored at their sides, condensed wave by wave.
 
-    The stiffness is that of the finite elements, bilinear or trilinear ones by default, exactly:
-    the body is the one that `elastic` builds, with its sides tied to each other, on rollers or held
-    tangentially. The layers are condensed onto their lower side. Condensation takes
-    a number of operations in proportion to the points of the surface and to the logarithm of the
-    number of layers, and contact needs transforms only (`contact.spectral.grid_contact`).
+    The stiffness is exactly that of the finite elements, by default bilinear or trilinear: the body
+    equals that of `elastic`, with its sides tied to each other, on rollers or fixed tangentially.
+    The cost of condensation onto the lower side is proportional to the points of the surface and to
+    the logarithm of the number of layers, and contact needs transforms only
+    (`contact.spectral.grid_contact`).
 
     The bottom left corner lies at the origin, and contact occurs on the lower side, as for
     `LayeredBlock`.
@@ -64,10 +64,10 @@ class PeriodicLayers(FilteredCompliance):
     sides : str or pair of str
         "periodic" (default), or the components that are fixed on both sides of a direction, as
         `LayeredBlock` spells them: the normal one alone, rollers free of shear ("x" across x), or
-        the others alone, held tangentially without normal traction ("y" in the plane, "yz" in
-        space). In space an entry a direction, such as ``("periodic", "y")``. The body is half of a
-        mirrored one: derivatives of an element's unknowns that its mirror image makes vanish there
-        are held as well, which the absence of a traction implies only as the mesh is refined.
+        the others alone, fixed tangentially without normal traction ("y" in the plane, "yz" in
+        space). In space one entry per direction, such as ``("periodic", "y")``. The body is half of
+        a mirror-symmetric one: derivatives that vanish by symmetry at the sides are fixed as well;
+        zero traction would imply this only in the limit of mesh refinement.
     base : (E, nu), optional
         An elastic half space (in the plane: half plane in plane strain) that the top is bonded to,
         instead of supports. Displacements are then measured from the mean of the lower side.
@@ -92,7 +92,7 @@ class PeriodicLayers(FilteredCompliance):
     normal : ndarray, shape (dim,)
         Outward normal of the lower side.
     constant : ndarray of bool, shape (dim,)
-        Components in which nothing holds the body, neither the top nor a side.
+        Components in which neither the top nor a side supports the body.
     weights : array, shape (nx[, ny])
         Area of each point in units of a cell: half on a side that is not periodic.
     mirrored : tuple of bool
@@ -205,7 +205,7 @@ class PeriodicLayers(FilteredCompliance):
         Returns
         -------
         array, shape (dim, nx[, ny])
-            The motion of the top included, without translations that nothing holds.
+            Includes the motion of the top, but not free translations.
 
         Raises
         ------
@@ -231,7 +231,7 @@ class PeriodicLayers(FilteredCompliance):
         Returns
         -------
         ndarray, shape (dim, n)
-            The motion of the top included, without translations that nothing holds.
+            Includes the motion of the top, but not free translations.
 
         Raises
         ------
@@ -288,7 +288,7 @@ class PeriodicLayers(FilteredCompliance):
         return self._waves.forward(self._waves.doubled(given))
 
     def _plane(self, load: Any, row: int, above: bool = False) -> Any:
-        """Unknowns on a plane of nodes, shape (r, nx[, ny]), supports at rest."""
+        """Unknowns on a plane of nodes, shape (r, nx[, ny]), with zero supports."""
         return self._waves.inverse(self._body.plane(load, row, above))
 
     def elastic(self) -> ElasticBody:
@@ -383,7 +383,7 @@ def read_forces(xp: Any, forces: Any, shape: tuple[int, ...]) -> Any:
     """Forces on the grid, as an array of the module xp."""
     try:
         given = xp.asarray(forces)
-    except ValueError:  # ragged
+    except ValueError:  # sequences of unequal length
         given = xp.zeros(0)
     if given.shape != shape or given.dtype.kind not in "fiu" or not bool(xp.isfinite(given).all()):
         raise InputError(f"forces: expected finite numbers of shape {shape}")
@@ -391,7 +391,7 @@ def read_forces(xp: Any, forces: Any, shape: tuple[int, ...]) -> Any:
 
 
 def layer_of(layers: Sequence[Layer], x: Array) -> NDArray[np.int64]:
-    """Number of the layer of each point; of the upper one between two of them."""
+    """Number of the layer of each point; the upper one at an interface."""
     bottoms = [layer.bottom for layer in layers]
     return np.clip(np.searchsorted(bottoms, x[-1], side="right") - 1, 0, None)
 
@@ -403,9 +403,8 @@ def fields_at(
     plane: Callable[[int, bool], Array],
     last: Sequence[int | None],
 ) -> tuple[Array, Array]:
-    """Displacement, (dim, n), and gradient d u_i / d x_j, (dim, dim, n), at points. `plane` gives
-    the unknowns of a plane, of the layer above it or below, and two are held at a time.
-    """
+    """Displacement, (dim, n), and gradient d u_i / d x_j, (dim, dim, n), at points. `plane` returns
+    the unknowns of a plane, of the layer above it or below; two planes are in memory at a time."""
     dim, n = x.shape
     u, gradient = np.zeros((dim, n)), np.zeros((dim, dim, n))
     number = layer_of(layers, x)
@@ -436,7 +435,7 @@ def fields_at(
 
 
 def _functions(body: ElasticBody, local: Array, index: Any, planes: Any) -> Any:
-    """Each function of a cell at places in it, and the values of its unknown."""
+    """Each function of a cell at local points, and the values of its unknown."""
     basis, places = body.basis, body.mesh.p > 0
     origin = np.zeros((local.shape[0], 1))
     shift, slope = basis.mapping.F(origin)[:, 0, 0], basis.mapping.DF(origin)[:, :, 0, 0]

@@ -1,8 +1,8 @@
-r"""Hermitian symbols whose waves are real but for a quarter turn of some components.
+r"""Hermitian symbols that are real up to factors i of some components.
 
 .. math:: S_{ij} = i^{p_i} N_{ij} i^{-p_j}, \qquad N \text{ real and symmetric,}
 
-of which the upper triangle is kept: 6 real numbers a wave instead of 9 complex ones.
+whose upper triangle is stored: in space 6 real numbers per wave instead of 9 complex ones.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _TURNS = np.array([1, 1j, -1, -1j])  # powers of the imaginary unit
 
 @dataclass(frozen=True)
 class RealSymbol:
-    """A symbol of n components, whose entries are real after turns by powers of i."""
+    """A symbol of n components, whose entries are real up to powers of i."""
 
     entries: Any  # (n (n + 1) / 2, *waves), the upper triangle row by row
     turns: tuple[int, ...]  # powers p of the imaginary unit
 
     @classmethod
     def of(cls, symbol: Any, turns: Sequence[int]) -> RealSymbol:
-        """From the full complex symbol, shape (n, n, *waves)."""
+        """Convert a full complex symbol, shape (n, n, *waves)."""
         n = len(symbol)
         upper = [(i, j) for i in range(n) for j in range(i, n)]
         parts = [(complex(_TURNS[(turns[j] - turns[i]) % 4]) * symbol[i, j]).real for i, j in upper]
@@ -41,7 +41,7 @@ class RealSymbol:
         return self.entries[i * (2 * n - i - 1) // 2 + j]
 
     def full(self) -> Any:
-        """The complex symbol, shape (n, n, *waves), from which `of` makes this one."""
+        """The full complex symbol, shape (n, n, *waves)."""
         n, xp = len(self.turns), namespace(self.entries)
         symbol = xp.empty((n, n, *self.entries.shape[1:]), dtype=complex)
         for i in range(n):
@@ -50,9 +50,8 @@ class RealSymbol:
         return symbol
 
     def inverse(self) -> RealSymbol:
-        """The inverse, by cofactors, of two or three components that no zero divides; it loses
-        digits where entries differ by many orders of magnitude.
-        """
+        """The inverse for two or three components, by cofactors, for a nonzero determinant;
+        inaccurate if entries differ by many orders of magnitude."""
         n, xp = len(self.turns), namespace(self.entries)
         if n == 2:
             cofactors = [self[1, 1], -self[0, 1], self[0, 0]]
@@ -68,7 +67,7 @@ class RealSymbol:
         return RealSymbol(xp.stack(cofactors) / determinant, self.turns)
 
     def times(self, waves: Any) -> Any:
-        """The product with waves, shape (n, *waves), which it may overwrite."""
+        """The product with waves, shape (n, *waves), which may be overwritten."""
         n = len(self.turns)
         if n == 1:
             waves *= self.entries
@@ -87,7 +86,7 @@ class RealSymbol:
 
 
 def _turn(power: int, waves: Any) -> Any:
-    """A power of the imaginary unit: real, where the waves are."""
+    """Multiply waves by a power of i."""
     return complex(_TURNS[power % 4]) if waves.dtype.kind == "c" else float(_TURNS[power % 4].real)
 
 

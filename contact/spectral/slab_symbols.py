@@ -7,9 +7,9 @@ blocks :math:`K_{ab}` of a cell's stiffness for its corners a and b at the later
 
 .. math:: L_{st}(k) = \sum_{a \in s, b \in t} K_{ab} e^{i k (o_b - o_a)}
 
-with s and t the lower or the upper plane: the exact one of the elements. A slab is the triple
-(P, Q, R) of its lower, coupling and upper blocks. Two slabs, one above the other, are joined by
-elimination of the plane between them, with :math:`M = R_1 + P_2`:
+with s and t the lower or the upper plane. A slab is the triple (P, Q, R) of its lower, coupling and
+upper blocks. Two adjacent slabs are joined by eliminating the plane between them, of stiffness
+:math:`M = R_1 + P_2`:
 
 .. math::
     P = P_1 - Q_1 M^{-1} Q_1^H, \quad Q = -Q_1 M^{-1} Q_2, \quad R = R_2 - Q_2^H M^{-1} Q_2 ,
@@ -42,7 +42,7 @@ class Slab(NamedTuple):
 
 
 def cell(sizes: Sequence[float], element: Any, **material: Any) -> ElasticBody:
-    """A body of one rectangle or brick."""
+    """A body of one rectangular cell or brick."""
     kind = MeshQuad if len(sizes) == 2 else MeshHex
     mesh = kind.init_tensor(*([0.0, size] for size in sizes))
     return ElasticBody.from_mesh(mesh, element, **material)
@@ -56,7 +56,7 @@ def real_slab(table: Any, values: Any) -> Slab:
 
 
 def joined(lower: Slab, upper: Slab) -> Slab:
-    """The slab of two, one above the other."""
+    """Join two slabs, one above the other."""
     xp = namespace(lower.P)
     below, above = _adjoint(lower.Q), upper.Q
     both = xp.linalg.solve(lower.R + upper.P, xp.concatenate([below, above], axis=2))
@@ -70,7 +70,7 @@ def joined(lower: Slab, upper: Slab) -> Slab:
 
 
 def released(slab: Slab, own: Any) -> Slab:
-    """A slab whose own unknowns of the lower side are free: they are eliminated, zeros are left."""
+    """Eliminate the unshared unknowns `own` of the lower side; their entries become zero."""
     if not len(own):
         return slab
     xp, rest = namespace(slab.P), np.setdiff1d(np.arange(slab.P.shape[1]), own)
@@ -85,17 +85,15 @@ def released(slab: Slab, own: Any) -> Slab:
 
 @dataclass(frozen=True)
 class Stack:
-    """Slabs of a power of two of equal cells, from the bottom up, and how they came about."""
+    """Slabs of 2^l equal layers of cells, from the bottom up, and the slabs of their halves."""
 
-    pieces: tuple[tuple[Slab, ...], ...]  # for each its halves' slabs: entry l has 2^l layers
-    own: tuple[Any, ...]  # for each the unknowns of its lower side that it does not share
-    upto: tuple[Slab, ...]  # entry q: all pieces up to number q together
+    pieces: tuple[tuple[Slab, ...], ...]  # slabs of each piece: entry l has 2^l layers
+    own: tuple[Any, ...]  # unshared unknowns of the lower side of each piece
+    upto: tuple[Slab, ...]  # entry q: pieces 0 to q joined
 
     @classmethod
     def of(cls, layers: Sequence[tuple[Slab, int]], kinks: Sequence[Any] = ()) -> Stack:
-        """The stack of slabs of one layer of cells and their numbers; `kinks` are unknowns of each
-        lower side that it does not share.
-        """
+        """Stack slabs of one layer and their numbers; `kinks`: unshared unknowns of lower sides."""
         none = np.zeros(0, dtype=int)
         pieces: list[tuple[Slab, ...]] = []
         own: list[Any] = []
@@ -138,7 +136,7 @@ class Stack:
 
 
 def _with_own(slab: Slab, own: Any, lower: Waves, upper: Waves) -> Waves:
-    """The lower side's unknowns with the slab's own ones, on which no force acts."""
+    """The lower side's unknowns, with the slab's unshared ones from zero force."""
     if not len(own):
         return lower
     xp, full = namespace(lower), lower.copy()

@@ -23,11 +23,11 @@ class Slice:
     Attributes
     ----------
     axes : tuple of ndarray
-        Coordinates along each axis; one number along that across the plane.
+        Coordinates along each axis; a single number for the axis normal to the plane.
     points : ndarray, shape (dim, n, m), of a line in a plane body (2, n)
     u : ndarray, of the same shape
     stress : ndarray, shape (dim, dim, n, m) or (2, 2, n)
-        Cauchy stress, between two layers that of the upper one.
+        Cauchy stress; at an interface that of the upper layer.
 
     Examples
     --------
@@ -69,7 +69,7 @@ class Slice:
 
 
 class FieldsInside:
-    """The fields inside of a contact with layers, for its result."""
+    """The fields inside layers, for the result of their contact."""
 
     compliance: GridCompliance
     forces: Array
@@ -85,7 +85,7 @@ class FieldsInside:
         Returns
         -------
         ndarray, shape (dim, n)
-            Measured as `u` is.
+            Relative to the same mean as `u`.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class FieldsInside:
     def plane(self, z: float) -> Slice:
         """Fields below or above every point of the surface, at one height.
 
-        Only two planes of nodes are recovered for it, of however many layers of cells.
+        Only two planes of nodes are recovered, for any number of layers of cells.
 
         Parameters
         ----------
@@ -208,9 +208,7 @@ def _coordinate(name: str, value: Any) -> float:
 
 
 def image_data(axes: Sequence[Array]) -> Any:
-    """Points of equidistant axes as pyvista's image data without fields; two or fewer lie in a
-    plane.
-    """
+    """Points of equidistant axes as pyvista image data without fields; two axes make a plane."""
     try:
         import pyvista
     except ImportError as error:

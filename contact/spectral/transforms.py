@@ -12,7 +12,7 @@ from skfem_adini.ground.arrays import namespace
 
 
 def fft_of(xp: Any) -> Any:
-    """Transforms by SciPy's names for arrays of this module."""
+    """The module of transforms, with SciPy's names, for arrays of this module."""
     if xp is np:
         return scipy.fft
     import cupyx.scipy.fft
@@ -24,7 +24,7 @@ def filtered(symbol: Any, values: Any) -> Any:
     """The product of a symbol and the real transform of values, (dim, nx[, ny])."""
     xp, axes = namespace(values), tuple(range(1, values.ndim))
     fft = fft_of(xp)
-    # Threads of one transform; small ones are done before they start.
+    # Threads of one transform; small ones do not profit from them.
     threads = {"workers": cores()} if xp is np and values.size >= 1 << 17 else {}
     products = symbol.times(fft.rfftn(values, axes=axes, **threads))
     return fft.irfftn(products, s=values.shape[1:], axes=axes, overwrite_x=True, **threads)

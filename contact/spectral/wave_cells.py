@@ -1,16 +1,17 @@
 r"""One layer of equal cells, wave by wave, as real symmetric matrices.
 
-A cell equals itself after half a turn about the vertical (in the plane: its mirror image), which
-takes the phases :math:`\theta` of a wave to their opposites. With :math:`p_i = 1` for unknowns that
-the turn makes negative, the number of lateral components and derivatives being odd, and 0 for the
-others, the Hermitian stiffness of a layer, :math:`L(\theta)` of `contact.spectral.slab_symbols`, is
+A cell is invariant under half a turn about the vertical (in the plane: a reflection), which
+reverses the phases :math:`\theta` of a wave. With :math:`p_i = 1` for unknowns whose sign the turn
+changes (an odd number of lateral components and derivatives), and 0 for the others, the Hermitian
+stiffness of a layer, :math:`L(\theta)` of `contact.spectral.slab_symbols`, is
 
 .. math::
     L_{ij} = i^{p_i} N_{ij} i^{-p_j}, \qquad
     N(\theta) = \sum_f N_f f(\theta) \text{ real and symmetric,}
 
 with the cosines f of 0 and of the phases from a corner of a cell to another for :math:`p_i = p_j`,
-and their sines otherwise. Half the memory and a quarter of the operations of complex arithmetic.
+and their sines otherwise. This takes half the memory and a quarter of the operations of complex
+arithmetic.
 """
 
 from __future__ import annotations
@@ -35,14 +36,14 @@ class Column:
 
     tables: Array  # (layers, 2 r, 2 r, m), by `cell_table`
     counts: Sequence[int]  # layers of cells of each kind
-    free: NDArray[np.intp]  # unknowns of a node of the top that nothing fixes
-    dim: int  # unknowns of a node that forces act on: the first ones
-    # Unknowns of each kind's lowest nodes that it does not share with the layers below.
+    free: NDArray[np.intp]  # free node unknowns of the top
+    dim: int  # number of node unknowns with forces: the first ones
+    # Unknowns of each kind's lowest nodes, not shared with the layers below.
     kinks: tuple[NDArray[np.intp], ...] = ()
 
     @property
     def eliminated(self) -> list[int]:
-        """Unknowns of the whole body that carry no force, free ones of the top first."""
+        """Number of unknowns without forces, free ones of the top first."""
         r = self.tables.shape[1] // 2
         return [r + int(k) for k in self.free] + list(range(self.dim, r))
 

@@ -1,11 +1,10 @@
-r"""Layers condensed onto their lower side, wave by wave, without keeping what lies between.
+r"""Layers condensed onto their lower side, wave by wave, without storing inner planes.
 
 A slab of layers is the real symmetric matrix of its lower and upper unknowns (`wave_cells`). Two of
-them are joined by elimination of the plane between, and whatever is condensed is a Schur complement
-by symmetric Gaussian elimination without pivots: what is eliminated is the stiffness of a body that
-is held elsewhere, hence positive definite, and its elimination is stable without them. Waves are
-taken in blocks that the cache holds; on a device by a kernel with a thread a wave
-(`contact.spectral.wave_kernel`), whose matrices stay in registers.
+them are joined by elimination of the plane between. All Schur complements use symmetric Gaussian
+elimination without pivoting, which is stable since eliminated blocks are stiffnesses of supported
+bodies, hence positive definite. Waves are processed in blocks that fit the cache; on a device by a
+kernel with one thread per wave (`contact.spectral.wave_kernel`), with matrices in registers.
 
 References
 ----------
@@ -27,13 +26,12 @@ from contact.spectral.wave_cells import Column, functions
 from skfem_adini.ground.arrays import namespace
 
 Waves = Any  # array of NumPy or CuPy, shape (n, n, waves), of which the upper triangle counts
-_NUMBERS = 1 << 20  # in the largest matrices of a block of waves; CuPy takes 64 times as many
+_NUMBERS = 1 << 20  # entries in the largest matrices of a block of waves; 64 times as many for CuPy
 
 
 def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[Any, Any]:
     """Stiffness and compliance, upper triangles row by row, of the lower side for the outer product
-    of phases, on a `base`; in the wave 0 they mean nothing where nothing holds the top.
-    """
+    of phases, on a `base`; the wave 0 is meaningless if the top is free."""
     xp, r = namespace(phases[0]), column.tables.shape[1] // 2
     if xp is not np and r <= wave_kernel.MOST and not column.kinks:
         return wave_kernel.condensed(column, phases, base)
@@ -46,7 +44,7 @@ def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[
         at = slice(first, min(first + size, waves))
         here = phases_of(phases, at)
         whole, upper = _slab(tables, column, here), np.triu_indices(d)
-        # The wave 0 of a top that nothing holds is singular; who asks for it says what it means.
+        # The wave 0 is singular if the top is free; the caller replaces it.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             face = _face(column, whole, base, at)
             stiffness[:, at], compliance[:, at] = face[upper], inverse(face)[upper]
@@ -62,7 +60,7 @@ def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[
 
 
 def joined(lower: Waves, upper: Waves) -> Waves:
-    """The slab of two, one above the other, each of shape (2 r, 2 r, waves)."""
+    """Join two slabs, one above the other, each of shape (2 r, 2 r, waves)."""
     r, xp = lower.shape[0] // 2, namespace(lower)
     Z = xp.zeros((3 * r, 3 * r, lower.shape[2]), dtype=lower.dtype)
     Z[:r, :r] = lower[r:, r:] + upper[:r, :r]
@@ -74,7 +72,7 @@ def joined(lower: Waves, upper: Waves) -> Waves:
 
 
 def released(slab: Waves, own: Any) -> Waves:
-    """A slab whose own unknowns of the lower side are free: they are eliminated, zeros are left."""
+    """Eliminate the unshared unknowns `own` of the lower side; their entries become zero."""
     if not len(own):
         return slab
     order = np.array([*own, *np.setdiff1d(np.arange(slab.shape[0]), own)])
@@ -85,7 +83,7 @@ def released(slab: Waves, own: Any) -> Waves:
 
 
 def eliminated(Z: Waves, count: int) -> Waves:
-    """The Schur complement of the first unknowns; overwrites Z, whose upper triangle counts."""
+    """Schur complement after eliminating the first unknowns; overwrites Z (upper triangle)."""
     n = Z.shape[0]
     for k in range(count):
         scaled = Z[k, k + 1 :] / Z[k, k]

@@ -5,9 +5,9 @@ Slabs of :math:`2^l` layers of cells have for every wave the blocks (P, Q, R) of
 
 .. math:: u = w - M^{-1} (Q^H u_{below} + Q u_{above}), \qquad w = M^{-1} f,
 
-and hands the loads :math:`-Q w` and :math:`-Q^H w` to the planes below and above. The pieces of
-powers of two are folded from the top: with the stiffness A of all above a piece, the one on its
-lower plane is :math:`P - Q (R + A)^{-1} Q^H`.
+and transfers the loads :math:`-Q w` and :math:`-Q^H w` to the planes below and above. The pieces of
+powers of two are added from the top: with the stiffness A of everything above a piece, the
+stiffness on its lower plane is :math:`P - Q (R + A)^{-1} Q^H`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Waves = Any  # arrays of NumPy or CuPy, shape (waves, r, ...)
 
 
 class Middle(NamedTuple):
-    """The plane between two equal slabs: its compliance, and what moves of the outer planes do."""
+    """The plane between two equal slabs: its compliance, and its response to the outer planes."""
 
     inverse: Waves
     below: Waves  # M^-1 Q^H
@@ -36,19 +36,19 @@ class Middle(NamedTuple):
 
     @classmethod
     def of(cls, slab: Slab) -> Middle:
-        """Between two of these slabs."""
+        """The plane between two copies of a slab."""
         inverse = namespace(slab.P).linalg.inv(slab.R + slab.P)
         inverse = 0.5 * (inverse + _adjoint(inverse))
         return cls(inverse, inverse @ _adjoint(slab.Q), inverse @ slab.Q)
 
 
 class Piece(NamedTuple):
-    """A slab of 2^m layers with the planes between those of its halves, and what holds its top."""
+    """A slab of 2^m layers with the planes of its halves, and the compliance of its top."""
 
     middles: tuple[Middle, ...]  # the finest first
     row: int  # number of its lowest plane
-    inverse: Waves  # compliance of the free unknowns of its top, with all above
-    below: Waves  # what they do, in minus signs, where the lowest plane moves
+    inverse: Waves  # compliance of its top's free unknowns, including all above
+    below: Waves  # minus their response to the lowest plane
 
     @property
     def height(self) -> int:
@@ -57,17 +57,16 @@ class Piece(NamedTuple):
 
 
 class WaveFactor:
-    """Elimination of all planes of nodes above the lowest one; a `SchurFactor`. Unknowns are those
-    of all nodes by planes from the bottom up, zero where held, those of a node last.
-    """
+    """Elimination of all planes of nodes above the lowest one; a `SchurFactor`. Unknowns of all
+    nodes are ordered by planes from the bottom up, zero if fixed; those of a node vary fastest."""
 
     def __init__(
         self,
         layers: Sequence[tuple[Slab, int]],
         lateral: LateralWaves,
         turns: NDArray[np.int64],  # powers of i that make the waves of an unknown real
-        loose: NDArray[np.intp],  # unknowns of a node that are free on the top
-        kept: NDArray[np.intp],  # those of the lowest plane that are kept, all values among them
+        loose: NDArray[np.intp],  # node unknowns that are free on the top
+        kept: NDArray[np.intp],  # kept unknowns of the lowest plane, including all values
         xp: Any,
         lengths: Array | None = None,  # unknowns times these are displacements
     ) -> None:
@@ -124,9 +123,8 @@ class WaveFactor:
         return self._dense(self._symbol, forces=True)
 
     def hold(self, free: NDArray[np.intp]) -> bool:
-        """Invert the stiffness wave by wave; springs hold the means of the unknowns `free`. False:
-        it is not positive definite, and there is no compliance.
-        """
+        """Invert the stiffness wave by wave, with springs on the means of the unknowns `free`.
+        Returns False if it is not positive definite; there is then no compliance."""
         kinds, symbol = host(self._kept), np.array(host(self._symbol))
         of_mean = np.flatnonzero(np.isin(kinds, free))
         symbol[0, of_mean, of_mean] += np.trace(symbol.mean(axis=0)) / kinds.size
@@ -137,13 +135,14 @@ class WaveFactor:
         except np.linalg.LinAlgError:
             return False
         inverse = np.linalg.inv(symbol)
-        inverse[at, k, k] = 0.0  # a one there would leave its rounding in any unit of stiffness
+        inverse[at, k, k] = 0.0  # a one there would cause rounding that depends on the unit
         self._inverse = self.xp.asarray(0.5 * (inverse + inverse.transpose(0, 2, 1)))
         return True
 
     @property
     def compliance(self) -> Any:
-        """The inverse of the stiffness that `hold` holds, on the device, shape (nb, nb)."""
+        """The inverse of the stiffness with the springs of `hold`, on the device, shape (nb,
+        nb)."""
         return self._dense(self._inverse, forces=False)
 
     def flexed(self, r: Array) -> Array:
@@ -163,7 +162,7 @@ class WaveFactor:
         return np.asarray(host(grid)).reshape(-1)[self._own]
 
     def _dense(self, symbol: Waves, forces: bool) -> Any:
-        """The dense matrix of a symbol, of the kept unknowns of all nodes that are not held."""
+        """The dense matrix of a symbol, for the kept unknowns of all nodes that are not fixed."""
         kinds, own = host(self._kept), self.xp.asarray(self._own)
         size = self._lengths[self._kept]
         scaled = symbol * (size[:, None] * size) if forces else symbol / (size[:, None] * size)
@@ -184,7 +183,7 @@ class WaveFactor:
         return (xp.conj(self._turn) * times)[kinds][:, None] * flat
 
     def _on_grid(self, waves: Waves, kinds: Any, times: Any) -> Any:
-        """The values of such waves, each unknown of a node multiplied by its entry of `times`."""
+        """The inverse of `_in_waves`; each node unknown is multiplied by its entry of `times`."""
         xp = self.xp
         turned = xp.moveaxis((self._turn * times)[kinds][:, None] * waves, 1, 0)
         shaped = turned.reshape(waves.shape[1], *self._lateral.shape, waves.shape[2])
@@ -194,7 +193,7 @@ class WaveFactor:
         return forces * self._lateral.weights[..., None, None]
 
     def reduce(self, load: Any) -> Array:
-        """Carry a load of all unknowns to the kept ones, shape (nb,), on the host."""
+        """Reduce a load of all unknowns to the kept ones, shape (nb,), on the host."""
         f = self._forward(load)[:, :, 0]
         down = f[:, self._kept] - (_adjoint(self._across) @ f[:, self._rest, None])[..., 0]
         return self._of_kept(
@@ -202,7 +201,7 @@ class WaveFactor:
         )
 
     def expand(self, load: Any, z_b: Array) -> Any:
-        """All unknowns, shape (rows * nodes * r,), from the kept ones; where the load lies."""
+        """All unknowns, shape (rows * nodes * r,), from the kept ones, on the load's device."""
         xp = self.xp
         u = self._forward(load).copy()
         lowest = self._in_waves(self._kept_grid(z_b), self._kept, self._lengths)[..., 0]
@@ -219,9 +218,8 @@ class WaveFactor:
         return host(u) if namespace(load) is np else u
 
     def _forward(self, load: Any) -> Waves:
-        """Eliminate a load: what `expand` needs on each plane, on the lowest one what arrives. That
-        of the last load is kept for `reduce` and `expand`.
-        """
+        """Forward elimination of a load; the lowest plane has the reduced load. The last result is
+        cached for `reduce` and `expand`."""
         xp = self.xp
         if self._last is not None and bool(xp.array_equal(self._last[0], xp.asarray(load))):
             return self._last[1]
@@ -264,7 +262,7 @@ class WaveFactor:
 
 
 def free_size(lateral: LateralWaves, kept: Any) -> int:
-    """Number of kept unknowns of all nodes of a plane, held ones included."""
+    """Number of kept unknowns of all nodes of a plane, including fixed ones."""
     return int(np.prod(lateral.points)) * int(kept.size)
 
 
@@ -286,22 +284,20 @@ def _adjoint(blocks: Waves) -> Waves:
 # Dense matrices of symbols on the nodes of a plane, by images behind its mirrored sides.
 #
 # On a periodic grid the matrix of a symbol has the entry :math:`g_{kl}(i - j)` for unknown k of
-# node
-# i and unknown l of node j, with the inverse transform g of the symbol. Between mirrored sides a
-# displacement of node j comes with its image at -j, of the sign of the parity :math:`s_l`, hence
+# node i and unknown l of node j, with the inverse transform g of the symbol. Between mirrored sides
+# a displacement of node j has an image at -j, with the sign of its parity :math:`s_l`, hence
 #
 # .. math:: g_{kl}(i - j) + s_l g_{kl}(i + j), \qquad g_{kl}(-d) = s_k s_l g_{kl}(d) .
 #
-# A node on a side is its own image, and of the force on it half belongs to the body. With two
-# directions the images in both are taken.
+# A node on a side is its own image, and half of the force on it belongs to the body. With two
+# directions there are images in both.
 
 
 def dense_matrix(
     symbol: Any, lateral: LateralWaves, turn: Any, kinds: NDArray[np.intp], forces: bool
 ) -> Any:
     """The matrix, (nodes, m, nodes, m), of a real symbol of some unknowns of a plane, of the turned
-    waves of `lateral`; entries of unknowns that a side holds mean nothing.
-    """
+    waves of `lateral`; entries of unknowns fixed by a side are meaningless."""
     xp, m, points = lateral.xp, kinds.size, lateral.points
     odd = np.array([np.zeros(m, bool) if own is None else own[kinds] for own in lateral.odd])
     kernels = _kernels(symbol, lateral, turn[xp.asarray(kinds)], odd)
@@ -319,8 +315,8 @@ def dense_matrix(
 def _kernels(symbol: Any, lateral: LateralWaves, turn: Any, odd: NDArray[np.bool_]) -> Any:
     """Inverse transforms g of all entries, shape (m, m, *points), for distances from 0 on."""
     xp, m = lateral.xp, turn.size
-    # An odd wave is -i times its coefficient; `LateralWaves.inverse` sees to it where one of the
-    # two unknowns is odd, but takes it to be the force.
+    # An odd wave is -i times its coefficient; `LateralWaves.inverse` applies this if one of the two
+    # unknowns is odd, but assumes that it is the force.
     signs = np.prod(np.where(~odd[:, :, None] & odd[:, None], -1.0, 1.0), axis=0)
     waves = symbol * (turn[:, None] * xp.conj(turn) * xp.asarray(signs))
     waves = xp.moveaxis(waves.reshape(-1, m * m), 0, 1).reshape(m * m, *lateral.shape)
@@ -335,7 +331,7 @@ def _kernels(symbol: Any, lateral: LateralWaves, turn: Any, odd: NDArray[np.bool
 def _term(
     kernel: Any, lateral: LateralWaves, images: tuple[bool, ...], odd: Any, forces: bool
 ) -> Any:
-    """Nodes on nodes, or in some directions on images of nodes, shape (*points, *points)."""
+    """Influence between nodes, or from images in some directions, shape (*points, *points)."""
     xp, dim = lateral.xp, len(images)
     ends, flipped = [], [slice(None)] * dim
     for axis, (image, (of_force, of_source)) in enumerate(zip(images, odd, strict=True)):

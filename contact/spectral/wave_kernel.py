@@ -1,4 +1,4 @@
-"""Condensation of layers on a device: a kernel with a thread a wave, its matrices in registers."""
+"""Condensation of layers on a device: one thread per wave, with matrices in registers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 
 from contact.spectral.wave_cells import Column
 
-MOST = 6  # unknowns of a node: the matrices of more leave no room for a thread
-_THREADS = 64  # of a block
+MOST = 6  # node unknowns; matrices of more do not fit into registers
+_THREADS = 64  # threads per block
 
 SOURCE = r"""
 template <int n> struct Symmetric {  // the upper triangle, row by row

@@ -1,4 +1,4 @@
-"""Vectors of all dofs of a layered block, on the host or a device: forces, sums and measures."""
+"""Vectors of all dofs of a layered block, on the host or a device."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ Array = NDArray[np.float64]
 
 
 class BlockVectors(Solid):
-    """What `LayeredBlock` computes with vectors of all its dofs, where its arrays lie.
-    The load acts on few dofs, those of edges: until others are loaded its vector is read-only, so
-    that snapshots and devices share it, and known to be zero elsewhere; `f` may be edited."""
+    """Operations of `LayeredBlock` on vectors of all its dofs, on the device of its arrays.
+    While only edges are loaded, the load vector is read-only and shared with snapshots and devices;
+    access to `f` makes it editable."""
 
     columns: int  # cells in a row
     node_rows: int  # rows of nodes
-    x: Any  # coordinates of the nodes, as y
+    x: Any  # coordinates of the nodes, likewise y
     y: Any
     cell_rows: Any  # list of CellRows
     prescribed: Any  # dofs with a prescribed displacement, and its values
@@ -34,7 +34,7 @@ class BlockVectors(Solid):
     _acting: NDArray[np.int64] | None = None  # dofs that may be loaded, ascending; None: any
 
     def _unload(self, size: int) -> None:
-        """Replace the load by zeros on `size` dofs."""
+        """Set the load to zero on `size` dofs."""
         self._f, self._acting = np.zeros(size), np.zeros(0, dtype=np.int64)
         self._f.flags.writeable = False
 
@@ -50,12 +50,12 @@ class BlockVectors(Solid):
         self._f, self._acting = self._checked_load(value), None
 
     def _add(self, loads: Sequence[tuple[NDArray[np.int64], Array]]) -> None:
-        """Add loads, pairs of dofs (in each every dof once) and forces."""
+        """Add loads: pairs of distinct dofs and their forces."""
         acting = self._acting
         if acting is None:
             f = self._f.copy()
         else:
-            f = np.zeros(self.ndofs)  # pages that nobody writes to cost nothing
+            f = np.zeros(self.ndofs)  # untouched pages take no memory
             f[acting] = self._f[acting]
             acting = np.unique(np.concatenate([acting, *[dofs for dofs, _ in loads]]))
         with np.errstate(over="ignore"):
@@ -68,7 +68,7 @@ class BlockVectors(Solid):
 
     @property
     def loads(self) -> Array:
-        """The load on every dof, to be read only, shape (ndofs,)."""
+        """The load on every dof, read-only, shape (ndofs,)."""
         return self._f
 
     def check_unchanged(self) -> None:
@@ -84,9 +84,9 @@ class BlockVectors(Solid):
         return other
 
     def placed(self, v: Any) -> Any:
-        """A vector of all dofs in the memory of the device that applies the stiffness.
+        """Move a vector of all dofs to the device that applies the stiffness.
 
-        Of the block's own load only what acts is copied to a device; the zeros it makes itself.
+        Only the nonzeros of the block's own load are copied.
         """
         xp = self.arrays.xp
         if v is not self._f or self._acting is None or xp is np:
@@ -100,7 +100,7 @@ class BlockVectors(Solid):
         return self.compute_with(arrays_on(device))
 
     def compute_with(self, arrays: HostArrays) -> HostArrays:
-        """Apply the stiffness to these arrays from now on."""
+        """Apply the stiffness with these arrays from now on."""
         if arrays is not self.arrays:
             self.arrays = arrays
             self.__dict__.pop("stiffness", None)
@@ -118,9 +118,9 @@ class BlockVectors(Solid):
         return CellStencil(self.columns, self.cell_rows, self.arrays)
 
     def contact_forces(self, rows: Any, mu: Array, t: Array) -> Any:
-        """``G^T mu + T^T t`` on all dofs, where the body computes, from `ContactRows`.
+        """``G^T mu + T^T t`` on all dofs, from `ContactRows`, on the device of the body.
 
-        They act on the lowest row of cells: all others are zeros that the device makes itself.
+        Only the lowest row of cells is copied; all other forces are zero.
         """
         xp, own = self.arrays.xp, self.trace.ndofs
         lowest = rows.G[:, :own].T @ mu + rows.T[:, :own].T @ t.ravel()
@@ -129,17 +129,17 @@ class BlockVectors(Solid):
         return forces
 
     def at_points(self, rows: Any, u: Any) -> Array:
-        """The product of contact rows, which take dofs of the lowest cells, and a displacement."""
+        """Product of contact rows, on dofs of the lowest cells, and a displacement."""
         own = self.trace.ndofs
         values: Array = rows[:, :own] @ self.arrays.get(u[:own])
         return values
 
     def internal(self, u: Any) -> Any:
-        """Internal forces S u of a displacement, where it lies."""
+        """Internal forces S u on the device of u."""
         return self.stiffness @ u
 
     def local_displacement(self, forces: Any) -> float:
-        """Zero: how far a force would move a dof is unknown."""
+        """Return zero: the diagonal of the stiffness is not assembled."""
         return 0.0
 
     def equilibrium(self, u: Any, contact: Any, load: Any) -> tuple[float, float]:
@@ -154,15 +154,15 @@ class BlockVectors(Solid):
         return float(abs(u.reshape(-1, PER_NODE)[:, :2]).max())
 
     def deformation(self, u: Any) -> float:
-        """Largest part of a displacement that no rigid motion explains; nodes are numbers x + i
-        y."""
+        """Largest displacement after removing rigid motions; nodes are complex numbers x + i y."""
         u = self.arrays.get(u)
         v = u.reshape(self.node_rows, -1, PER_NODE)[..., :2] @ np.array([1.0, 1j])
         v, z = v - v.mean(), (self.x - self.x.mean()) + 1j * (self.y - self.y.mean())[:, None]
         return float(np.abs(v - 1j * z * (np.vdot(z, v).imag / np.vdot(z, z).real)).max())
 
     def support_error(self, u: Any) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times their length."""
+        """Largest deviation from a prescribed displacement; derivatives are scaled by their
+        length."""
         dofs, values = self.prescribed
         length = np.where(dofs % PER_NODE < 2, 1.0, self.cell_size)
         found = self.arrays.get(self.placed(u)[self.placed(dofs)])
@@ -177,14 +177,14 @@ class BlockVectors(Solid):
 
     def total(self, forces: Any) -> Array:
         """Resultant of forces on all dofs, shape (2,)."""
-        # A device adds numbers that lie side by side in a hundredth of the time.
+        # A device sums contiguous numbers a hundred times faster.
         parts = (self.arrays.xp.ascontiguousarray(forces[q::PER_NODE]) for q in (0, 1))
         return np.array([float(part.sum()) for part in parts])
 
 
 class CellStencil:
     """``S @ u`` and |S| |u| for layers of equal cells, bottom up, by their element matrices.
-    The products are computed where `arrays` lie, and returned where the vectors lie."""
+    Products are computed on the device of `arrays` and returned on that of the vectors."""
 
     def __init__(self, columns: int, layers: list[CellRows], arrays: HostArrays) -> None:
         self.columns, self.layers, self.arrays = columns, layers, arrays
@@ -214,7 +214,7 @@ class CellStencil:
 
     def strips(self, step: int) -> Iterator[tuple[Array, tuple[Any, ...]]]:
         """Element matrix of up to `step` rows of cells at a time, and slices of their corners.
-        They index the first two axes of an array of the nodes, in the order of `CellRows`."""
+        The slices index the first two axes of a node array, corners in the order of `CellRows`."""
         n, first = self.columns, 0
         left, right = slice(0, n), slice(1, n + 1)
         for layer in self.layers:
@@ -234,7 +234,7 @@ class CellStencil:
             K = xp.asarray(np.abs(stiffness) if absolute else stiffness)
             cells = xp.concatenate([u[c] for c in corners], axis=2)
             if not absolute:
-                # No force comes from a translation: without it, rounding is that of strains.
+                # Remove the translation, which causes no force: rounding then scales with strains.
                 values = cells.reshape(*cells.shape[:2], 4, PER_NODE)[..., :2]
                 values -= values[:, :, :1].copy()
             local = (cells.reshape(-1, 4 * PER_NODE) @ K).reshape(cells.shape)

@@ -1,4 +1,4 @@
-"""The two sides of each lateral direction, and the mirror images of blocks between them."""
+"""Conditions on the sides of each lateral direction, and symmetry about the sides."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Sides = tuple[tuple[int, ...] | None, ...]  # components fixed in each direction
 
 def read_sides(sides: Any, dim: int) -> Sides:
     """Components fixed on both sides of each lateral direction; None where they are periodic.
-    They are the normal one alone (rollers) or all others, which transforms diagonalise."""
+    Either the normal one (rollers) or all others, so that transforms diagonalise the stiffness."""
     lateral = dim - 1
     given = [sides] * lateral if sides == "periodic" or lateral == 1 else sides
     if isinstance(given, tuple | list) and lateral == 1 and isinstance(given[0], tuple | list):
@@ -47,7 +47,7 @@ def read_sides(sides: Any, dim: int) -> Sides:
 
 
 def odd_unknowns(sides: Sides, kinds: NDArray[np.int64]) -> list[NDArray[np.bool_] | None]:
-    """For each direction the unknowns of a node that are odd about its sides; None: periodic.
+    """For each direction the node unknowns that are odd about its sides; None: periodic.
     The kinds (r,) of the unknowns are those of `dof_kinds`; components alternate."""
     component = np.arange(kinds.size) % (len(sides) + 1)
     return [
@@ -58,7 +58,7 @@ def odd_unknowns(sides: Sides, kinds: NDArray[np.int64]) -> list[NDArray[np.bool
 
 
 def unsupported(sides: Sides, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Components of a translation that neither the top nor a side holds, shape (dim,)."""
+    """Translation components that neither the top nor a side prevents, shape (dim,)."""
     loose = ~held
     for fixed in sides:
         loose[list(fixed or ())] = False
@@ -69,7 +69,7 @@ KINDS = np.array([-1, -1, 0, 0, 1, 1])  # `dof_kinds` of the unknowns of a node
 
 
 def odd_of(block: Any) -> NDArray[np.bool_]:
-    """Unknowns of a node that are odd about the sides of a `LayeredBlock`, shape (6,)."""
+    """Node unknowns that are odd about the sides of a `LayeredBlock`, shape (6,)."""
     (odd,) = odd_unknowns(read_sides(_of_both(block.sides), 2), KINDS)
     if odd is None:
         raise InputError("sides: periodic ones have a mesh")
@@ -77,13 +77,13 @@ def odd_of(block: Any) -> NDArray[np.bool_]:
 
 
 def _of_both(sides: Any) -> Any:
-    """One entry for both sides, where they are alike."""
+    """Merge the entries of two sides if they are equal."""
     pair = isinstance(sides, tuple | list) and len(sides) == 2
     return sides[0] if pair and sides[0] == sides[1] else sides
 
 
 def vanishing(block: Any, rows: int) -> NDArray[np.int64]:
-    """Dofs of the lowest rows of nodes that the block's mirror images make zero, ascending."""
+    """Dofs of the lowest node rows that vanish by symmetry about the sides, ascending."""
     if block.path is None:
         return np.zeros(0, dtype=np.int64)
     nodes = (block.columns + 1) * np.arange(rows)[:, None] + np.array([0, block.columns])
@@ -91,7 +91,7 @@ def vanishing(block: Any, rows: int) -> NDArray[np.int64]:
 
 
 def hold(body: ElasticBody, dofs: NDArray[np.int64]) -> ElasticBody:
-    """Hold those of the dofs at zero that the supports of a body leave free."""
+    """Set those of the dofs to zero that the supports of a body leave free."""
     left = dofs[np.diff(body.constraint[0].indptr)[dofs] > 0]
     if left.size:
         body.constrain(sparse.eye_array(body.basis.N, format="csr")[left])
@@ -99,7 +99,7 @@ def hold(body: ElasticBody, dofs: NDArray[np.int64]) -> ElasticBody:
 
 
 def meshed_of(block: Any) -> ElasticBody:
-    """The cells of a block as an `ElasticBody` without supports and loads; dofs numbered alike."""
+    """A block as an `ElasticBody` without supports and loads, with the same dof numbers."""
     mesh = grid(block.x, block.y)
     cells = [block.columns * layer.cells for layer in block.layers]
     E, nu = (np.repeat([getattr(l, key) for l in block.layers], cells) for key in ("E", "nu"))
@@ -107,7 +107,7 @@ def meshed_of(block: Any) -> ElasticBody:
 
 
 def elastic_of(block: Any) -> ElasticBody:
-    """The `ElasticBody` that a block without a mesh stands for; dofs are numbered alike."""
+    """The `ElasticBody` equivalent to a block without a mesh, with the same dof numbers."""
     body = meshed_of(block)
     for name, c, value in block._supports:
         body.fix(name, c, value)

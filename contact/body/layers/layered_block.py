@@ -54,7 +54,7 @@ def built_edge(block: Any, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
     i = np.array([0, 1] if name == "left" else [block.columns - 1, block.columns])
     nodes = (block.columns + 1) * np.arange(y.size)[:, None] + i
     dofs = PER_NODE * nodes.ravel()[:, None] + np.arange(PER_NODE)
-    # Its material is not looked at: edges serve supports and tractions.
+    # The material is irrelevant: edges serve supports and tractions.
     return strip(block, grid(block.x[i], y), block.cell_bodies[0], intorder=1), dofs.ravel()
 
 
@@ -85,7 +85,7 @@ def prescribed_on_edges(block: Any) -> tuple[NDArray[np.int64], Array]:
     values.append(np.zeros(besides.size))
     where, value = np.concatenate(dofs), np.concatenate(values)
     found, first, inverse = np.unique(where, return_index=True, return_inverse=True)
-    # A derivative is compared as the displacement it makes along a cell.
+    # A derivative is compared times the length of a cell.
     cell = np.tile([1.0, 1.0, *[block.cell_size] * 4], 1)[found % PER_NODE]
     size = float(np.abs(value * cell[inverse]).max(initial=0.0))
     if np.any(np.abs(value - value[first][inverse]) * cell[inverse] > 1e-10 * size):
@@ -108,12 +108,12 @@ class LayeredBlock(BlockVectors):
     `contact.condensation.layers`, on the CPU or with ``problem.condense(device="cuda")`` on
     a GPU. Contact may occur on its "bottom".
 
-    In space, with another element or periodic sides it is an `ElasticBody` whose contact is
-    condensed by transforms wherever they diagonalise its sides, else by a sparse factorisation;
-    ``problem.condense().path`` says how.
+    In space, with another element or periodic sides, it is an `ElasticBody` whose contact is
+    condensed by transforms if its side conditions allow it, else by a sparse factorisation;
+    ``problem.condense().path`` names the method.
 
-    Node (i, j), counted from the bottom left, carries dofs ``6 ((columns + 1) j + i) + k``, k
-    running over ``u, v, u_x, v_x, u_y, v_y``.
+    Node (i, j), counted from the bottom left, carries dofs ``6 ((columns + 1) j + i) + k``, k = 0,
+    ..., 5 for ``u, v, u_x, v_x, u_y, v_y``.
 
     Parameters
     ----------
@@ -131,13 +131,13 @@ class LayeredBlock(BlockVectors):
         Number of cells in a row. Default: cells of the first layer as square as can be.
     plane : {"strain", "stress"}
     cells : int or (int, int), optional
-        Two numbers, along x and y, make a block in space; one stands for `columns`.
+        Two numbers, along x and y, make a block in space; one number is `columns`.
     element : skfem element, optional
         Scalar. Default: `ElementQuadAdini`, in space `ElementHex1`.
     path : {"fourier"}, optional
-        Require transforms: sides are periodic, on rollers or held tangentially, and derivatives
-        that their mirror images make vanish are held as well, see `PeriodicLayers`. Without it
-        transforms serve periodic sides, and elements without derivatives.
+        Require transforms: sides are periodic, on rollers or fixed tangentially, and derivatives
+        that vanish by symmetry are fixed as well, see `PeriodicLayers`. By default transforms serve
+        only periodic sides and elements without derivatives.
 
     Raises
     ------
@@ -163,7 +163,7 @@ class LayeredBlock(BlockVectors):
         columns: Any = None, plane: str | None = "strain", cells: Any = None, element: Any = None,
         path: str | None = None,
     ) -> Any:  # fmt: skip
-        """A `MeshedBlock` where the arguments ask for one."""
+        """Make a `MeshedBlock` if the arguments require one."""
         checked_path(path)
         tied = "periodic" in each_side(sides)
         if not tied and cells is None and element is None:
@@ -214,7 +214,7 @@ class LayeredBlock(BlockVectors):
             )
             for l in self.layers
         ]
-        vanishing(self, 1)  # refuses sides that the path does not serve
+        vanishing(self, 1)  # refuses sides that the path does not support
         self._unload(self.node_rows * self.row_size)
         self._supports: list[tuple[str, int, Field]] = []
         for boundary, components in zip(SIDES, (*read_sides(sides), top), strict=True):
@@ -253,7 +253,7 @@ class LayeredBlock(BlockVectors):
         ----------
         boundary : str or list of str
         traction : array of shape (2,) or callable x -> array of shape (2, ...)
-            Force per area, which comes on top of earlier loads.
+            Force per area, added to earlier loads.
         """
         found = []
         for name in self._names(boundary, (*SIDES, "bottom")):
@@ -332,7 +332,7 @@ class LayeredBlock(BlockVectors):
         """The bottom row of cells, supported at its sides; its dofs come first in this body."""
         edge, _ = self._edge("bottom")
         basis, bottom = copy(edge.basis), {"bottom": edge.facets("bottom")}
-        basis.mesh = replace(edge.mesh, _boundaries=bottom)  # contact is offered there only
+        basis.mesh = replace(edge.mesh, _boundaries=bottom)  # contact is possible there only
         strip = LowestRow(basis, E=edge.E, nu=edge.nu, plane=self.plane)
         for name, c, value in self._supports:
             if name != "top" or self.node_rows == 2:
@@ -368,15 +368,14 @@ class LayeredBlock(BlockVectors):
         return sparse.csr_array(sparse.eye_array(self.ndofs, format="csc")[:, free]), u0
 
     def under(self, f: Array, u0: Array) -> Self:
-        """The same body under other loads and other values of the same supports."""
+        """The same body with other loads and other prescribed displacements."""
         other = copy(self)
         dofs, _ = self.prescribed
         other.f, other.prescribed = f, (dofs, u0[dofs])
         return other
 
     def in_unknowns(self, rows: sparse.csr_array) -> sparse.csr_array:
-        """Rows on all dofs, of which only those of the `trace` occur, on the unknowns of the
-        trace."""
+        """Rows on all dofs, nonzero only on those of the `trace`, on the trace's unknowns."""
         return sparse.csr_array(rows[:, : self.trace.ndofs] @ self.trace.constraint[0])
 
     def displacement(self, u: Array, points: Array) -> Array:
@@ -394,21 +393,21 @@ class LayeredBlock(BlockVectors):
         return value
 
     def law_at(self, points: Array) -> IsotropicLaw:
-        """Stress from strain at points, shape (2, npoints)."""
+        """`StressLaw` of the layers that hold the points, shape (2, npoints)."""
         table = np.array([[float(c.lam), float(c.mu), float(c.nu)] for c in self.cell_bodies])
         lame_lambda, lame_mu, nu = table[located(self, points)[0]].T
         return IsotropicLaw(lame_lambda, lame_mu, nu, self.plane)
 
     def elastic(self) -> ElasticBody:
-        """The same body as an `ElasticBody`, with loads and supports; dofs are numbered as here."""
+        """The same body as an `ElasticBody`, with loads, supports and dof numbers."""
         return elastic_of(self)
 
     def meshed(self) -> ElasticBody:
-        """Its cells alone, for pictures and stresses: as `elastic`, without supports and loads."""
+        """As `elastic`, without supports and loads, for pictures and stresses."""
         return meshed_of(self)
 
     def stored(self) -> dict[str, Any]:
-        """What a file keeps of it: the arguments, and the supported components of its sides."""
+        """The data that a file stores: arguments, and the supported components of the sides."""
         return {
             "lengths": [self.width, self.height],
             "layers": [[l.height, l.cells, l.E, l.nu] for l in self.layers],
@@ -421,7 +420,8 @@ class LayeredBlock(BlockVectors):
 
     @classmethod
     def from_stored(cls, words: dict[str, Any], ndofs: int) -> LayeredBlock:
-        """The block that `stored` describes, its supports at rest; of so many dofs, or refused."""
+        """The block from the output of `stored`, supports at zero; refused unless it has `ndofs`
+        dofs."""
         rows = sum(cells for _, cells, *_ in words["layers"])
         if PER_NODE * (words["columns"] + 1) * (rows + 1) != ndofs:
             raise InputError(f"block: its cells do not make the {ndofs} dofs of its supports")
@@ -458,18 +458,17 @@ class LowestRow(ElasticBody):
 
 
 class Layered(Protocol):
-    """What evaluation at points needs of a `LayeredBlock`."""
+    """The part of `LayeredBlock` that evaluation at points needs."""
 
     width: float
     height: float
     columns: int
     layers: list[Layer]
-    cell_bodies: list[Any]  # bodies of one cell, one a layer
+    cell_bodies: list[Any]  # one body of a single cell per layer
 
 
 def located(block: Layered, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
-    """Layer of each point, and its place in units of that layer's cells, three of shape
-    (npoints,)."""
+    """Layer of each point, and its two coordinates in units of that layer's cells."""
     x, y = points
     width, height = block.width, block.height
     slack = 1e-12 * max(width, height)  # rounding of the coordinates
@@ -484,7 +483,7 @@ def located(block: Layered, points: Array) -> tuple[NDArray[np.int64], Array, Ar
 def shape_functions(
     block: Layered, u: Array, points: Array
 ) -> Iterator[tuple[NDArray[np.int64], Any, Array]]:
-    """For each layer and local basis function: points in it, the function, its dof's values."""
+    """For each layer and local basis function: points, values of the function and of its dof."""
     at, columns, rows = located(block, points)
     for k, (layer, cell) in enumerate(zip(block.layers, block.cell_bodies, strict=True)):
         here = np.flatnonzero(at == k)

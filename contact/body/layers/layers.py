@@ -20,7 +20,7 @@ PER_NODE = 6  # u, v, u_x, v_x, u_y, v_y
 
 
 class Layer(NamedTuple):
-    """Height, number of cell rows, Young's modulus, Poisson's ratio, and where it begins."""
+    """Height, number of cell rows, Young's modulus, Poisson's ratio and lower ordinate."""
 
     height: float
     cells: int
@@ -64,7 +64,7 @@ def read_layers(layers: Any) -> list[Layer]:
 
 
 def refuse_rings(plane: Any, dim: int) -> None:
-    """Raise InputError for a plane that is none, or that of bodies of revolution."""
+    """Raise InputError for an unknown plane, or "axisymmetric"."""
     if checked_plane(plane, dim) == AXISYMMETRIC:
         raise InputError(f"plane={plane!r}: layers have no radii; take an ElasticBody")
 
@@ -91,7 +91,7 @@ def read_columns(columns: Any, width: float, layer: Layer) -> int:
 
 
 def each_side(sides: Any) -> tuple[Any, ...]:
-    """The entries for one side after the other, from any form of the argument `sides`."""
+    """One entry per side, from any form of the argument `sides`."""
     given = tuple(sides) if isinstance(sides, list | tuple) else (sides,)
     for entry in given:
         numbered = isinstance(entry, list | tuple) and all(isinstance(c, int) for c in entry)
@@ -102,7 +102,7 @@ def each_side(sides: Any) -> tuple[Any, ...]:
 
 
 def checked_path(path: Any) -> None:
-    """Raise InputError unless it names a path of condensation, or is None."""
+    """Raise InputError unless `path` is a condensation path or None."""
     if not isinstance(path, str | None) or path not in (None, "fourier"):
         raise InputError(f"path={path!r}: expected None or 'fourier'")
 
@@ -136,8 +136,8 @@ def grid(x: Array, y: Array) -> MeshQuad:
 
 
 def named_by_place(mesh: Any, ends: dict[str, tuple[int, float]]) -> Any:
-    """A tensor mesh with names for its sides, each the axis and the coordinate of its vertices.
-    The coordinates of the facets' middles are exactly these, however flat a cell is."""
+    """A tensor mesh with named sides; `ends` gives the axis and coordinate of each.
+    Facet middles have exactly this coordinate, however flat a cell is."""
     return mesh.with_boundaries(
         {name: lambda x, axis=axis, at=at: x[axis] == at for name, (axis, at) in ends.items()}
     )

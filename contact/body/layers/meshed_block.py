@@ -27,7 +27,7 @@ from skfem_adini.ground.arguments import numbers
 
 
 class MeshedBlock(ElasticBody):
-    """The `ElasticBody` that `LayeredBlock` makes where it needs a mesh, with lateral transforms.
+    """The `ElasticBody` that `LayeredBlock` makes if it needs a mesh, with lateral transforms.
     Contact on its "bottom" is condensed by transforms where its sides allow it, else by a sparse
     factorisation. In space "front" is y = 0 and "back" opposite."""
 
@@ -36,8 +36,8 @@ class MeshedBlock(ElasticBody):
     layers: list[Layer]
     sides: Any  # as given to `LayeredBlock`, like path
     path: str | None
-    lateral: Sides | None  # what transforms may diagonalise, if anything
-    _made_of: Any  # the material that the layers were given
+    lateral: Sides | None  # side conditions that transforms diagonalise, if any
+    _made_of: Any  # material of the layers as passed
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, (*self.cells, sum(layer.cells for layer in self.layers))))
@@ -45,7 +45,7 @@ class MeshedBlock(ElasticBody):
         return f"LayeredBlock({self.dim}-D, {size} cells, {self.f.size} unknowns of {name})"
 
     def elastic(self) -> ElasticBody:
-        """The same body without its transforms: contact condenses it by a sparse factorisation."""
+        """The same body without transforms, to be condensed by a sparse factorisation."""
         plain = ElasticBody.__new__(ElasticBody)
         own = set(MeshedBlock.__annotations__)
         plain.__dict__.update({k: v for k, v in vars(self).items() if k not in own})
@@ -92,7 +92,7 @@ def meshed_block(
 
 
 def _support(body: MeshedBlock, sides: Any) -> None:
-    """Fix or tie the sides, and hold nothing besides."""
+    """Fix or tie the sides, without the derivatives that vanish by symmetry."""
     for entry, count in zip(
         (sides,) if isinstance(sides, str) else sides or (), body.cells, strict=False
     ):
@@ -135,7 +135,7 @@ def _read_grid(lengths: Any, cells: Any, layers: list[Layer]) -> tuple[Any, tupl
     given = numbers("lengths", lengths)
     try:
         count = np.atleast_1d(1 if cells is None else cells)
-    except ValueError:  # ragged
+    except ValueError:  # sequences of unequal length
         count = np.zeros(0)
     if count.shape not in ((1,), (2,)) or count.dtype.kind not in "iu" or np.any(count < 1):
         raise InputError(f"cells={cells!r}: expected a whole number, or two in space")
@@ -175,7 +175,7 @@ def meshed(
 
 
 def supported(body: ElasticBody, sides: Sides) -> None:
-    """Tie the sides of a body on such a mesh, or hold on them what is odd about them."""
+    """Tie the sides of a body on such a mesh, or fix the unknowns that are odd about them."""
     nodal = body.basis.nodal_dofs
     odd = odd_unknowns(sides, np.asarray(dof_kinds(body.basis)[nodal[:, 0]]))
     vanishing = np.zeros(body.basis.N, dtype=bool)

@@ -1,13 +1,13 @@
 """Contact facets in space as images of the reference facet, and segments of an interface.
 
 Corners of mortar facets are projected along averaged normals onto the mean plane of the non-mortar
-facet, where the polygon that a pair has in common is found by clipping, all pairs at once.
-Triangles from one of its corners carry Gauss points x. From there the line along the averaged
-normal meets the mortar facet in y: the force of a contact point acts on both bodies along one line,
-so that moments cancel whatever the gap. On a flat interface these are the polygons of M. A. Puso
-and T. A. Laursen (Comput. Methods Appl. Mech. Engrg. 193 (2004)), who project along the normal of
-the plane. On a curved one with a gap their y - x is not along the averaged normal, and facets of
-second order are not covered up to their curved edges."""
+facet, where the common polygon of each pair is found by clipping. Its triangles carry Gauss points
+x.
+The line from x along the averaged normal meets the mortar facet in y: contact forces act on both
+bodies along this line, so that moments cancel for any gap. On a flat interface the polygons are
+those of M. A. Puso and T. A. Laursen (Comput. Methods Appl. Mech. Engrg. 193 (2004)), who project
+along the normal of the plane. On a curved one with a gap, their y - x is not along the averaged
+normal, and facets of second order are not covered up to their curved edges."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ Index = NDArray[np.int64]
 
 @cache
 def _grid(count: int) -> tuple[int, Index]:
-    """Order of a quadrilateral of 4, 9 or 16 nodes, and these in steps of a side: corners, then
-    second-order ones, in rings."""
+    """Order of a quadrilateral of 4, 9 or 16 nodes, and the nodes' integer coordinates, in
+    rings."""
     k = round(count**0.5) - 1
     ring = [(0, 0), (k, 0), (k, k), (0, k)]
     if k == 2:
@@ -41,15 +41,15 @@ def _grid(count: int) -> tuple[int, Index]:
 
 @dataclass(frozen=True)
 class FaceMaps:
-    """Facets of a boundary in space, by the Lagrange polynomials of their nodes."""
+    """Facets of a boundary in space as Lagrange interpolants of their nodes."""
 
-    nodes: Array  # corners in ring order, middles of edges, the others; (3, nfacets, k)
+    nodes: Array  # corners in ring order, edge nodes, others; (3, nfacets, k)
     normals: Array  # averaged unit normals at the corners, shape (3, nfacets, ncorners)
-    at_rest: Array  # outward unit normals of the facets at rest at their corners, same shape
+    at_rest: Array  # outward unit normals at the corners of undeformed facets, same shape
 
     @classmethod
     def of(cls, outline: Outline, moved: Array | None = None) -> FaceMaps:
-        """Facets of an outline, at rest or with `moving_nodes` displaced by (3, nfacets, k)."""
+        """Facets of an outline, undeformed or with `moving_nodes` displaced by (3, nfacets, k)."""
         corners = outline.corners.shape[1]
         X = reference_nodes(outline) if moved is None else moving_nodes(outline)
         nodes = np.asarray(outline.body.basis.mapping.G(X, find=outline.facets))
@@ -85,14 +85,14 @@ class FaceMaps:
 
     @property
     def flat(self) -> bool:
-        """Whether averaged normals do not vary along a facet."""
+        """Whether averaged normals are constant on each facet."""
         return bool(np.abs(self.normals - self.normals[:, :, :1]).max() <= FACETS.affine)
 
     def added(self, other: FaceMaps, rest: tuple[FaceMaps, FaceMaps]) -> int:
-        """Degrees by which the Gauss rules of an interface exceed those of its traces."""
+        """Degrees added to the Gauss rules of an interface beyond those of the traces."""
         if not (rest[0].affine and rest[1].affine):
-            # Traces are no polynomials: with corners off by a quarter of a side, uniform pressures
-            # are then exact to 1e-13.
+            # Traces are not polynomials: with these degrees uniform pressures are exact to 1e-13 if
+            # corners are displaced by a quarter of a side.
             return 8
         return 0 if self is rest[0] and self.flat else FACETS.curved
 
@@ -118,7 +118,7 @@ class FaceMaps:
         return np.asarray(np.linalg.norm(np.cross(one, two, axis=0), axis=0))
 
     def relaxed(self, rest: FaceMaps, facet: Index, X: Array, w: Array) -> Array:
-        """Weights of places on displaced facets, as they are on the facets at rest."""
+        """Quadrature weights on displaced facets, converted to the undeformed facets."""
         return w / (self.measure(facet, X) / rest.measure(facet, X))
 
     def normal(self, facet: Index, X: Array) -> Array:
@@ -134,8 +134,8 @@ class FaceMaps:
         return np.asarray(n / np.linalg.norm(n, axis=0))
 
     def met(self, facet: Index, x: Array, direction: Array) -> Array:
-        """Reference coordinates, (2, n), where lines through places x meet facets or beyond them.
-        Newton's method; raises InputError where a distorted facet has no crossing with its line."""
+        """Reference coordinates, (2, n), where lines through points x meet (extended) facets.
+        By Newton's method; raises InputError if a distorted facet does not meet its line."""
         X = np.full((2, facet.size), 1.0 / 3.0 if self.corners == 3 else 0.5)
         size = np.ptp(self.nodes[:, facet, : self.corners], axis=2).max(axis=0)
         least = 1e-14 + 4.0 * np.spacing(np.abs(x).max(initial=0.0)) / size.min(initial=np.inf)
@@ -157,8 +157,8 @@ class FaceMaps:
         return X
 
     def cut(self, second: FaceMaps, degree: int) -> InterfaceQuadrature:
-        """Gauss points on the common polygons of all facing pairs, exact up to a degree there.
-        Raises InputError where no facet faces another one with an opposite normal."""
+        """Gauss points on the common polygons of all facing pairs, exact up to `degree`.
+        Raises InputError if no facet faces another one with an opposite normal."""
         planes = FacetPlanes.of(self)
         facet, other = _pairs(planes, second, 1.0)
         polygon, size = _common(planes, second, facet, other)
@@ -248,7 +248,7 @@ def _line(s: Array, order: int) -> tuple[Array, Array]:
 
 
 def _within_reach(gap: Array, first: FaceMaps, second: FaceMaps) -> NDArray[np.bool_]:
-    """Where the gap is no larger than the boundaries, and the overlap than half of that."""
+    """Whether the gap is at most the size of the boundaries, and the overlap at most half of it."""
     reach = [float(np.linalg.norm(np.ptp(side.nodes, axis=(1, 2)))) for side in (first, second)]
     near = (gap <= max(reach)) & (gap >= -0.5 * min(reach))
     if not near.any():
@@ -257,7 +257,7 @@ def _within_reach(gap: Array, first: FaceMaps, second: FaceMaps) -> NDArray[np.b
 
 
 def _gaps(planes: FacetPlanes, second: FaceMaps, facet: Index, other: Index, place: Array) -> Array:
-    """Gaps at places (2, n) of the mean planes to the tangent planes of mortar facets."""
+    """Gaps from points (2, n) on the mean planes to the tangent planes of mortar facets."""
     X = planes.inverse(facet, place)
     x, n = planes.maps.at(facet, X), planes.maps.direction(facet, X)
     off = second.nodes[:, other, : second.corners].mean(axis=2) - x
@@ -267,7 +267,7 @@ def _gaps(planes: FacetPlanes, second: FaceMaps, facet: Index, other: Index, pla
 
 
 def _pairs(planes: FacetPlanes, second: FaceMaps, facing: float) -> tuple[Index, Index]:
-    """Pairs whose normals are opposite (or, with -1, point the same way) and which may overlap."""
+    """Pairs that may overlap and whose normals are opposite, or with -1 parallel."""
     first, spread = planes.maps, planes.spread()
     middles = [side.nodes[:, :, : side.corners].mean(axis=2) for side in (first, second)]
     radii = [
@@ -276,7 +276,7 @@ def _pairs(planes: FacetPlanes, second: FaceMaps, facing: float) -> tuple[Index,
     ]
     found: list[Index] = []
     count, others = middles[0].shape[1], middles[1].shape[1]
-    step = max(1, 1_000_000 // others)  # pairs looked at together
+    step = max(1, 1_000_000 // others)  # pairs processed at once
     for start in range(0, count, step):
         here = np.arange(start, min(count, start + step))
         n = first.middles[:, here]
@@ -310,7 +310,7 @@ def _common(
 
 
 def _points(polygon: Array, size: Index, degree: int) -> tuple[Index, Array, Array]:
-    """Polygon, place in its plane (2, n) and weight of each Gauss point."""
+    """Polygon, plane coordinates (2, n) and weight of each Gauss point."""
     corner = polygon[:, 0]
     one, two, area = triangles(polygon, size, corner)
     at, k = np.nonzero(area > 0)
@@ -341,11 +341,11 @@ def nearest_polygons(
     area: Array,
     distance: Callable[[Index, Array], Array],
 ) -> tuple[Array, Index, Index]:
-    """Cut from the polygons of each facet, (n, k, 2), the parts that nearer polygons hide.
+    """Remove from the polygons of each facet, (n, k, 2), the parts behind nearer polygons.
     The nearer of two has the smaller `distance(k, place)` in the middle of their overlap.
     Returns the remaining pieces, their numbers of corners, and the polygon each comes from."""
     source = np.arange(size.size)
-    overlap = 1e-10  # part of a facet that two polygons may share by rounding
+    overlap = 1e-10  # relative overlap of two polygons that is rounding
     while True:
         own = facet[source]
         covered = np.bincount(own, measured(polygon, size)[0], area.size)
@@ -355,7 +355,7 @@ def nearest_polygons(
         real = (shared > overlap * area[own[a]]) & (source[a] != source[b])
         a, b, middle = a[real], b[real], middle[real]
         far = np.where(distance(source[a], middle.T) > distance(source[b], middle.T), a, b)
-        # Of each piece one nearer one is cut out at a time.
+        # Cut out one nearer polygon at a time.
         cut, first = np.unique(far, return_index=True)
         if not cut.size:
             return polygon, size, source
@@ -412,7 +412,7 @@ def clipped(polygon: Array, size: Index, a: Array, b: Array) -> tuple[Array, Ind
     crossing = real & ((here >= 0) != (there >= 0))
     share = here / np.where(crossing, here - there, 1.0)
     cut = polygon + share[..., None] * (following - polygon)
-    # Each corner is followed by the place where its edge meets the line.
+    # Each corner is followed by the intersection of its edge with the line.
     points = np.stack((polygon, cut), axis=2).reshape(count, 2 * width, 2)
     keep = np.stack((real & (here >= 0), crossing), axis=2).reshape(count, 2 * width)
     order = np.argsort(~keep, axis=1, kind="stable")
@@ -422,7 +422,7 @@ def clipped(polygon: Array, size: Index, a: Array, b: Array) -> tuple[Array, Ind
 
 
 def edges(polygon: Array, size: Index, k: int) -> tuple[Array, Array]:
-    """Ends of edge k of each polygon, shapes (n, 2); the last edge of those with fewer."""
+    """Ends of edge k of each polygon, or of its last edge if it has fewer, shapes (n, 2)."""
     rows = np.arange(size.size)
     start = np.minimum(k, np.maximum(size, 1) - 1)
     end = np.where(start + 1 < size, start + 1, 0)
@@ -449,14 +449,14 @@ def outside(polygon: Array, size: Index, window: Array, sides: Index) -> list[tu
 
 
 def measured(polygon: Array, size: Index) -> tuple[Array, Array]:
-    """Area and middle of the corners of each polygon, shapes (n,) and (n, 2)."""
+    """Area and mean corner of each polygon, shapes (n,) and (n, 2)."""
     real = np.arange(polygon.shape[1]) < size[:, None]
     middle = np.sum(np.where(real[..., None], polygon, 0.0), axis=1) / np.maximum(size, 1)[:, None]
     return triangles(polygon, size, middle)[2].sum(axis=1), middle
 
 
 def triangles(polygon: Array, size: Index, middle: Array) -> tuple[Array, Array, Array]:
-    """Edges of the polygons from the middle, and areas of the triangles; zero where padded."""
+    """Corners relative to the middle, and areas of the triangles; zero for padding."""
     index = np.arange(polygon.shape[1])
     after = np.where(index + 1 < size[:, None], index + 1, 0)
     one = polygon - middle[:, None]
@@ -466,29 +466,29 @@ def triangles(polygon: Array, size: Index, middle: Array) -> tuple[Array, Array,
 
 
 def padded(polygon: Array, width: int) -> Array:
-    """Polygons with room for a given number of corners."""
+    """Polygons padded to a given number of corners."""
     return np.pad(polygon, ((0, 0), (0, width - polygon.shape[1]), (0, 0)))
 
 
 @dataclass(frozen=True)
 class FacetPlanes:
-    r"""Mean planes of the facets of a boundary, in which facets of the other side cut them.
-    The image p(X) of a place of the reference facet is the (bi)linear map of the projected corners;
-    a place y of the other side maps to p(X) where it lies on the averaged normal at X:
+    r"""Mean planes of the facets of a boundary, in which facets are intersected.
+    The image p(X) of a reference point is the (bi)linear map of the projected corners; a point y of
+    the other side maps to p(X) if it lies on the averaged normal at X:
 
     .. math:: x(X) + g \, n(X) = y .
 
-    Beyond the facet, n and the height of x are those of its nearest place, so that images of
+    Beyond the facet, n and the height of x are those of its nearest point, so that images of
     neighbouring facets neither overlap nor leave gaps."""
 
     maps: FaceMaps
     origin: Array  # means of the corners, shape (3, nfacets)
-    axes: Array  # orthonormal, the last outward, shape (3, 3, nfacets)
+    axes: Array  # orthonormal axes, the last one outward, shape (3, 3, nfacets)
     polygon: Array  # corners in the plane, in ring order, shape (2, nfacets, ncorners)
 
     @classmethod
     def of(cls, maps: FaceMaps) -> FacetPlanes:
-        """The planes of facets, across the normals in their middle."""
+        """The planes of facets, orthogonal to the normals at the middles."""
         outward = maps.middles
         corners = maps.nodes[:, :, : maps.corners]
         origin = corners.mean(axis=2)
@@ -522,7 +522,7 @@ class FacetPlanes:
         return np.asarray(area / np.abs(flat[0, 0] * flat[1, 1] - flat[0, 1] * flat[1, 0]))
 
     def inverse(self, facet: Index, p: Array) -> Array:
-        """Coordinates X of places p of the plane, shape (2, n); some X where p has none."""
+        """Coordinates X of points p of the plane, shape (2, n); arbitrary X if there are none."""
         ring = self.polygon[:, facet]
         q, b = p - ring[..., 0], ring[..., 1] - ring[..., 0]
         c = ring[..., -1] - ring[..., 0]
@@ -552,7 +552,7 @@ class FacetPlanes:
         size = np.sqrt(self.area()[facet])
         least = 1e-14 + 8.0 * np.spacing(np.abs(y).max(initial=0.0)) / size
         p = off[:2]
-        # Each step reduces the error by gap over radius of curvature, small near contact.
+        # The convergence factor is gap over radius of curvature, small near contact.
         for _ in range(40):
             X = self._within(self.inverse(facet, p))
             n = np.einsum("dan,dn->an", axes, self.maps.direction(facet, X))
@@ -567,7 +567,7 @@ class FacetPlanes:
         return p
 
     def _within(self, X: Array) -> Array:
-        """The nearest place of the reference facet, or one next to it."""
+        """The nearest point of the reference facet, approximately."""
         if self.maps.corners == 4:
             return np.clip(X, 0.0, 1.0)
         L = np.maximum(np.array([1.0 - X[0] - X[1], X[0], X[1]]), 0.0)

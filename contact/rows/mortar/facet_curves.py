@@ -1,14 +1,13 @@
-r"""Contact facets in the plane as curves, at rest or displaced, and the segments of an interface.
+r"""Contact facets in the plane as curves, and the segments of an interface.
 
-A segment is the part of a non-mortar facet that faces one mortar facet. From a place x(s) there, a
-line runs along the averaged normal n(s), which is linear in s. A vertex y of the other body is met
-by the line whose parameter solves
+A segment is the part of a non-mortar facet that faces one mortar facet. A vertex y of the other
+body projects to the point x(s) along the averaged normal n(s), linear in s, if
 
 .. math:: (x(s) - y) \times n(s) = 0,
 
-quadratic in s on a straight facet, cubic on a curved one. The signs at s = 0 and s = 1 alone decide
-whether y lies before, on or beyond the facet, so that no wrong root is chosen and two facets that
-share a vertex and its normal agree. Of several mortar facets on one line the nearest counts.
+quadratic in s on a straight facet, cubic on a curved one. The signs at s = 0 and s = 1 decide
+whether y lies before, on or beyond the facet, so that no wrong root is chosen and facets that share
+a vertex and its normal agree. Of several mortar facets on one line the nearest counts.
 
 M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); A. Popp, M. W. Gee and
 W. A. Wall, Int. J. Numer. Meth. Engng 79 (2009)."""
@@ -37,12 +36,12 @@ class FacetCurves:
 
     ends: Array  # places a and b, shape (2, nfacets, 2)
     bulge: Array  # vectors c, zero on straight facets, shape (2, nfacets)
-    sign: Array  # 1 where the outward normal is the tangent turned by -90 degrees, else -1
+    sign: Array  # 1 if the outward normal is the tangent turned by -90 degrees, else -1
     normals: Array  # averaged unit normals at the ends, shape (2, nfacets, 2)
 
     @classmethod
     def of(cls, outline: Outline, moved: Array | None = None) -> FacetCurves:
-        """Facets of an outline, at rest or with their `NODES` displaced by (2, nfacets, 3)."""
+        """Facets of an outline, undeformed or with their `NODES` displaced by (2, nfacets, 3)."""
         at_rest = facet_nodes(outline)
         nodes = at_rest if moved is None else at_rest + moved
         ends, at_ends = nodes[:, :, [0, -1]], outline.at_corners
@@ -62,7 +61,7 @@ class FacetCurves:
         return _length(self.ends)
 
     def added(self, other: FacetCurves, rest: tuple[FacetCurves, FacetCurves]) -> int:
-        """Degrees by which the Gauss rules of an interface exceed those of its traces."""
+        """Degrees added to the Gauss rules of an interface beyond those of the traces."""
         return FACETS.curved if self.curved or other.curved else 0
 
     @property
@@ -86,7 +85,7 @@ class FacetCurves:
         return np.asarray(np.linalg.norm(self.slope(facet, s), axis=0))
 
     def relaxed(self, rest: FacetCurves, facet: Index, s: Array, w: Array) -> Array:
-        """Weights of places on displaced facets, as they are on the facets at rest."""
+        """Quadrature weights on displaced facets, converted to the undeformed facets."""
         return w * rest.measure(facet, s) / self.measure(facet, s)
 
     def outward(self, facet: Index, s: Array) -> Array:
@@ -101,7 +100,7 @@ class FacetCurves:
         return np.asarray((1.0 - s) * one + s * two)
 
     def met(self, facet: Index, x: Array, n: Array) -> Array:
-        """Coordinates, (1, n), where lines through places x along n, (2, n), meet given facets."""
+        """Coordinates, (1, n), where lines through points x along n, (2, n), meet given facets."""
         a, b = (_cross(self.ends[:, facet, k] - x, n) for k in (0, 1))
         if not np.any(self.bulge[:, facet]):
             return np.clip(a / np.where(a == b, 1.0, a - b), 0.0, 1.0)[None]
@@ -152,7 +151,7 @@ class Segments:
 
     facet: Index
     other: Index
-    start: Array  # of the interval of the coordinate of `facet`
+    start: Array  # interval of the coordinate of `facet`
     end: Array
 
     def chosen(self, which: NDArray[np.bool_] | Index) -> Segments:
@@ -162,8 +161,8 @@ class Segments:
 
 def interface_segments(first: FacetCurves, second: FacetCurves) -> Segments:
     """Pair the facets of two boundaries; segments of a facet are in order and do not overlap.
-    Raises InputError where no facet faces another one with an opposite normal, within the size of
-    the larger boundary and an overlap of half the smaller one."""
+    Raises InputError if no facet faces another one with an opposite normal, within the size of the
+    larger boundary and an overlap of half the smaller one."""
     pieces = _in_line(first, second, 1.0)
     pieces = _nearest(first, second, pieces)
     gap = _gaps(first, second, pieces.facet, pieces.other, _middle(pieces))
@@ -176,8 +175,8 @@ def interface_segments(first: FacetCurves, second: FacetCurves) -> Segments:
 
 
 def _in_line(first: FacetCurves, second: FacetCurves, facing: float) -> Segments:
-    """Pairs of facets that lines along the normals connect, with the intervals in common.
-    Their normals are opposite (`facing` 1) or point the same way (-1)."""
+    """Pairs of facets connected by lines along the normals, with their common intervals.
+    Their normals are opposite (`facing` 1) or parallel (-1)."""
     facet, other = _near_the_lines(first, second)
     n = first.direction(facet, np.full(facet.size, 0.5))
     outward = second.outward(other, np.full(facet.size, 0.5))
@@ -194,10 +193,9 @@ def _in_line(first: FacetCurves, second: FacetCurves, facing: float) -> Segments
 
 
 def _near_the_lines(first: FacetCurves, second: FacetCurves) -> tuple[Index, Index]:
-    """Candidate pairs of facets, among them all that lines along the normals connect.
-    Mortar facets are grouped in discs by a tree; a disc wholly before or beyond both lines of a
-    facet is left out."""
-    # As many discs as, about, facets in each: the least work.
+    """Candidate pairs of facets: a superset of those connected by lines along the normals.
+    A tree groups mortar facets in discs and excludes discs wholly before or beyond a facet."""
+    # The work is least with about as many discs as facets in each.
     together = max(1, round(np.sqrt(0.5 * second.sign.size)))
     middle = second.ends.mean(axis=2)
     order = scipy.spatial.KDTree(middle.T, leafsize=1).indices
@@ -223,7 +221,7 @@ def _near_the_lines(first: FacetCurves, second: FacetCurves) -> tuple[Index, Ind
 def _sides(
     first: FacetCurves, second: FacetCurves, facet: Index, other: Index
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether the two ends of mortar facets lie before or beyond non-mortar facets, (2, n)."""
+    """Whether the ends of mortar facets are before or beyond the non-mortar facets, (2, n)."""
     sign = -first.sign[facet]  # so that the cross product grows along the facet
     before, after = [], []
     for k in (0, 1):
@@ -237,7 +235,7 @@ def _sides(
 
 
 def _met(first: FacetCurves, second: FacetCurves, facet: Index, other: Index) -> Array:
-    """Coordinate at which each end of the mortar facet is met, 0 or 1 if off, shape (2, n)."""
+    """Coordinate of the projection of each end of the mortar facet, clipped to [0, 1], (2, n)."""
     before, after = _sides(first, second, facet, other)
     met = np.where(before, 0.0, 1.0)
     for k in (0, 1):
@@ -256,7 +254,7 @@ def _met(first: FacetCurves, second: FacetCurves, facet: Index, other: Index) ->
 
 
 def _nearest(first: FacetCurves, second: FacetCurves, pieces: Segments) -> Segments:
-    """Where segments of a facet overlap, only those of the nearest mortar facets."""
+    """Keep only the segments of the nearest mortar facets where segments overlap."""
     same = pieces.facet[1:] == pieces.facet[:-1]
     over = same & (pieces.start[1:] < pieces.end[:-1] - FACETS.sliver)
     crowded = np.isin(pieces.facet, pieces.facet[1:][over])
@@ -267,7 +265,7 @@ def _nearest(first: FacetCurves, second: FacetCurves, pieces: Segments) -> Segme
     ticks = np.unique(np.array([facet, np.concatenate((several.start, several.end))]), axis=1)
     inner = (ticks[0, 1:] == ticks[0, :-1]) & (np.diff(ticks[1]) > FACETS.sliver)
     on, low, high = ticks[0, :-1][inner].astype(np.int64), ticks[1, :-1][inner], ticks[1, 1:][inner]
-    # Every short interval with every segment of its facet; both are sorted by facets.
+    # Pair every short interval with every segment of its facet; both are sorted by facets.
     begin, stop = (np.searchsorted(several.facet, on, side=side) for side in ("left", "right"))
     short = np.repeat(np.arange(on.size), stop - begin)
     offset = np.arange(short.size) - np.repeat(
@@ -308,7 +306,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 def bracketed_root(function: Callable[[Array], tuple[Array, Array]], count: int) -> Array:
     """Roots in [0, 1], (count,), of functions that change sign there, by safeguarded Newton steps.
-    Brackets shrink to the last digit; signs made equal by rounding give the end with the root.
+    If rounding makes both signs equal, the end nearer to the root is returned.
     W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge 2007, section 9.4."""
     low, high, s = np.zeros(count), np.ones(count), np.full(count, 0.5)
     at_low, at_high = function(low)[0], function(high)[0]
@@ -320,7 +318,7 @@ def bracketed_root(function: Callable[[Array], tuple[Array, Array]], count: int)
         newton = s - value / np.where(slope == 0, 1.0, slope)
         inside = (newton >= low) & (newton <= high) & (slope != 0) & (step < 16)
         new = np.where(inside, newton, 0.5 * (low + high))
-        # What is found stays, so that a root does not depend on those computed together with it.
+        # Keep found roots, so that a root does not depend on the others of the batch.
         new = np.where(found | (value == 0), s, new)
         found |= np.abs(new - s) <= 2.0 * np.spacing(1.0)
         s = new

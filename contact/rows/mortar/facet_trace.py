@@ -18,12 +18,12 @@ Index = NDArray[np.int64]
 Csr = sparse.csr_array
 
 
-class _Facets(NamedTuple):  # when facets of an interface face each other, bend, or are rounding
+class _Facets(NamedTuple):  # tolerances for facets of an interface
     facing: float = 0.25  # least cosine between a normal and the one opposite it
-    sliver: float = 1e-13  # part of a facet below which a segment or a polygon is rounding
-    straight: float = 1e-12  # rounding of a facet in the plane, over its length, and of its normals
-    affine: float = 1e-11  # rounding of a facet in space, over its size, and of its normals
-    steep: float = 0.1  # least cosine between an averaged normal and that of the plane of a facet
+    sliver: float = 1e-13  # relative size of a segment or polygon that is rounding
+    straight: float = 1e-12  # relative deviation below which a facet in the plane is straight
+    affine: float = 1e-11  # relative deviation below which a facet in space is affine
+    steep: float = 0.1  # least cosine between an averaged normal and the facet plane's normal
     curved: int = 4  # degrees added to the Gauss rules where normals vary along facets
 
 
@@ -31,7 +31,7 @@ FACETS = _Facets()
 
 
 def none_opposite(same_way: bool = False, within: str = "") -> InputError:
-    """The error where no facet faces another one, or `same_way` if only from behind."""
+    """The error if no facet faces another one; `same_way`: some have parallel normals."""
     if same_way:
         return InputError(
             "others: the normals of the two boundaries point the same way; a contact boundary must "
@@ -45,11 +45,11 @@ def none_opposite(same_way: bool = False, within: str = "") -> InputError:
 
 @dataclass(frozen=True)
 class InterfaceQuadrature:
-    r"""Integration points on the covered part of a non-mortar boundary, with their partners.
+    r"""Integration points on the covered part of a non-mortar boundary, and their projections.
     The integral of a product is :math:`\sum_q w_q f(x_q) g(y_q)`, g given on the mortar side.
     M. A. Puso, A 3D mortar method for solid mechanics, Int. J. Numer. Meth. Engng 59 (2004)."""
 
-    x: Array  # places on the non-mortar facets, shape (dim, n)
+    x: Array  # points on the non-mortar facets, shape (dim, n)
     y: Array  # where their normals meet the mortar facets, shape (dim, n)
     n: Array  # unit normals interpolated between averaged ones, shape (dim, n)
     w: Array  # lengths or areas on the non-mortar facets, shape (n,)
@@ -66,8 +66,8 @@ class InterfaceQuadrature:
 
 def facet_trace(outline: Outline, facet: Index, X: Array) -> Csr:
     """Trace of all scalar functions at X (dim - 1, n) on reference facets, (n, scalar dofs).
-    `facet` counts positions in ``outline.facets``. Functions not connected to the facet vanish
-    there and are left out, so that no rounding of theirs remains."""
+    `facet` counts positions in ``outline.facets``. Functions not connected to the facet, which
+    vanish there, are omitted to avoid rounding."""
     body, mesh = outline.body, outline.body.mesh
     corners = np.hstack((np.zeros((len(X), 1)), np.eye(len(X))))
     first, *ends = np.moveaxis(places_on_facets(mesh, outline.facets, corners), 2, 0)

@@ -8,11 +8,11 @@ the values of the scalar elements on either side, :math:`\Phi_s` and :math:`\Phi
     G = P \, [n \cdot \Phi_s, \; -n \cdot \Phi_m], \qquad g = P \, ((y - x) \cdot n),
 
 and T likewise with the tangents. A multiplier is a force on both bodies along the line from x to y,
-so that forces and, without friction, moments balance to rounding whatever the gap (M. A. Puso and
-T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193, 2004).
+so that forces and, without friction, moments balance to rounding for any gap (M. A. Puso and T. A.
+Laursen, Comput. Methods Appl. Mech. Engrg. 193, 2004).
 
-Where the bodies have moved to, segments are those of the displaced facets. With the reference
-places X and Y that face each other there, the condition is linear in the displacement:
+For displaced bodies, segments are those of the displaced facets. With the reference positions X and
+Y of facing points, the condition is linear in the displacement:
 
 .. math:: n \cdot \big(Y + u_m(Y) - X - u_s(X)\big) \ge 0, \quad G u \le P (n \cdot (Y - X)) .
 
@@ -64,7 +64,7 @@ class MortarRows:
     rows: ContactRows  # G and T with the columns of the first body; gap, weights, frames
     other_G: Csr  # noqa: N815
     other_T: Csr  # noqa: N815
-    P: Csr  # means of values at the integration points, shape (m, n)
+    P: Csr  # averages values at the integration points, shape (m, n)
     quadrature: InterfaceQuadrature
 
 
@@ -78,8 +78,9 @@ def mortar_rows(
     tied: bool = False,
 ) -> MortarRows:
     """Discretise the interface of two bodies; the first is the non-mortar side.
-    The second may be the first body with other facets. `clearance`, on x (2, n) or at the contact
-    points, replaces the measured gap; `tied` lowers the degree at held ends (`PositiveBasis`)."""
+    The second may be the first body with other facets. `clearance`, a function of x (2, n) or
+    values at the contact points, replaces the measured gap; `tied` lowers the degree at fixed ends
+    (`PositiveBasis`)."""
     interface = Interface.of(first, facets, second, others, functional, tied)
     found = interface.rows()
     return found if clearance is None else with_clearance(found, clearance)
@@ -150,25 +151,25 @@ class Interface:
 
     @cached_property
     def rest(self) -> tuple[Any, Any]:
-        """The charts of both sides at rest."""
+        """The undeformed facets of both sides."""
         return chart(self.first), chart(self.second)
 
     def rows(self, moved: tuple[Array, Array] | None = None) -> MortarRows:
-        """Rows with the measured gap, of facets at rest or displaced by u and v of the bodies."""
+        """Rows with the measured gap, of undeformed facets or those displaced by u and v."""
         first, (one, two) = self.first.body, self.rest
         if moved is not None:
             one, two = chart(self.first, moved[0]), chart(self.second, moved[1])
         q = one.cut(two, self.degree + one.added(two, self.rest))
-        if moved is not None:  # forces and pressures are those of small strains
+        if moved is not None:  # forces and pressures refer to the undeformed area
             q = replace(q, w=one.relaxed(self.rest[0], q.facet, q.X, q.w))
         measures = q.w
-        if first.is_ring:  # at the places before any displacement
+        if first.is_ring:  # with the undeformed radii
             q = replace(q, w=measures * first.depth(self.rest[0].at(q.facet, q.X)))
         functions = Multipliers.of(self.basis, q, self.functional != "standard", measures)
         facet, X = self.basis.nominal
         facet, X = facet[functions.point], X[:, functions.point]
         x_nominal = one.at(facet, X)
-        # The facet that the largest part of each function lies on.
+        # The facet with the largest part of each function.
         N = functions.N.tocoo()
         order = np.lexsort((N.data, N.col))
         most = q.other[N.row[order[np.append(np.diff(N.col[order]) > 0, True)]]]
@@ -178,11 +179,11 @@ class Interface:
         )
         if self.functional != "standard":
             return found
-        # Coefficients of standard functions that represent a linear pressure are its values there.
+        # At these points a linear pressure equals its coefficients of standard functions.
         return replace(found, rows=replace(found.rows, x=x_nominal))
 
     def displaced(self, u: Array, v: Array) -> MortarRows:
-        """Rows at the places x + u and y + v of the bodies, with the gap between reference places.
+        """Rows at the positions x + u and y + v, with the gap between reference positions.
         The gap of the displaced bodies is ``rows.gap - (rows.G @ u + other_G @ v)``.
         Raises InputError where no facet faces another one any longer."""
         found = self.rows((u, v))
@@ -195,12 +196,12 @@ class Interface:
         self, q: InterfaceQuadrature, functions: Multipliers, x_nominal: Array, at: tuple[Csr, Csr]
     ) -> MortarRows:
         """The rows with the measured gap. `at`, (m, scalar dofs), are the traces of both bodies at
-        the contact points and opposite, which tell where supports hold both bodies."""
+        the contact points, which decide whether supports fix both bodies."""
         psi, w = functions.psi, functions.weights
         P = Csr(sparse.diags_array(1.0 / w) @ psi.T @ sparse.diags_array(q.w))
         here, there = facet_trace(self.first, q.facet, q.X), facet_trace(self.second, q.other, q.Y)
-        # On a plane of symmetry the mean over the modelled half may move across it: the place
-        # decides, see `contact.rows.discretise.TraceRows.supported`.
+        # On a plane of symmetry the mean over the modelled half may cross the plane: the point
+        # itself decides, see `contact.rows.discretise.TraceRows.supported`.
         hub = self.basis.at_place[functions.point]
         place, mean = (sparse.diags_array(part.astype(float)) for part in (hub, ~hub))
         own, free = Csr(place @ at[0] + mean @ (P @ here)), self.first.body.constraint[0]
@@ -229,25 +230,25 @@ class Interface:
         traces: tuple[Csr, Csr],
     ) -> tuple[Csr, Csr]:
         """Rows of both bodies in one direction, `straight` (dim, m), `vectors` (dim, nnz of P).
-        Where supports hold both bodies in this direction, as on a plane of symmetry, the row is
-        that of the place alone: the mean over the modelled half would not vanish."""
+        Where supports fix both bodies in this direction, as on a plane of symmetry, the row is that
+        of the point: the mean over the modelled half would not vanish."""
         alone = [directed(at[0], straight), -directed(at[1], straight)]
         bodies = self.first.body, self.second.body
         held = np.ones(P.shape[0], dtype=bool)
         for rows, body in zip(alone, bodies, strict=True):
-            held &= norms(rows @ body.constraint[0]) <= 1e-9 * norms(rows)  # rounding of held rows
+            held &= norms(rows @ body.constraint[0]) <= 1e-9 * norms(rows)  # rounding of fixed rows
         pick, leave = (sparse.diags_array(part.astype(float)) for part in (held, ~held))
         both = []
-        rounding = 1e-14  # of entries over the length of the dof
+        rounding = 1e-14  # of entries, relative to the length of the dof
         for rows, body, trace, sign in zip(alone, bodies, traces, (1.0, -1.0), strict=True):
             result = Csr(pick @ rows + leave @ _along(P, sign * vectors, trace))
-            # Rounding: functions that are biorthogonal to this one.
+            # Drop rounding from functions that are biorthogonal to this one.
             small = np.abs(result.data) < rounding * body.lengths[0][result.indices]
             result.data[small] = 0.0
             result.eliminate_zeros()
             both.append(result)
         if bodies[0] is bodies[1]:
-            # At the tip of a slit both lips have the same dofs: there the sum is zero.
+            # At the tip of a slit both faces have the same dofs: their sum is zero.
             total = Csr(both[0] + both[1])
             small = np.abs(total.data) < rounding * bodies[0].lengths[0][total.indices]
             total.data[~small] = 0.0
@@ -256,7 +257,7 @@ class Interface:
 
 
 def chart(outline: Outline, u: Array | None = None) -> Any:
-    """`FacetCurves` or `FaceMaps` of a boundary, at rest or where the displacement u moves it."""
+    """`FacetCurves` or `FaceMaps` of a boundary, undeformed or displaced by u."""
     kind: Any = FacetCurves if outline.body.dim == 2 else FaceMaps
     if u is None:
         return kind.of(outline)
@@ -276,13 +277,13 @@ def _mean_normals(functions: Multipliers, q: InterfaceQuadrature) -> Array:
     Raises InputError where facets with opposite normals share a contact point."""
     mean = (functions.N.T @ (q.w * q.n).T).T
     length = np.linalg.norm(mean, axis=0)
-    if np.any(length < 1e-9 * functions.weights):  # unit vectors that cancel
+    if np.any(length < 1e-9 * functions.weights):  # opposite unit vectors
         raise InputError("boundary: facets with opposite normals meet at a contact point")
     return np.asarray(mean / length)
 
 
 def _along(P: Csr, vectors: Array, trace: Csr) -> Csr:
-    """Means of the displacement along vectors given for every entry of P, shape (m, ndofs)."""
+    """Mean displacements along vectors given for every entry of P, as rows (m, ndofs)."""
     weighted = [Csr((P.data * v, P.indices, P.indptr), shape=P.shape) for v in vectors]
     return interleaved([part @ trace for part in weighted])
 

@@ -8,8 +8,8 @@ r"""Multiplier functions psi_k of an interface, at its integration points.
 ``"hat"``       dual to the hats of the vertices, whatever the element
 ==============  ===================================================================================
 
-All of them sum to one, so that patch tests are passed, and :math:`w_k = \int \psi_k = \int N_k` is
-positive. Dual functions serve contact: each condition then contains one coefficient of the
+All of them sum to one, so that the patch test is passed, and :math:`w_k = \int \psi_k = \int N_k`
+is positive. Dual functions serve contact: each condition then contains one coefficient of the
 non-mortar side only. Standard ones serve ties.
 
 The condition of M_e grows as :math:`h^{-2p}` where an interval of relative length h is covered, so
@@ -34,7 +34,7 @@ of its two neighbours: facet f has the share of :math:`c_f` in :math:`b_v` added
 of :math:`c_f`, and the share of :math:`c_g` as a function of a contact point of facet g. Facets
 that approximate a curve have degree one, see `contact.rows.shares`.
 
-A tie has one degree less on the last facet where a support holds the end of the boundary, because
+A tie has one degree less on the last facet where a support fixes the end of the boundary, because
 the displacement has less freedom there: :math:`c_0 = c_1`, :math:`c_0 = 2 c_1 - c_2`,
 :math:`c_0 = 3 c_1 - 3 c_2 + c_3` for p = 1, 2, 3 (C. Bernardi, Y. Maday and A. T. Patera, in
 Nonlinear Partial Differential Equations and Their Applications, Longman 1994).
@@ -62,8 +62,8 @@ from contact.rows.outline import Outline, hats
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SLOTS = 4  # coefficients of a facet of the highest degree in the plane, three
-LEAST_WEIGHT = 1e-6  # over the largest: with a smaller weight a pressure has three digits or fewer
+SLOTS = 4  # coefficients of a plane facet of the highest degree, three
+LEAST_WEIGHT = 1e-6  # over the largest: with smaller weights a pressure has at most three digits
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class Multipliers:
     """Multiplier functions of the covered contact points, at the integration points."""
 
     psi: sparse.csr_array  # multiplier functions, shape (n, m)
-    N: sparse.csr_array  # positive functions that they belong to, shape (n, m)
-    weights: Array  # integrals of either, shape (m,)
+    N: sparse.csr_array  # positive functions N_k, shape (n, m)
+    weights: Array  # integrals of psi_k and N_k, shape (m,)
     point: Index  # number of each contact point in the basis, shape (m,)
 
     @classmethod
@@ -84,8 +84,8 @@ class Multipliers:
         measures: Array | None = None,
     ) -> Multipliers:
         """Evaluate the functions; contact points that are not covered have none.
-        `measures`, (n,), replace the weights of the quadrature in deciding which points join a
-        neighbour: near the axis of a ring areas are small however long a facet is."""
+        `measures`, (n,), replace the quadrature weights in deciding which points are merged: near
+        the axis of a ring areas are small for any facet length."""
         facet, w = quadrature.facet, quadrature.w
         size, number = w if measures is None else measures, basis.number[facet]
         N, psi = basis.functions(quadrature, dual)
@@ -105,8 +105,8 @@ class Multipliers:
 
 def joined_points(number: Index, weights: Array) -> tuple[Index, Index]:
     """New number of every contact point, -1 if not covered, and the points that are kept.
-    A point of too small a weight joins the one of largest weight on a facet of its own."""
-    # Strictly growing along every step, so that no two points can become each other.
+    A point of too small a weight is merged with the one of largest weight on its facets."""
+    # Weights increase strictly along every merge, so that there are no cycles.
     rank = np.empty(weights.size, dtype=np.int64)
     rank[np.argsort(weights, kind="stable")] = np.arange(weights.size)
     largest = np.where(number >= 0, rank[number], -1).max(axis=1)
@@ -133,13 +133,13 @@ class PositiveBasis:
 
     degree: Index  # of each facet, shape (nfacets,)
     number: Index  # contact point of each coefficient, -1 for none, shape (nfacets, 4)
-    mix: Array  # from Bernstein polynomials to the N_k, shape (nfacets, 4, 4)
+    mix: Array  # maps Bernstein polynomials to the N_k, shape (nfacets, 4, 4)
     nominal: tuple[Index, Array]  # facet and coordinate of each point, shapes (m,) and (1, m)
     hub: Index  # vertex of the mesh that a contact point belongs to, or -1, shape (m,)
 
     @classmethod
     def of(cls, outline: Outline, form: FacetFunctional, hat: bool, tied: bool) -> PositiveBasis:
-        """The basis of a boundary: hats of the vertices if `hat`, lower at held ends if `tied`.
+        """The basis of a boundary: vertex hats if `hat`, of lower degree at fixed ends if `tied`.
         `form` is the default functional of the element, whose values are those of the trace."""
         low = outline.curved if form.reduced else np.zeros(outline.facets.size, dtype=bool)
         full = np.where(low | hat, 1, len(form.C) - 1)
@@ -151,7 +151,7 @@ class PositiveBasis:
         number, hub = _numbers(outline.corners, degree, inline, held)
         slot = np.arange(SLOTS)
         place = np.where(degree[:, None] > 0, slot / np.maximum(degree, 1)[:, None], 0.5)
-        # With the lower degree there is a coefficient left at a held end, which is not its value.
+        # With the lower degree the coefficient at a fixed end is not the value there.
         hub[np.isin(hub, outline.corners[held])] = -1
         order = in_order(outline, place, number, hub.size)
         rank = np.empty(hub.size, dtype=np.int64)
@@ -169,7 +169,7 @@ class PositiveBasis:
 
     @property
     def at_place(self) -> NDArray[np.bool_]:
-        """Whether supports hold a contact point as they hold its place, shape (m,)."""
+        """Whether a contact point is fixed by supports if its position is, shape (m,)."""
         return self.hub >= 0
 
     def functions(self, quadrature: InterfaceQuadrature, dual: bool) -> tuple[Array, Array]:
@@ -184,18 +184,18 @@ class PositiveBasis:
         return N, psi
 
     def values(self, facet: Index, s: Array, degree: int) -> Array:
-        """The N_k at places s of facets of one degree, shape (degree + 1, n)."""
+        """The N_k at points s of facets of one degree, shape (degree + 1, n)."""
         used = slice(degree + 1)
         return np.einsum("qij,jq->iq", self.mix[facet, used, used], bernstein(degree, s))
 
 
 def bernstein(degree: int, s: Array) -> Array:
-    """Bernstein polynomials at places s, shape (degree + 1, n)."""
+    """Bernstein polynomials at points s, shape (degree + 1, n)."""
     return np.array([comb(degree, i) * s**i * (1 - s) ** (degree - i) for i in range(degree + 1)])
 
 
 def _held_ends(outline: Outline) -> NDArray[np.bool_]:
-    """Ends of the boundary at which a support holds a component, shape (nfacets, 2)."""
+    """Ends of the boundary at which a support fixes a component, shape (nfacets, 2)."""
     body, corners = outline.body, outline.corners
     met = np.bincount(corners.ravel(), minlength=body.mesh.nvertices)
     dofs = body.dim * body.scalar_dofs.nodal_dofs[0, corners][..., None] + np.arange(body.dim)
@@ -212,7 +212,7 @@ def _numbers(
     carrier = np.full((degree.size, SLOTS), -1, dtype=np.int64)
     carrier[:, 0] = np.where(inline[:, 0], -1, corners[:, 0])
     carrier[facets, degree] = np.where(inline[:, 1], -1, corners[:, 1])
-    # A constant takes the coefficient of the end that is not held.
+    # A constant takes the coefficient of the free end.
     constant = degree == 0
     free = np.where(held[:, 0], corners[:, 1], corners[:, 0])
     carrier[constant, 0] = np.where(held.all(axis=1), -1, free)[constant]
@@ -264,8 +264,8 @@ def _dual(basis: PositiveBasis, facet: Index, s: Array, w: Array, N: Array) -> A
 
 def _of_whole_facet(degree: int, low: Array, high: Array) -> Array:
     """Bernstein polynomials of intervals [low, high] in those of [0, 1], (n, p + 1, p + 1).
-    Entry (i, j): polar form of polynomial i of the interval at p - j zeros and j ones
-    (G. Farin, Curves and Surfaces for CAGD, 5th ed., Morgan Kaufmann 2002, chapter 4)."""
+    Entry (i, j) is the polar form of the interval's polynomial i at p - j zeros and j ones (G.
+    Farin, Curves and Surfaces for CAGD, 5th ed., Morgan Kaufmann 2002, chapter 4)."""
     zero, one = -low / (high - low), (1.0 - low) / (high - low)
     entry = np.zeros((low.size, degree + 1, degree + 1))
     for i in range(degree + 1):
@@ -287,7 +287,7 @@ class FaceBasis:
     """The positive functions N_k of a boundary in space."""
 
     outline: Outline
-    form: FacetFunctional  # its polynomials span the functions of a facet
+    form: FacetFunctional  # its polynomials span the trace on a facet
     hat: bool  # hats of the vertices, whatever the element
     number: Index  # contact point of each function, -1 for none; shape (nfacets, nvalues)
     size: int  # number of contact points, covered or not
@@ -304,13 +304,13 @@ class FaceBasis:
 
     @property
     def nominal(self) -> tuple[Index, Array]:
-        """A facet of each contact point, and its place there, shapes (m,) and (2, m)."""
+        """A facet of each contact point, and its reference point, shapes (m,) and (2, m)."""
         facet, slot = first_occurrence(self.number, self.size)
         return facet, self.form.nominal[:, slot]
 
     @property
     def at_place(self) -> NDArray[np.bool_]:
-        """Whether supports hold a contact point as they hold its place: everywhere, shape (m,)."""
+        """Whether a contact point is fixed by supports if its position is: always, shape (m,)."""
         return np.ones(self.size, dtype=bool)
 
     def functions(self, quadrature: InterfaceQuadrature, dual: bool) -> tuple[Array, Array]:
@@ -321,7 +321,7 @@ class FaceBasis:
 
     def values(self, facet: Index, X: Array) -> Array:
         """The N_k of facets at places X (2, n), shape (n, nvalues)."""
-        X = np.clip(X, 0.0, 1.0)  # off by rounding, which would make small weights negative
+        X = np.clip(X, 0.0, 1.0)  # rounding would make small weights negative
         hat = np.maximum(hats(X, self.outline.corners.shape[1]), 0.0)
         if self.hat or not self.form.reduced:
             return np.asarray((hat / hat.sum(axis=0)).T)
@@ -354,7 +354,7 @@ def _face_dual(facet: Index, w: Array, N: Array, used: NDArray[np.bool_]) -> Arr
     place = np.arange(facet.size) - np.repeat(start, count)
     row = np.repeat(np.arange(start.size), count)
     slots, root = N.shape[1], np.sqrt(w[order])
-    # Functions that a facet lacks are replaced by points of their own, at the end.
+    # Functions that a facet lacks are replaced by extra points at the end.
     rows = np.zeros((start.size, int(count.max()) + slots, slots))
     rows[row, place] = root[:, None] * np.where(used[order], N[order], 0.0)
     here = used[order][start]
@@ -373,5 +373,5 @@ def _face_dual(facet: Index, w: Array, N: Array, used: NDArray[np.bool_]) -> Arr
     found = np.einsum("nj,nji->ni", Q[row, place] / root[:, None], factor[row])
     psi = np.empty_like(N)
     psi[order] = np.where(good[row][:, None] & used[order], found, N[order])
-    # What rounding leaves on narrow parts would be missing from a uniform pressure.
+    # Correct the rounding on narrow parts, so that a uniform pressure is exact.
     return np.asarray(psi + N * (1.0 - psi.sum(axis=1))[:, None])

@@ -1,7 +1,7 @@
 r"""Derivatives of contact rows with respect to the displacements.
 
-An integration point keeps its place X on the non-mortar side. When the bodies move, its normal n
-turns by :math:`\delta n`, and the place Y that it faces slides over the mortar side, so that y - x
+An integration point keeps its reference point X on the non-mortar side. When the bodies move, its
+normal n turns by :math:`\delta n`, and its projection Y slides over the mortar side, so that y - x
 remains along n. With tangents :math:`p_b` across n, :math:`\tau_a = \partial y / \partial Y_a`, the
 gap g and changes :math:`\delta` at fixed Y,
 
@@ -10,9 +10,9 @@ gap g and changes :math:`\delta` at fixed Y,
     \qquad \delta g = n \cdot (\delta y - \delta x) + \sum_a (n \cdot \tau_a) \, \delta Y_a .
 
 In the plane :math:`\delta n = \theta p`, and an averaged normal turns by the mean of the angles of
-its facets, linear between the ends. In space tangents turn with their normals, and about them, as
-`contact.rows.frames.tangent_frame` does. The motion of the ends of segments and of the corners of
-polygons is left out: it enters with the gap, which is zero in contact. Whole linearisation:
+its facets, linear between the ends. In space tangents turn with and about their normals, as in
+`contact.rows.frames.tangent_frame`. The motion of segment ends and polygon corners is neglected: it
+is multiplied by the gap, which is zero in contact. Full linearisation:
 M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); A. Popp, M. W. Gee and
 W. A. Wall, Int. J. Numer. Meth. Engng 79 (2009); A. Popp, M. Gitterle, M. W. Gee and W. A. Wall,
 ibid. 83 (2010)."""
@@ -50,7 +50,7 @@ class SlidingDerivative:
 
     normal: Csr  # to be added to G, shape (m, ndofs)
     tangential: Csr  # to be added to T, shape (m * (dim - 1), ndofs)
-    force: Csr  # of G^T mu + T^T t at fixed mu and t, shape (ndofs, ndofs)
+    force: Csr  # derivative of G^T mu + T^T t at fixed mu, t, shape (ndofs, ndofs)
 
     @classmethod
     def of(
@@ -103,20 +103,20 @@ class SlidingDerivative:
 
 @dataclass(frozen=True)
 class _Places:
-    """The integration points with their derivatives in the dofs; a and b count tangents."""
+    """Integration points and their derivatives with respect to the dofs; a, b number tangents."""
 
-    p: Array  # tangents across the normals, shape (dim, dim - 1, n)
+    p: Array  # tangents orthogonal to the normals, shape (dim, dim - 1, n)
     here: Csr  # trace of the first body, shape (n, scalar dofs)
     there: Csr  # trace of the second body
     ahead: list[Csr]  # derivatives of `there` with respect to Y_a
     steep: Array  # n . tau_a, shape (dim - 1, n)
     turn: list[Csr]  # changes of the normals along p_b, shape (n, ndofs)
     run: list[Csr]  # changes of Y_a, shape (n, ndofs)
-    frames: list[list[Csr]]  # means of values along p_b, along tangents j of points, [j][b], (m, n)
+    frames: list[list[Csr]]  # averages of components p_b along tangents j of points, [j][b], (m, n)
 
 
 def _in_plane(interface: Interface, found: MortarRows, u: Array, v: Array) -> _Places:
-    """Places in the plane, where all changes along p are numbers."""
+    """Integration points in the plane, where changes along p are scalar."""
     q, (one, two), (X, Y) = found.quadrature, (interface.first, interface.second), interface.rest
     n, p = q.n, np.array([-q.n[1], q.n[0]])
     here, there = facet_trace(one, q.facet, q.X), facet_trace(two, q.other, q.Y)
@@ -133,7 +133,7 @@ def _in_plane(interface: Interface, found: MortarRows, u: Array, v: Array) -> _P
     turn = sparse.hstack((_turns(one, u, q.facet, q.X[0]), none), format="csr")
     run = sparse.hstack((directed(here, p), -directed(there, p)), format="csr")
     run = scaled(1.0 / np.sum(tau * p, axis=0), Csr(run + scaled(gap, turn)))
-    # The tangents of contact points are their normals turned, one way or the other.
+    # The tangents of contact points are their normals turned by +-90 degrees.
     normals, tangents = found.rows.normals, found.rows.tangents[:, 0]
     way = np.sign(tangents[1] * normals[0] - tangents[0] * normals[1])
     steep, frames = np.sum(n * tau, axis=0)[None], [[scaled(way, found.P)]]
@@ -141,7 +141,7 @@ def _in_plane(interface: Interface, found: MortarRows, u: Array, v: Array) -> _P
 
 
 def _in_space(interface: Interface, found: MortarRows, u: Array, v: Array) -> _Places:
-    """Places in space."""
+    """Integration points in space."""
     q, (one, two) = found.quadrature, (interface.first, interface.second)
     nodes = trace_of_nodes(one), trace_of_nodes(two)
     here, _ = _between(nodes[0], one.facets.size, q.facet, q.X)
@@ -168,7 +168,7 @@ def _in_space(interface: Interface, found: MortarRows, u: Array, v: Array) -> _P
 
 
 def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Csr:
-    """Angle by which the averaged normal at places of facets turns, shape (n, ndofs)."""
+    """Rotation angle of the averaged normal at points of facets, shape (n, ndofs)."""
     count = outline.facets.size
     every = np.arange(count)
     trace = trace_of_nodes(outline)
@@ -207,7 +207,7 @@ def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Cs
 
 
 def _between(of_nodes: Csr, count: int, facet: Index, X: Array) -> tuple[Csr, list[Csr]]:
-    """Trace at places of facets, by interpolation between their nodes, and its derivatives."""
+    """Trace at points of facets, interpolated from nodal values, and its derivatives."""
     size = of_nodes.shape[0] // count
     column = (facet[:, None] * size + np.arange(size)).ravel()
     place, shape = (np.repeat(np.arange(facet.size), size), column), (facet.size, count * size)
@@ -224,7 +224,7 @@ def _spin(found: MortarRows, places: _Places) -> Csr:
     The frame is a function of the normal, differentiated by central differences."""
     n, (one, two) = found.rows.normals, found.rows.tangents.transpose(1, 0, 2)
     total = 0.0 * (found.P @ places.turn[0])
-    tilt = 1e-5  # of normals in central differences
+    tilt = 1e-5  # step of normals in central differences
     for t in (one, two):
         ahead, behind = (tangent_frame(n + h * t)[:, 0] for h in (tilt, -tilt))
         here = tangent_frame(n)[:, 1]
@@ -238,8 +238,8 @@ def _spin(found: MortarRows, places: _Places) -> Csr:
 
 
 def _frames(found: MortarRows, p: Array) -> list[list[Csr]]:
-    """Means of values along p as displacements along the tangents j of contact points, [j][b].
-    Each of shape (m, n): the entries of P times the products of both tangents."""
+    """Averages of components along p_b on the tangents j of contact points, [j][b].
+    Each has shape (m, n): the entries of P times the dot products of both tangents."""
     P, rows = found.P, found.rows
     at, point = P.indices, np.repeat(np.arange(P.shape[0]), np.diff(P.indptr))
     n = found.quadrature.n[:, at]
@@ -308,6 +308,6 @@ def _at_corners(outline: Outline, maps: FaceMaps, trace: Csr) -> list[Csr]:
 
 
 def _across(parts: list[Csr], n: Array) -> list[Csr]:
-    """Components of the derivatives of vectors without those along unit vectors n (3, nrows)."""
+    """Remove from derivatives of vectors the components along unit vectors n (3, nrows)."""
     along = sum((sparse.diags_array(n[i]) @ parts[i] for i in range(3)), start=0.0 * parts[0])
     return [Csr(parts[i] - sparse.diags_array(n[i]) @ along) for i in range(3)]
