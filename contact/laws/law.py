@@ -15,7 +15,7 @@ and r = g / |q|:
   - damped, equation (4.16) of the dissertation, in its corrected form, with a = t / max(g, |t|):
     ``(1 - r) t+ = r (I - a b^T) c v+ + (1 - r) g a``.
 
-The damped form converges globally, radial return is fast near the solution. For Coulomb's law g = F
+The damped form converges from far away, radial return is fast near the solution. For Coulomb's law g = F
 mu+ on active points is an unknown of the same linear system (monolithic).
 
 References
