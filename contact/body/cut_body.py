@@ -177,7 +177,7 @@ class CutBody(ElasticBody):
             Function of points (2, n) that returns which of them belong to the arc.
         spacing : float
             Distance of the contact points, in cell sizes along the arc. Below 1 the multipliers
-            become unstable, see `contact.rows.arc_rows`.
+            become unstable, see `contact.rows.contact_boundaries`.
 
         Returns
         -------

@@ -4,5 +4,5 @@ In: a `BoundaryProblem`, a friction law, an initial guess.
 Out: `Forces` that satisfy the laws, and the history of the iteration.
 Start: `methods` chooses the algorithm; `law` has the zones, residual and linearisation of contact
 and friction, `newton` the iteration, `condensed_newton` and `primal_newton` its linear systems;
-`active_set` solves box quadratic programs.
+`methods` also solves box quadratic programs.
 """

@@ -15,8 +15,8 @@ and r = g / |q|:
   - damped, equation (4.16) of the dissertation, in its corrected form, with a = t / max(g, |t|):
     ``(1 - r) t+ = r (I - a b^T) c v+ + (1 - r) g a``.
 
-The damped form converges from far away, radial return is fast near the solution. For Coulomb's law g = F
-mu+ on active points is an unknown of the same linear system (monolithic).
+The damped form converges from far away, radial return is fast near the solution. For Coulomb's law
+g = F mu+ on active points is an unknown of the same linear system (monolithic).
 
 References
 ----------
@@ -75,7 +75,7 @@ class ContactLaw:
     live: Array | None = None  # tangential components that can move, (dim - 1, ...)
     bonded: Array | None = None  # points tied to the obstacle
     swept: Array | None = None  # points that slip as prescribed, for any forces
-    surface: Any = None  # a `contact.laws.surface_compliance.SurfaceCompliance`
+    surface: Any = None  # a `contact.result.contact_system.SurfaceCompliance`
 
     def bound(self, mu: Array) -> Array:
         """The friction bound under normal forces mu, infinite at bonded points."""

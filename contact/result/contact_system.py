@@ -13,7 +13,6 @@ from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca, against, p
 from contact.laws.iteration import Iteration
 from contact.laws.newton import LIMITS
 from contact.laws.pressure_overclosure import PressureOverclosure
-from contact.laws.surface_compliance import SurfaceCompliance
 from contact.obstacles.rigid import ObstacleMotion
 from contact.portable import carried
 from contact.rows.contact_rows import ContactRows
@@ -232,3 +231,35 @@ def _beyond(x: Array, bound: float) -> float:
 
 def _largest(x: Any) -> float:
     return float(np.abs(x).max(initial=0.0))
+
+
+@dataclass(frozen=True)
+class SurfaceCompliance:
+    """Laws h of the points: ``u_n - d = h(mu)`` where mu > 0, h nondecreasing."""
+
+    laws: tuple[PressureOverclosure | None, ...]
+    number: NDArray[np.int64]  # law of each point; -1 for hard contact and bonded points
+    area: Array  # force over pressure
+    unit: Array  # physical overclosure = scaled overclosure * unit
+
+    def closest(self, q: Array) -> tuple[Array, Array, Array]:
+        """mu with ``mu + h(mu) = q``, h and h' there (zero where mu = 0): the resolvent of the law,
+        max(0, q) for hard contact.
+        """
+        mu, h, slope = np.maximum(q, 0.0), np.zeros(q.size), np.zeros(q.size)
+        for k, law in enumerate(self.laws):
+            at = np.flatnonzero(self.number == k)
+            if law is None or at.size == 0:
+                continue
+            a, b = self.area[at], 1.0 / self.unit[at]
+            c = law.resolved(q[at], a, b)
+            p, dp = law.evaluated(c)
+            mu[at], h[at] = a * p, b * c
+            loaded = (p > 0) & (dp > 0)
+            slope[at] = np.where(loaded, b / (a * np.where(loaded, dp, 1.0)), 0.0)
+        return mu, h, slope
+
+    @property
+    def start(self) -> Array:
+        """h(0) of each point, shape (m,)."""
+        return self.closest(np.full(self.number.size, -np.inf))[1]

@@ -4,9 +4,9 @@ import numpy as np
 
 from contact import NotConverged
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
-from contact.laws.active_set import signorini
 from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Coulomb, Tresca
+from contact.laws.methods import signorini
 from contact.laws.newton import newton, proximal_point
 from contact.spectral.grid_problem import GridProblem
 

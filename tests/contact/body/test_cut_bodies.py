@@ -14,7 +14,7 @@ from contact import (
     SignedDistance,
     Unbounded,
 )
-from contact.rows.arc_rows import arc_rows, hats_along
+from contact.rows.contact_boundaries import arc_rows, hats_along
 from skfem_adini import LevelSet, Polygon, refined_at_boundary
 
 R = 0.83

@@ -7,7 +7,7 @@ from skfem import ElementQuad1, ElementTriP2
 from contact import ContactProblem, InputError, Plane, Rigid, cross_check
 from contact.condensation.boundary_problem import BoundaryProblem
 from contact.laws import methods
-from contact.laws.active_set import signorini
+from contact.laws.methods import signorini
 from gpu import NotConverged
 from skfem_adini import ElementQuadAdini
 

@@ -11,7 +11,7 @@ from contact.errors import ContactError
 from contact.laws.friction import Coulomb, Tresca
 from contact.laws.methods import solve_boundary
 from contact.laws.options import Options
-from contact.laws.surface_compliance import SurfaceCompliance
+from contact.result.contact_system import SurfaceCompliance
 from gpu import GpuError
 
 TOLERANCE = 1e-10  # what `solve` promises by default: the solvers aim a hundred times lower
