@@ -64,8 +64,7 @@ def offsets(feet: Array, o: Index, count: Index, at: Out, inside: Out) -> tuple[
 def line_places(
     feet: Array, o: Index, count: Index, n: Index, periodic: Index, at: Out, inside: Out
 ) -> None:
-    """Compute the cells of the feet of `count` nodes (`at`) and their local coordinates
-    (`inside`)."""
+    """Compute the cells of the feet of `count` nodes (`at`) and places in them (`inside`)."""
     for q in range(count):
         k, _right, s = locate(o + q, feet[o + q], n, periodic)
         at[q] = k
@@ -163,8 +162,7 @@ def plane_places(
     feet: Array, size: Index, o: Index, count: Index, i: Index, j: Index, x: Line, y: Line,
     at: Out, inside: Out,
 ) -> None:  # fmt: skip
-    """Compute the cells (`at`) and local coordinates (`inside`) of the feet of `count` nodes of a
-    row."""
+    """Compute the cells of the feet of `count` nodes of a row (`at`), places in them (`inside`)."""
     for q in range(count):
         k, _right, s = locate(i, feet[o + q], x.n, x.periodic)
         l, _right, t = locate(j + q, feet[size + o + q], y.n, y.periodic)

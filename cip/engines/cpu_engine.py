@@ -52,8 +52,7 @@ class CpuEngine(Engine):
             flat[places] = values
 
     def _update(self, stage: Stage) -> tuple[list[Any], Any, int]:
-        """Arguments of the loops of a stage (its lines and its `Update`), and the number of
-        rows."""
+        """Arguments of the loops of a stage (lines and `Update`), and the number of rows."""
         lines = [self._lines[axis] for axis in stage.moving]
         update = tuple(Update(self.grid.size, self.grid.dim, stage.axis or 0, int(stage.advect)))
         rows = self.grid.nodes[0] if stage.axis is None else self.grid.size // lines[0][2]

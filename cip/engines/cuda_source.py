@@ -206,7 +206,7 @@ class _Function:
         return [*lines, "return;"]
 
     def made(self, node: ast.expr) -> str:
-        """The record type that an expression constructs, if any."""
+        """C code that declares the record `made` if an expression constructs one, else empty."""
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
             return ""
         if node.func.id not in self.records:
