@@ -302,8 +302,7 @@ class CudaEngine(Engine):
         return StageFeet(feet, [None], t + stage.begin * dt, t_end, (count,))
 
     def _table(self, stage: Stage) -> list[Any]:
-        """The table of a velocity from snapshots on the device, in a list; empty for other
-        velocities."""
+        """The table of a velocity from snapshots on the device, as a list; empty for others."""
         field = snapshots_of(stage.velocity)
         if field is None:
             return []
