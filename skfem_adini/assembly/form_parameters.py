@@ -29,7 +29,7 @@ class FormParameters(FormExtraParams):
 
     @property
     def _refused(self) -> NotSupported | None:
-        """The error that names the withheld parameters which the form has used, or None."""
+        """The error that names the withheld parameters that the form has used, or None."""
         names = ", ".join(f"w.{name}" for name in sorted(self._used))
         return NotSupported(f"the form uses {names}") if names else None
 
@@ -66,9 +66,9 @@ class FormParameters(FormExtraParams):
 
 
 def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
-    """Return a parameter of a form, as a number, a tuple or an array with at least two axes.
-    None stands for a vector of dofs, which is to be interpolated. One number a cell, or a
-    `DiscreteField` with one point, is repeated at all points, as scikit-fem has it."""
+    """Return a parameter of a form, as a number, a tuple or an array with at least two axes. None
+    stands for a vector of dofs, which is to be interpolated. One number a cell, or a
+    `DiscreteField` with one point, is repeated at all points, as in scikit-fem."""
     if isinstance(value, tuple):
         return value
     if isinstance(value, Number):

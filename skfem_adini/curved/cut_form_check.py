@@ -22,7 +22,7 @@ Parts = list[Array | None]  # value, gradient, ... over (..., cells, points)
 
 
 class CutSample:
-    """A few functions at a few points in a few cells of each batch, to try a form on."""
+    """A few functions at a few points in a few cells of each batch, for tests of a form."""
 
     def __init__(self, form: Form) -> None:
         self._form = form
