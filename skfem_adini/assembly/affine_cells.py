@@ -141,7 +141,7 @@ class AffineCells:
         return matrix
 
     def _around(self) -> tuple[Any, ...]:
-        """Return where each function's cells begin, the cells, its numbers in them, and functions."""
+        """Return where each function's cells begin, the cells, its numbers there, the functions."""
         return *row_kernel("cells_of_blocks")(self._functions, self._count), self._functions
 
     def _geometry(self, tensor: Array) -> Array:

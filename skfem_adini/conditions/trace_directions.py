@@ -33,7 +33,7 @@ class TraceDirections:
     def split(self) -> tuple[sp.csc_array, sp.csc_array, Array]:
         """Return the free directions, those of the trace, and eigenvalues of the latter (1 for u).
 
-        The columns (dofs, directions) are an orthonormal basis, single dofs at axis-parallel edges."""
+        The columns (dofs, directions) are an orthonormal basis, of dofs at axis-parallel edges."""
         touched = np.einsum("cvii->cv", self.projector) > 0
         u = self.dofs[0][touched]
         gradient = self.dofs[1 : 1 + self.dim, touched].T

@@ -75,7 +75,7 @@ def save_pvtu(
 
 
 def write_pieces(path: str | Path, comm: Any, make_grid: Callable[[], Any]) -> Path:
-    """Write a grid of each process to its file, and the index when all are there.
+    """Write a grid of each process to its file, and the index once all are written.
 
     Parameters
     ----------

@@ -214,7 +214,7 @@ def save(
 
 
 def _checked_steps(basis: Any, fields: Any) -> list[Any]:
-    """Return the steps of a series, all of them checked before the first file is written."""
+    """Return the steps of a series, all checked before the first file is written."""
     listed = isinstance(fields, Sequence) and not isinstance(fields, str)
     steps = list(fields) if listed else []
     if not steps or not all(
@@ -281,8 +281,8 @@ def _vertex_weights(basis: Any, X: Array) -> Array:
 def _number_points(
     pattern: CellPattern, cells: Indices, weights: Array, continuous: bool
 ) -> tuple[Indices, Indices]:
-    """Return kept positions in the flattened (cells, points), and every point's number.
-    If `continuous`, points of two cells are one when they have the same weights on the same
+    """Return the positions in the flattened (cells, points) that are kept, and every point's
+    number. If `continuous`, points of two cells are one when they have the same weights on the same
     vertices, by the sum of weight times a random 64-bit number of the vertex."""
     shape = weights.shape[1:]
     if not continuous:
