@@ -108,7 +108,25 @@ class Sensors:
         return ~np.isnan(self.values)
 
     def rows(self, grid: Grid, profile: str) -> csr_array:
-        """Rows that map a state to the values at all sensors, by the profile between nodes."""
+        """Rows that map a state to the values at all sensors, by the profile between nodes.
+
+        Parameters
+        ----------
+        grid : Grid
+        profile : str
+
+        Returns
+        -------
+        scipy.sparse.csr_array
+            Shape (m, N), applied to all moments, ``state.data.ravel()``.
+
+        Raises
+        ------
+        InputError
+            Sensors outside the grid.
+        NotSupported
+            A profile that is not linear in its moments.
+        """
         self._require(grid)
         return sample_rows(grid, profile, self.points)
 

@@ -243,9 +243,9 @@ class Prediction:
 
 class Roughness:
     r"""The rows whose sum of squares is the seminorm of `kind` ("H1", "H2", None: no rows) of the
-    velocity at time `t`; `names` are its parameters. It is the sum over components of :math:`\int
-    |\nabla c|^2` (H1), :math:`\int |\nabla^2 c|^2` (H2), with the weights of the grid. A constant
-    velocity costs nothing, unlike in the L2 norm, which draws all velocities to zero.
+    velocity at time `t`; `names` are its parameters. It is the sum over components of
+    :math:`\int |\nabla c|^2` (H1), :math:`\int |\nabla^2 c|^2` (H2), with the weights of the grid.
+    It vanishes for constant velocities, unlike the L2 norm, which draws all velocities to zero.
     """
 
     def __init__(self, grid: Grid, kind: str | None, names: Sequence[str], t: float) -> None:

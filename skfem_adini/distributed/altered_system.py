@@ -25,9 +25,6 @@ class Alteration:
     The rows become ``of_rows @ (K x)_c + of_x @ x_c``. Fixed unknowns keep their value; the rows of
     both matrices are zero there.
 
-    The rows become ``of_rows @ (K x)_c + of_x @ x_c``. Unknowns that are held keep their value; the
-    rows of both matrices are zero there.
-
     Attributes
     ----------
     held : ndarray of bool, shape (n,)
