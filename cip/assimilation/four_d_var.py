@@ -36,7 +36,7 @@ class _Limits(NamedTuple):
     decrease: float = 1e-4  # for Armijo's condition (Nocedal and Wright 2006, section 3.1)
     halvings: int = 30  # of a step, at most
     rounding: float = 1e-13  # relative: smaller changes of the cost are rounding
-    dependent: float = 1e-13  # largest relative distance of a vector from a span in which it lies
+    dependent: float = 1e-13  # relative distance from a span at which a vector counts as in it
     each: int = 50  # steps with a test of the residual after each; later after every tenth
 
 

@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 class _Limits(NamedTuple):  # limits of the choice and of its relaxation
     tie: float = 1e-9  # relative: gains that differ by less are equal, up to rounding of kernels
     gap: float = 1e-3  # relative gap of the two bounds at which the relaxation ends
-    steps: int = 200  # of the relaxation, at most
-    bisections: int = 20  # of the interval in which the best length of a step lies
+    steps: int = 200  # at most, of the relaxation
+    bisections: int = 20  # at most, of the interval of step lengths
 
 
 LIMITS = _Limits()
@@ -104,8 +104,7 @@ def place_sensors(
     excluded: ArrayLike | Callable[..., ArrayLike] | None = None,
     apart: float = 0.0,
 ) -> Placement:
-    r"""Greedy choice of the sensors that tell most among candidates, and a bound for every
-    choice.
+    r"""Greedy choice of the most informative candidates as sensors, and a bound for every choice.
 
     Each step takes the candidate that lowers the posterior variance most ("A"), or adds the most
     information ("D"). Information is submodular: without exclusions, the greedy choice has at least

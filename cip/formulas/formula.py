@@ -355,9 +355,9 @@ def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
 
 
 def check_pointwise(function: Callable[..., Any], samples: Samples, name: str) -> None:
-    """Raise `InputError` if values at a point depend on the other points of the call, as those of a
-    callable may that subtracts a mean, or shifts or sums along the array. Tracing cannot see that,
-    and along a characteristic it would be called with other points than the nodes.
+    """Raise `InputError` if values at a point depend on the other points of the call, as for a
+    callable that subtracts a mean, or shifts or sums along the array. Tracing cannot detect that,
+    and along a characteristic the callable is evaluated at other points than the nodes.
     """
     where = samples.differ(*(function(*point) for point in samples))
     if where is not None:

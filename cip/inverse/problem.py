@@ -323,8 +323,8 @@ def field_slopes(velocity: Velocity, grid: Grid, t: float, names: Sequence[str])
 # The weight of the seminorm, chosen by the data.
 #
 # Around an estimate the problem is linear: :math:`\|J d + r\|^2 + \alpha \|L d + \rho\|^2`, with r
-# in units of the noise. Only the part of the misfit that the parameters can change says something
-# about the weight, and of that only what is seen well: fitting the noise elsewhere takes weights
+# in units of the noise. Only the part of the misfit that the parameters can change determines the
+# weight, and of that only well determined data: fitting the noise elsewhere requires weights
 # that let the velocity grow without limit. The discrepancy principle is used there, with the
 # degrees of freedom that the estimate has taken: :math:`\|Q^T (J d + r)\|^2 = s^2 (n - \mathrm{tr}
 # Q^T A Q)`, where the n columns of Q span these changes of the data and A maps data to predictions

@@ -49,7 +49,7 @@ def _derivative(*axes: int) -> Moment:
 
 
 def carries_slopes(profile: str, dim: int) -> bool:
-    """Whether a conservative profile carries slopes beside values and means: csl4 on lines."""
+    """Whether a conservative profile carries slopes, not only values and means: csl4 on lines."""
     return profile == "csl4" and dim == 1
 
 

@@ -99,7 +99,7 @@ def traced(profile: str, advect: bool, dim: int, axis: int | None) -> Traced:
 
 
 def _at_corners(dim: int, outputs: list[Expression], reads: int, components: int) -> Traced:
-    """An update that reads so many moments at all corners of a cell."""
+    """An update that reads the first `reads` moments at all corners of a cell."""
     corners = [int(np.ravel_multi_index(corner, _NODES[:dim])) for corner in CORNERS[dim]]
     size = int(np.prod(_NODES[:dim]))
     return Traced(

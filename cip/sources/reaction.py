@@ -1,7 +1,7 @@
 r"""Sources and decay by symmetric splitting: half before the transport of a step, half after it.
 
 A step from t to t + dt is S D T D S: source and decay over the first half, transport, decay and
-source over the second (Strang, SIAM J. Numer. Anal. 5, 1968, 506-517). D is exact at each place, S
+source over the second (Strang, SIAM J. Numer. Anal. 5, 1968, 506-517). D is exact at each point, S
 adds the integral of the source over its half of the step by Gauss's rule of two points. So the
 error in time is of order dt^2, and what a source adds is integrated to degree three in time.
 """
@@ -324,8 +324,8 @@ class Products:
     means are those of a rule of Simpson's kind with the profile's midpoint value,
     :math:`\bar u = (u_0 + 4 u_{1/2} + u_1) / 6`, or of the rule of degree five with slopes, so that
     (g f) u = g (f u) for means too. `wanted` are the moments of g that they need, by keys: orders
-    of derivatives, or for means for each direction whether the midpoint is meant; the slope beside
-    means has the key (2,).
+    of derivatives, or for means for each direction whether it is the midpoint; slopes of profiles
+    with means have the key (2,).
     """
 
     def __init__(self, grid: Grid, profile: str, xp: Any) -> None:

@@ -107,7 +107,7 @@ class AffineCells:
     def matrix(self, tensor: Array) -> Any:
         r"""Return the matrix of :math:`\int C_{cadb} \, \partial_a v_c \, \partial_b u_d`, summed.
 
-        It is what `skfem.asm` gives, exactly symmetric. The number of threads does not change it.
+        It equals that of `skfem.asm`, exactly symmetric and independent of the number of threads.
 
         Parameters
         ----------

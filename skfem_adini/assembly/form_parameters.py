@@ -59,7 +59,7 @@ class FormParameters(FormExtraParams):
     def _refuse_all(self, *_: Any, **__: Any) -> NoReturn:
         self._refuse("items()")
 
-    # Methods that hand out all parameters at once, or change them, are refused.
+    # Methods that return all parameters at once, or change them, are refused.
     __iter__ = __len__ = __eq__ = __or__ = __ror__ = __setitem__ = _refuse_all
     keys = values = items = copy = pop = popitem = update = setdefault = clear = _refuse_all
     __hash__ = None  # type: ignore[assignment]

@@ -81,7 +81,7 @@ class Space:
         try:
             with np.errstate(divide="ignore", invalid="ignore"):
                 volume = np.abs(mapping.detDF(self.X, tind=own))
-        except Exception as error:  # scikit-fem has no type of its own for a zero determinant
+        except Exception as error:  # scikit-fem has no separate error type for a zero determinant
             raise InputError(f"mesh: a cell is degenerate ({error})") from error
         if not (volume > 0).all():
             bad = cells[~(volume > 0).all(axis=1)]
@@ -444,7 +444,7 @@ def orientations(elements: Iterable[Any], mapping: Any) -> NDArray[np.uint64]:
 #
 # Then the local matrices of congruent cells are combinations of those of the :math:`a_m`. Here the
 # form itself shows these terms: it is called with a `CellNumbers` for each coefficient, which
-# computes whatever the form makes of coefficients alone, such as k**3, 1 / k or a threshold, for
+# computes operations of the form on coefficients alone, such as k**3, 1 / k or a threshold, for
 # all cells, and becomes a `Separated` where it meets a function. Nothing is guessed from values;
 # any other operation raises `NotSupported`.
 

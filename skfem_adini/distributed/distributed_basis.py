@@ -302,7 +302,10 @@ class DistributedBasis:
 
 
 class Halo:
-    """The values that each process copies from other processes."""
+    """The values that each process copies from other processes.
+
+    `numbers` (n,) are those of the local dofs in the whole space, `owned` the local dofs that
+    belong to this process, by number from `first` without gaps."""
 
     def __init__(self, comm: Any, numbers: Indices, first: int, owned: Indices) -> None:
         self._comm = comm

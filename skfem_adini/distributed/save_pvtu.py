@@ -100,7 +100,7 @@ def write_pieces(path: str | Path, comm: Any, make_grid: Callable[[], Any]) -> P
     if comm.rank == 0 and grid is not None:
         with complete_file(path) as file:
             _index(grid, path.stem, comm.size).write(file, xml_declaration=True, encoding="utf-8")
-    comm.allgather(None)  # no process goes on before the index is there
+    comm.allgather(None)  # all processes wait until the index is written
     return path
 
 

@@ -249,7 +249,7 @@ def _refuse_other_bases(basis: Any) -> None:
 
 
 def _pattern(basis: Any, subdivide: int | None) -> tuple[CellPattern, bool]:
-    """Choose the VTK cells, and say whether neighbours share points."""
+    """Return the VTK cells, and whether neighbours share points."""
     mesh, elem = basis.mesh, basis.elem
     degree = exact_degree(elem.elem if isinstance(elem, ElementVector) else elem)
     geometry = exact_degree(mesh.elem())

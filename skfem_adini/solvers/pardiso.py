@@ -39,7 +39,7 @@ PHASES = _Phases()
 
 
 def has_pardiso() -> bool:
-    """Return whether pypardiso, which brings MKL, can be imported."""
+    """Return whether pypardiso, which includes MKL, can be imported."""
     return importlib.util.find_spec("pypardiso") is not None
 
 

@@ -1,8 +1,8 @@
 r"""Primal-dual active sets for a strictly convex QP with bounds and a few equality rows.
 
-The state of a variable is -1 (held at its lower bound), 0 (free) or +1 (held at its upper bound). A
-state determines x and the multipliers by one linear system. Violated are a free variable outside
-its bounds and a held one whose multiplier has the wrong sign; they change their state, all at once.
+The state of a variable is -1 (fixed at its lower bound), 0 (free) or +1 (fixed at its upper bound).
+A state determines x and the multipliers by one linear system. Free variables outside their bounds
+and fixed ones with a multiplier of the wrong sign are violated and change their state, all at once.
 This full exchange ([1]_, [2]_; as a semismooth Newton method [3]_) takes few steps but may cycle.
 When the number of violated indices has not fallen below its best value in `LIMITS.stalled` steps
 (the count of [4]_), the method follows a path [5]_: bounds and multipliers are shifted until the
@@ -88,12 +88,12 @@ class BoxQP:
         )
 
     def hold(self, x: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Set the entries of `x` at active bounds to these bounds."""
+        """`x` with the fixed variables at their bounds."""
         return np.where(state < 0, self.lb, np.where(state > 0, self.ub, x))
 
     def slack(self, state: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Quantities that must not be negative, shape (2, n): of free variables the distances to
-        both bounds, of active ones the multiplier towards the bound, then infinity.
+        both bounds, of fixed ones the multiplier towards the bound, then infinity.
         """
         held = state != 0
         pressure = np.where(self.lb < self.ub, -state * self.gradient(x, y), np.inf)
@@ -187,7 +187,7 @@ class ActiveSet:
         return np.flatnonzero(violation > 0)
 
     def exchange(self, i: np.ndarray, order: np.ndarray) -> None:
-        """Free the held variables of i; hold the free ones at the bound with the lower `order`."""
+        """Free the fixed variables of i; fix the free ones at the bound with the lower `order`."""
         side = np.where(order[0] < order[1], -1, 1)
         self.state[i] = np.where(self.state[i] == 0, side, 0)
 

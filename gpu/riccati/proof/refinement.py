@@ -47,8 +47,8 @@ class Verdict(NamedTuple):
 def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
     r"""Newton steps :math:`E^T D A_c + A_c^T D E = -\mathrm{res}(S)` while they shrink; S, count.
 
-    Residuals of twice the digits lead to the rounding of S (Higham 2002, chapter 12). If slow poles
-    stand beside a fast loop, the gain needs more digits of S than a double has, so S is kept in
+    Residuals of twice the digits lead to the rounding of S (Higham 2002, chapter 12). A fast
+    loop with slow poles needs more digits of S for the gain than a double has, so S is stored in
     extended precision wherever the residuals are.
     """
     standard = problem.standard()

@@ -1,6 +1,6 @@
 """Subdivision of boxes until every zero line in them is a graph over one side.
 
-Plain Python; `cut_quadrature.compiled_cut_boxes` hands it to numba, with `graph_rules`.
+Plain Python; `cut_quadrature.compiled_cut_boxes` compiles it and `graph_rules`.
 """
 
 from __future__ import annotations
