@@ -217,8 +217,7 @@ def _dense(linear: Linearised, window: AssimilationWindow) -> Array:
 
 
 def _aims(window: AssimilationWindow, rows: Array, goal: str) -> tuple[Array, float]:
-    """A F^T, with F from the unknowns to the quantities of interest, and the prior trace of F
-    F^T."""
+    """A F^T, F from the unknowns to the quantities of interest, and the prior trace of F F^T."""
     layout, covariance = window.layout, window.covariance
     if goal == "start":
         w = window.solver.grid.weights.ravel() / window.solver.grid.weights.sum()

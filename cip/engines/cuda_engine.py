@@ -26,8 +26,7 @@ def device_source(
     stage: Stage, name: str, limiter: int, computed: bool, real: str, index: str
 ) -> str:
     """CUDA C of the kernel ``run`` of a stage around the node function `name`, with its numbers as
-    constants; `limiter` is one of `LIMITER_CODES`, `computed` says whether the kernel computes the
-    feet.
+    constants; `limiter` from `LIMITER_CODES`, `computed`: whether the kernel computes the feet.
     """
     modules = _modules(stage)
     entries = [name]

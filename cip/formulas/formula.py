@@ -324,8 +324,7 @@ class Samples:
         return iter(self.points)
 
     def differ(self, first: Any, second: Any) -> str | None:
-        """Describe the first common point with different values on the two samples, or return
-        None."""
+        """Describe the first common point with different values on both samples, or return None."""
         a, b = (
             np.reshape(np.broadcast_to(x, np.broadcast_shapes(*map(np.shape, point))), shape)
             for x, point, shape in zip((first, second), self, self._shapes, strict=True)

@@ -358,10 +358,9 @@ class Linearised:
         scale: float,
         known: bool,
     ) -> Linearised:
-        """The reduced problem from all rows. `size` are changes of the parameters that change the
-        velocity by its own size; a direction is well determined if such a change is at least two
-        deviations of data of known noise, and not negligible relative to the best one. `scale` is
-        the rms of the data in the units of r."""
+        """Reduce all rows. `size` are changes of the parameters that change the velocity by its own
+        size; a direction is well determined if such a change is at least two deviations of data of
+        known noise, and not negligible. `scale` is the rms of the data in the units of r."""
         (one, right, rest), (two, rough, _) = _reduced(J, r), _reduced(L, rho)
         U, s, _ = np.linalg.svd(one * size)
         seen = s > SEEN.faint * s[0]

@@ -405,8 +405,7 @@ class DeviceAdjoint:
         if most not in self._unwind:
             self._unwind[most] = compiled(unwind_all(stage, most, engine._index))
         values = xp.asarray(np.array(stage.parameters, dtype=float))
-        # Number of threads that differentiate characteristics: all gradients have at most 2^28
-        # numbers.
+        # Threads that differentiate characteristics: all gradients have at most 2^28 numbers.
         threads = max(1, min(self._size, 2**17, 2**28 // len(values)))
         gradients = xp.empty((len(values), threads))
         lines = [xp.asarray(line) for line in stage.lines(block.bits)]

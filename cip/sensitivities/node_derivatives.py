@@ -100,8 +100,7 @@ def push_source(update: Traced) -> str:
 def pull_source(update: Traced, apart: bool = False) -> str:
     """Source of the kernel ``pull(m, w, out, g, feet, stride, first, x, [y,] size, o, i[, j])``,
     which adds to `out`, laid out as m and w, and writes derivatives in the components to `g`, for
-    displacements per length. `apart`: the derivative in ``update.reads[q]`` is written to
-    ``out[q size + o]``."""
+    displacements per length. `apart`: that in ``update.reads[q]`` goes to ``out[q size + o]``."""
     dim, count = update.dim, len(update.reads)
     total = constant(0.0)
     for q, output in enumerate(update.outputs):

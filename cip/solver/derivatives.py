@@ -77,9 +77,8 @@ def around(stages: list[Move], solver: Any, t: float, dt: float) -> list[Move | 
 
 
 class Replay:
-    """The stages of a run's steps, the list `plan` of (t, dt), repeated with the original
-    sub-steps; `moves` are the stages of all steps in order, between the halves of sources and
-    decay.
+    """Repeats the stages of a run's steps `plan`, a list of (t, dt), with the original sub-steps;
+    `moves` are the stages of all steps in order, between the halves of sources and decay.
     """
 
     def __init__(self, solver: Any, plan: list[tuple[float, float]]) -> None:

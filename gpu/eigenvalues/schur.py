@@ -42,8 +42,7 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
     ranks, widths = rank(values).tolist(), _widths(T)
     moved, place = False, 0
     while place < min(leading, len(S)):
-        # Move the best remaining block here, unless this one is as good: equal ones keep their
-        # order.
+        # Move the best block here, unless this one is as good: equal ones keep their order.
         following = ranks[place:]
         best = place + following.index(max(following))
         width = widths[best]

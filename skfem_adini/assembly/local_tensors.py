@@ -395,7 +395,6 @@ def leaves(element: Any) -> list[Any]:
 
 def why_not_element(element: Any) -> str | None:
     """Return why an element's functions may depend on more than shape and orientation, or None.
-
     Elements of scikit-fem use only the mapping's derivative and ``orient``, except for global
     functionals; the ``gbasis`` of another package may use anything."""
     ours = ElementQuadAdini, ElementHexAdini, ElementQuadBFS

@@ -337,8 +337,7 @@ def _roots_of_component(
             _, near = scipy.spatial.KDTree(centre[:, sound].T).query(mesh.p[:, outside].T, k=count)
             cells = sound[np.asarray(near).reshape(len(outside), count)]
             steps = np.abs(mesh.p[:, outside, None] - centre[:, cells]) / size[:, cells]
-            # Sort by the distance of extrapolation, in cells; a small share of the distance breaks
-            # ties.
+            # Sort by the cells of extrapolation; a small share of the distance breaks ties.
             rank = steps.max(axis=0) + 1e-3 * np.hypot(*steps)
             best = np.arange(len(outside)), rank.argmin(axis=1)
             roots, reach = cells[best], steps.max(axis=0)[best] - 0.5

@@ -384,8 +384,7 @@ class CutDomain:
     def _padded(
         self, owner: Indices, points: Array, weights: Array
     ) -> tuple[Indices, Array, Array, Indices]:
-        """Return cells, reference points (2, cells, most), weights, and the source of each
-        point.
+        """Return cells, reference points (2, cells, most), weights and the source of each point.
 
         `most` is the largest number of points; other cells repeat their first with weight 0."""
         cells, start, count = np.unique(owner, return_index=True, return_counts=True)

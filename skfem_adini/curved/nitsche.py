@@ -424,7 +424,6 @@ def _patches(
 
 def _apart(members: Any, depends: sp.csr_array, good: Indices) -> Indices:
     """Return the patches whose parameters are not connected by good cells.
-
     A common parameter connects two of these, rigid motions included."""
     place, cell = sp.csr_array(members).nonzero()
     rows = sp.coo_array(depends[cell])

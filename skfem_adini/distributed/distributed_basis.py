@@ -303,7 +303,6 @@ class DistributedBasis:
 
 class Halo:
     """The values that each process copies from other processes.
-
     `numbers` (n,) are those of the local dofs in the whole space, `owned` the local dofs that
     belong to this process, by number from `first` without gaps."""
 

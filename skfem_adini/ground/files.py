@@ -20,7 +20,7 @@ except ImportError:  # not a POSIX system
 
 @contextmanager
 def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]:
-    """Open a temporary file beside `path` and move it to `path` once everything is written. After
+    """Open a temporary file beside `path` and move it to `path` once all is on the disk. After
     an error an existing file is unchanged; with `exclusive` one raises `FileExistsError`. A killed
     process leaves the temporary file, of random name, for `remove_unfinished`."""
     temporary, descriptor = _beside(path), None
@@ -75,8 +75,7 @@ def _locked(path: Path) -> int | None:
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
     flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     descriptor = os.open(path, flags, 0o666)
-    # Before it was locked, `remove_unfinished` may have taken it for a killed process's and removed
-    # it.
+    # Before it was locked, `remove_unfinished` may have removed it as that of a killed process.
     if try_lock(descriptor) is not False and path.exists():
         return descriptor
     os.close(descriptor)

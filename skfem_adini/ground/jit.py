@@ -48,8 +48,7 @@ GENERATED = _Generated()
 def compiled(
     function: Callable[..., Any], parts: Iterable[Callable[..., Any]] = (), **options: Any
 ) -> Callable[..., Any]:
-    """Compile a copy of a function without the interpreter lock; the function itself is
-    unchanged.
+    """Compile a copy of a function without the interpreter lock; the original is unchanged.
 
     `parts` are plain functions that it calls, to be compiled into it: a call counts the references
     to each array that is passed, which can take as long as the work of a small function. The

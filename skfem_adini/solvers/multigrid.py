@@ -144,7 +144,6 @@ class Multigrid:
 
 def _slots(vertex: Indices) -> tuple[Indices, int, int]:
     """Return a slot for each unknown, the size of a block and the number of blocks.
-
     The slots of the unknowns of a vertex are consecutive, in one block."""
     _, block_of, count = np.unique(vertex, return_inverse=True, return_counts=True)
     order = np.argsort(block_of, kind="stable")

@@ -196,8 +196,7 @@ class _Iteration:
         if lost or look.ended:
             vector = None
             if self.aside is not None:
-                # These rows contain the eigenvalue found and the nearly converged vectors that were
-                # excluded.
+                # These rows contain the newcomer and the nearly converged vectors excluded.
                 vector = basis.V[keep : self.aside + 2].sum(axis=0)
             else:
                 basis.rotate(look.Q[:, :keep], size)
@@ -424,8 +423,7 @@ def unbeaten(
             basis.V[first : first + best] = basis.V[locked : locked + best]
             return False, made
         if inside and converged and evidence <= 0.0 and 2 * (room - best) > basis.size - first:
-            # It converged and is worse than the wanted, without evidence on the rest: lock it and
-            # restart.
+            # Converged and worse than the wanted, without evidence on the rest: lock it, restart.
             basis.rotate(Q[:, :best], size, locked)
             locked, room = locked + best, room - best
             basis.start(locked)

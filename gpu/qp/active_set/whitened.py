@@ -173,8 +173,7 @@ class WhitenedActiveSet:
             multiplier = np.zeros(self.m + self.n)
             multiplier[self.active] = self.to_host(mu)
             length = float(np.abs(value[self.m :]).max())
-            # Where x consists of rounding of the forces, it has their size: P has a diagonal of
-            # ones.
+            # Where x is rounding of the forces, it has their size: P has a diagonal of ones.
             unit = self.force if length <= LIMITS.origin * self.force else min(1.0, self.force)
             size = LIMITS.rounding * (unit + np.abs(value) + length)
             below, above = self.low - value, value - self.high

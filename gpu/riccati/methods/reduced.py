@@ -57,8 +57,7 @@ def solve(
     rank: int | None = None,
     refine: bool | None = None,
 ) -> Found:
-    """The gain :math:`K = R^{-1} B^T W P W^T E` on a basis W, given or grown; P solves the
-    projection.
+    """The gain :math:`K = R^{-1} B^T W P W^T E` on a basis W, given or grown; P solves it there.
 
     For Q of low rank W spans the space of :math:`A^T` and the factor of Q, up to a residual of
     `tol`; for full rank that of A and B, until the gain changes by less than `tol`, and unless A is
@@ -377,8 +376,8 @@ def _solve(state: StateMatrix, shift: complex, B: Any, Kt: Any, right: Any) -> A
         small = np.eye(B.shape[1]) - to_host(B.T @ G)
         if np.isfinite(small).all() and np.linalg.cond(small) < LIMITS.condition:
             return u + G @ xp.asarray(np.linalg.solve(small, to_host(B.T @ u)))
-    # The optimal feedback reflects an unstable mode without cost at the imaginary axis; then the
-    # shift is an eigenvalue of A itself.
+    # The optimal feedback reflects an unstable mode of A without cost at the imaginary axis; then
+    # the shift is an eigenvalue of A itself.
     moved = copy(state)
     moved.A = state.shifted(shift)
     factors = None if state.kind == "operator" else moved.factor_updated(B, Kt.real)

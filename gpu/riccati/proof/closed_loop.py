@@ -366,8 +366,7 @@ def _nearest(matrix: Any, tol: float = LIMITS.tolerances[0], **options: Any) -> 
 
 
 def proven_bound(A: Any, P: Any, magnitude: Any, likely: float) -> float:
-    r"""A number right of which no eigenvalue of A lies; infinity if the symmetric P proves no
-    bound.
+    r"""A number right of which no eigenvalue of A lies; infinity if symmetric P proves none.
 
     If P and :math:`-(A^T P + P A) - 2\mu P` are positive definite, every real part is below
     :math:`-\mu` (Lyapunov). Both are shown by Cholesky factorisations after bounds of all rounding

@@ -182,7 +182,6 @@ class _Composition(LevelSet):
 @dataclass(frozen=True)
 class TruthTable:
     """The truth table of a composed domain, in terms of its leaves.
-
     A leaf of which only the complement is used enters with its sign changed, so that a zero line
     on a grid line is the boundary of the cells inside."""
 
