@@ -598,7 +598,7 @@ def _compare(formula: Formula, name: str, grid: Grid, axis: int) -> None:
                 break
             jump, size = np.abs(values[-1] - values[0]), float(np.abs(values).max())
             worst = np.unravel_index(int(np.argmax(jump)), jump.shape)
-            if jump[worst] > max(allowed * size, floor):  # the field may be narrower
+            if jump[worst] > max(allowed * size, floor):  # it may peak between points
                 inside = _values(formula, order, axis, grid, grid.mesh(), clock)
                 size = float(np.max(np.abs(inside), where=np.isfinite(inside), initial=size))
             if jump[worst] <= max(allowed * size, floor):

@@ -22,7 +22,7 @@ from cip.profiles.catalogue import Line
 from cip.sensitivities.profile_derivatives import plain_kernels
 from cip.stages.stage import Stage
 
-Array = Any  # array module: NumPy or CuPy
+Array = Any  # arrays of NumPy or CuPy
 
 
 class Block:

@@ -35,7 +35,7 @@ from cip.formulas.spline_basis import SplineBasis, SplineFormula
 from cip.sensitivities.blocks import Block
 from cip.stages.stage import Stage, StageFeet
 
-Array = Any  # array module: NumPy or CuPy
+Array = Any  # arrays of NumPy or CuPy
 # Number of nodes from which on compiling a system (seconds) saves time.
 _COMPILE_FROM = 20_000
 

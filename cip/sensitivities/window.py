@@ -32,7 +32,7 @@ from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.state import State, state_of
 from skfem_adini.ground.arrays import host
 
-Array = Any  # array module: NumPy or CuPy
+Array = Any  # arrays of NumPy or CuPy
 # Default limit of the bytes of a window's states: with checkpoints another run is needed, a quarter
 # of a gradient.
 KEPT = 2**30

@@ -87,7 +87,7 @@ class Replay:
         for t, dt in plan:
             self.moves += around([Move(stage, t, dt) for stage in solver._stages], solver, t, dt)
         self._feet: dict[int, StageFeet] = {}
-        self._last: tuple[int, StageFeet] | None = None  # unsteady feet are requested repeatedly
+        self._last: tuple[int, StageFeet] | None = None  # recomputed, requested several times
         self._kept = 0
         # For each move whether paths had left the grid before, and the sub-steps known after it.
         self._memory: list[tuple[bool, dict[Any, tuple[float, int]]]] = []

@@ -157,7 +157,7 @@ class WallMoments:
             point = [x[on] for x in exits.points]
             point += [np.zeros(())] * (3 - len(point))
             jets = [exits.jets[Jet.named(name)][on] for name in self._jets]
-            with np.errstate(all="ignore"):  # `State.require_finite` reports the values
+            with np.errstate(all="ignore"):  # `State.require_finite` reports what is not finite
                 fields = self._wall(axis, side)(*point, t_end - exits.ages[on], middle)
                 for row, value in zip(result, self._combine(*fields, *jets), strict=True):
                     row[on] = value

@@ -411,7 +411,7 @@ def _patches(
     members = corners @ holders + _ones(places, owners, (owners.size, cells))
     rows = np.tile(np.arange(cells), len(dofs))
     depends = sp.csr_array(_ones(rows, dofs.ravel(), (cells, P.shape[0])) @ abs(P))
-    for _ in range(4):  # maximal layers of good cells that are added to disconnected patches
+    for _ in range(4):  # at most four layers of good cells are added to disconnected patches
         apart = _apart(members, depends, good)
         if not apart.size:
             break

@@ -12,7 +12,7 @@ from gpu.cuda.catalogue import OPTIONS, SOURCES
 
 
 class _Turn(NamedTuple):  # sizes of a launch of `ritz_rotate`
-    threads: int = 256  # rows of a block
+    threads: int = 256  # threads of a block
     columns: int = 32  # vectors that a block rotates
     vectors: int = 192  # most vectors whose columns fit into the 48 KiB that every block may use
 

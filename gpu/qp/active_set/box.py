@@ -179,7 +179,7 @@ class ActiveSet:
         """Indices whose slack is negative by more than `allowance` times the terms of a row."""
         p = self.problem
         violation = -slack.min(axis=0)
-        # 2|x|_1 bounds |P||x|, as entries are at most 2: only small ones are compared exactly.
+        # 2|x|_1 bounds |P||x|, as entries are at most 2: only doubtful cases are compared exactly.
         bound = 2 * np.abs(self.x).sum() + np.abs(p.q) + np.abs(self.y).sum()
         i = np.flatnonzero((violation > 0) & (violation <= allowance * bound))
         violation[i[violation[i] <= allowance * p.terms(i, self.x, self.y)]] = 0.0
