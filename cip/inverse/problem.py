@@ -342,7 +342,7 @@ class Linearised:
     Q: Array  # (parameters, n): orthonormal changes of reduced data that are well determined
     r: Array  # right-hand side of J
     rho: Array  # right-hand side of L
-    rest: float  # square of the misfit that no parameters reduce
+    rest: float  # square of the misfit that no parameters remove
     count: int  # number of data
     depends: bool  # whether some data change with a parameter, beyond rounding
     known: bool  # whether the misfit is in units of the noise

@@ -35,9 +35,9 @@ def edge(
     m: Array, line: Line, k: Index, r: Index,
     a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real,
 ) -> tuple[Real, Real, Index]:  # fmt: skip
-    """The bubble of an edge, its slope, and 2 at a jump (`rough`; where the bubble is piecewise
-    linear), 1 next to a jump, else 0. With a fifth of the threshold, `rough` detects oscillations
-    next to a jump: the cubic is kept, and the value in the cell clamped to those at its corners."""
+    """The bubble of an edge, its slope, and 2 at a jump (`rough`; then piecewise linear),
+    1 next to a jump, else 0. With a fifth of the threshold, `rough` detects oscillations next to a
+    jump: the cubic is kept, and the value in the cell clamped to those at its corners."""
     if rough(m, line, k, r, a, b, va, vb, 0.1) == 1:
         value, slope = tangents(a, b, va, vb, s, d)
         return value - a - s * (b - a), slope - (b - a), 2

@@ -43,7 +43,7 @@ _log = logging.getLogger(__name__)
 
 class _Cells(NamedTuple):  # numbers of cells
     few: int = 9  # up to so many cells, an array over cells may also be a tensor of 3 x 3 numbers
-    sample: int = 512  # compared first: if none of them are equal, the others are not compared
+    sample: int = 512  # compared first: if no two are equal, the others are not compared
 
 
 CELLS = _Cells()

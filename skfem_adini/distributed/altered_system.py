@@ -122,7 +122,7 @@ class AlteredSystem:
         return self._product(self._T, x)
 
     def carried(self, force: Array) -> Array:
-        """Own forces ``T^T g`` for those on z."""
+        """Own forces ``T^T g`` from the forces g on z."""
         self._b.setArray(force)
         self._T.multTranspose(self._b, self._x)
         return np.array(self._x.getArray())

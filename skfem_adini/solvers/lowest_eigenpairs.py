@@ -117,7 +117,7 @@ def lowest_eigenpairs(
     diagonal = M.diagonal()
     if not (diagonal > 0).all():
         raise InputError("M: the matrix is not positive definite")
-    lumped = bool((abs(M).sum(axis=1) <= (2 + LIMITS.rounding) * diagonal).all())  # or that of P1
+    lumped = bool((abs(M).sum(axis=1) <= (2 + LIMITS.rounding) * diagonal).all())  # or as for P1
     scale = 1 / np.sqrt(diagonal)
     K, M = _scaled(K, scale), _scaled(M, scale)
     # In units in which the largest eigenvalue is about 1, whatever the unit of length.

@@ -83,7 +83,7 @@ class Multigrid:
                 improve_candidates=None,
                 presmoother=smoother,
                 postsmoother=smoother,
-                max_coarse=20,  # size up to which blocks of the matrix are solved as a dense one
+                max_coarse=20,  # most blocks of a matrix that is solved as a dense one
             )
         cycle = hierarchy.aspreconditioner()
 

@@ -162,7 +162,7 @@ def riccati_residual(
     error = float(xp.linalg.norm(R * weights))
     R = R.astype(float)
     if not np.isfinite(error + size):
-        return Residual(R, np.inf)  # overflow is no information on the equation
+        return Residual(R, np.inf)  # overflow does not show an error of S
     return Residual(R, error / size if size > 0.0 else error)
 
 
