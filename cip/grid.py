@@ -218,7 +218,7 @@ class Grid:
         return tuple(np.meshgrid(*self.coordinates, indexing="ij"))
 
     def index_displacement(self, axis: int, start: Array, shift: Array, index: Any) -> Array:
-        """How many cells (whole and fraction) a point at start + shift lies from node `index`.
+        """Displacement in cells (with fraction) of the point start + shift from node `index`.
 
         Parameters
         ----------

@@ -60,5 +60,5 @@ __version__ = "1.0.0rc1"
 
 
 def __dir__() -> list[str]:
-    """The public names, without the modules behind them."""
+    """The public names, without the submodules."""
     return [*__all__, "__version__"]

@@ -1,7 +1,7 @@
 """Adini finite elements for scikit-fem.
 
-The names of `face` are loaded when the first of them is asked for, because `cip` and `gpu`, which
-know no scikit-fem, stand on `ground` as well (PEP 562).
+The names of `face` are loaded at first access (PEP 562), because `cip` and `gpu`, which import
+`skfem_adini.ground`, do not need scikit-fem.
 """
 
 from importlib import import_module
@@ -14,14 +14,14 @@ __version__ = "1.0.0rc1"
 
 
 def __dir__() -> list[str]:
-    """The public names, without the modules behind them."""
+    """The public names, without the submodules."""
     return [*import_module("skfem_adini.face").__all__, "__version__"]
 
 
 if not TYPE_CHECKING:  # a type checker would take every name for one of ours
 
     def __getattr__(name: str) -> Any:
-        """A public name, kept with all others."""
+        """Load a public name, together with all others."""
         if name == "__all__" or not name.startswith("__"):
             face = import_module("skfem_adini.face")
             globals().update({key: getattr(face, key) for key in ("__all__", *face.__all__)})

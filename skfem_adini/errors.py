@@ -13,7 +13,7 @@ class SolverError(AdiniError):
     """A library for sparse systems returned an error; the message names the call and its number.
 
     `status` is that number; `pivot` tells whether a pivot was zero, or not positive in a matrix
-    said to be definite. Where factors do not fit into the memory of a device, `free` are its free
+    declared as definite. Where factors do not fit into the memory of a device, `free` are its free
     bytes, and `hybrid` those with which hybrid memory would do, None if not even that.
     """
 
@@ -32,7 +32,7 @@ class SolverError(AdiniError):
 class ReducedOrderWarning(UserWarning):
     """Not issued any more: cells on which an order is lost are named in the log (`logging`).
 
-    The name stays so that filters which hold it go on working.
+    The name remains so that existing filters work.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Elements of scikit-fem that keep the shape functions of the first mesh they were used on."""
+"""Elements of scikit-fem that store the shape functions of the first mesh they were used on."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from skfem.mapping import Mapping
 
 
 def without_functions(element: Any) -> Any:
-    """The element, or a copy without the shape functions that it has kept.
-    An `ElementGlobal` inverts the matrix of its dofs once, on the first mesh, and evaluates the
-    same functions on every other mesh without a warning."""
+    """The element, or a copy without its stored shape functions. An `ElementGlobal` inverts the
+    matrix of its dofs once, on the first mesh, and evaluates the same functions on every other mesh
+    without a warning."""
     scalar = element.elem if isinstance(element, ElementVector) else element
     if not isinstance(scalar, ElementGlobal):
         return element
@@ -23,7 +23,7 @@ def without_functions(element: Any) -> Any:
 
 
 def functions_of_another_mesh(element: Any, mapping: Mapping) -> bool:
-    """Whether an element has kept shape functions that are not those of the mapping's cells."""
+    """Whether an element has stored shape functions that are not those of the mapping's cells."""
     kept = getattr(element.elem if isinstance(element, ElementVector) else element, "V", None)
     fresh = without_functions(element)
     if kept is None or fresh is element:

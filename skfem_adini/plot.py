@@ -56,14 +56,14 @@ def plot_shape_function(element: Any, i: int, ax: Any = None) -> Any:
             f"element: expected an element of quadrilaterals with lbasis, got "
             f"{type(element).__name__}"
         )
-    count = 25  # points in each direction: a cubic looks smooth
+    count = 25  # points in each direction, enough for a smooth cubic
     ticks = np.linspace(0, 1, count)
     X, Y = np.meshgrid(ticks, ticks, indexing="ij")
     values = element.lbasis(np.array([X.ravel(), Y.ravel()]), i)[0].reshape(X.shape)
     ax = _axes(ax, subplot_kw={"projection": "3d"})
     if not hasattr(ax, "plot_surface"):
         raise InputError('ax: expected 3-D axes; make them with projection="3d"')
-    ax.computed_zorder = False  # else the surface may hide the vertex
+    ax.computed_zorder = False  # otherwise the surface may hide the vertex
     ax.plot_surface(X, Y, values, cmap="viridis", rcount=count, ccount=count, lw=0)
     x, y = element.doflocs[i]
     height = float(element.lbasis(np.array([[x], [y]]), i)[0][0])
@@ -160,7 +160,7 @@ def _grouped_dofs(basis: Any) -> tuple[list[str], Any]:
 
 
 def _axes(ax: Any, **figure: Any) -> Any:
-    """The axes given, or those of a new figure."""
+    """The given axes, or those of a new figure."""
     if ax is not None:
         return ax
     remedy = "plots need matplotlib: pip install 'matplotlib>=3.10.7'"

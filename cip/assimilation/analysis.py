@@ -1,4 +1,4 @@
-"""The analysis of a window: states and parameters given the reports, with their deviations."""
+"""The analysis of a window: states and parameters given the reports, with standard deviations."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Analysis:
     """The most probable states of a window, given reports of sensors.
 
     `four_d_var` returns it. Deviations are those of the problem linearised in the last outer
-    iteration, from the combinations of reports that were used: never below those from all reports,
-    and equal to them where `complete` is true.
+    iteration, with the combinations of reports that were used: an upper bound of those from all
+    reports, exact if `complete` is true.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Analysis:
 
     @property
     def explained(self) -> bool:
-        """Whether prior and noise explain the reports.
+        """Whether the reports are consistent with prior and noise.
 
         Twice the cost has the distribution of chi-square with as many degrees of freedom as reports
         where both are right (Talagrand); here it may exceed its mean by five standard

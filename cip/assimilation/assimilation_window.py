@@ -1,4 +1,4 @@
-"""A window of time with its unknowns: what a control vector means and what sensors then read."""
+"""The map from a control vector to the states of a time window and the values at the sensors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Path:
-    """The states that belong to a control vector."""
+    """The run of the model for a control vector."""
 
     solver: Solver  # with the parameters of this control
     states: tuple[State, ...]  # at the start and at each interval's end, with its model error
@@ -108,7 +108,7 @@ class AssimilationWindow:
         return Path(solver, tuple(states), tuple(runs), np.concatenate(parts))
 
     def linearised(self, path: Path) -> Linearised:
-        """The derivative of the reports in the control at a path."""
+        """The derivative of the predicted reports in the control vector at a path."""
         return Linearised(
             self.layout, self.covariance, self.errors, self.reports,
             [derivative(path.solver, run) for run in path.runs], self._columns,
@@ -138,7 +138,7 @@ def _fitting(covariance: Any, solver: Solver, name: str) -> Covariance:
 
 
 def _intervals(times: Array, start: float, dt: float) -> tuple[bool, list[float]]:
-    """Whether the first reports are of the start, and the ends of the intervals."""
+    """Whether the first reports are at the start, and the end times of the intervals."""
     first = bool(abs(times[0] - start) <= 1e-9 * dt)  # up to rounding
     ends = [float(t) for t in times[first:]]
     if times[0] < start and not first:
@@ -195,8 +195,8 @@ class Layout:
 
 
 class Readings:
-    """What sensors read of a state on the host or a device, over their deviations. Only the entries
-    that they read come from a device, so that their sums are those of the host.
+    """The sensors' values of a state on the host or a device, divided by their deviations. Only the
+    entries that they need are copied from a device, so the sums are the same as on the host.
     """
 
     def __init__(self, rows: csr_array, deviations: Array, xp: Any) -> None:
@@ -217,8 +217,8 @@ class Readings:
 
 class Linearised:
     """The operator :math:`A = R^{-1/2} H M S` of a window and its transpose. Columns for parameters
-    come from one tangent run each and are kept; the others are applied by runs in the state.
-    `first`: the first reports belong to the start; `xp` is the module of tangents."""
+    are computed once, by one tangent run each; other columns are applied by tangent runs. `first`:
+    whether the first reports are at the start; `xp`: array module."""
 
     def __init__(
         self,
@@ -282,7 +282,7 @@ class Linearised:
         return found
 
     def _read(self, states: list[Any]) -> Array:
-        """The reports of the states at the start and at the end of each interval."""
+        """The changes of the reports for states at the start and at the end of each interval."""
         pairs = zip(self._readings, states, strict=True)
         return np.concatenate([one.of(state) for one, state in pairs if one is not None])
 

@@ -1,8 +1,8 @@
 r"""Covariances of states as operators, by a square root: :math:`B = S S^T`.
 
-Errors are functions: the values of an error have the covariance that is asked for, and its other
-moments are the derivatives and means of its spline. So B has the rank of the values, and no
-increment has gradients or means that contradict its values.
+The nodal values of an error have the prescribed covariance; its other moments are the derivatives
+and means of the spline through the values. So B has the rank of the values, and gradients and means
+of increments are consistent with their values.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 class Covariance:
-    r"""The covariance :math:`S S^T` of the moments of a state, known by its square root.
+    r"""The covariance :math:`S S^T` of the moments of a state, given by its square root.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def _diffusion_modes(grid: Grid, axis: int) -> tuple[Array, Array]:
 
 
 class _ModeRoot(LinearOperator):
-    """From numbers of variance 1, one for each mode, to the moments."""
+    """The map from independent numbers of variance 1, one for each mode, to the moments."""
 
     def __init__(
         self, grid: Grid, profile: str, vectors: list[Array], half: Array, scale: Array
@@ -296,7 +296,7 @@ class SplineDerivatives:
 
 
 def along(matrix: Array, values: Array, axis: int) -> Array:
-    """A matrix applied in one direction of an array."""
+    """Apply a matrix along one direction of an array."""
     return np.moveaxis(np.tensordot(matrix, values, axes=(1, axis)), 0, axis)
 
 

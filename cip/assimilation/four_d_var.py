@@ -33,11 +33,11 @@ _log = logging.getLogger(__name__)
 
 class _Limits(NamedTuple):
     inner: float = 0.1  # accuracy of the quadratic problem, relative to that of the whole
-    decrease: float = 1e-4  # sufficient decrease of a step (Nocedal and Wright 2006, section 3.1)
+    decrease: float = 1e-4  # for Armijo's condition (Nocedal and Wright 2006, section 3.1)
     halvings: int = 30  # of a step, at most
     rounding: float = 1e-13  # relative: smaller changes of the cost are rounding
-    dependent: float = 1e-13  # a vector that keeps less outside a span lies in it, up to rounding
-    each: int = 50  # steps after each of which the residual is looked at; later after each tenth
+    dependent: float = 1e-13  # relative distance from a span at which a vector counts as in it
+    each: int = 50  # steps with a test of the residual after each; later after every tenth
 
 
 LIMITS = _Limits()

@@ -1,4 +1,4 @@
-"""Where to put sensors: greedy choice among candidates, with a bound on what any choice can do."""
+"""Where to put sensors: greedy choice among candidates, with an upper bound over all choices."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 
 class _Limits(NamedTuple):  # limits of the choice and of its relaxation
     tie: float = 1e-9  # relative: gains that differ by less are equal, up to rounding of kernels
-    gap: float = 1e-3  # relative, of the two bounds at which the relaxation ends
-    steps: int = 200  # of the relaxation, at most
-    bisections: int = 20  # of the interval in which the best length of a step lies
+    gap: float = 1e-3  # relative gap of the two bounds at which the relaxation ends
+    steps: int = 200  # at most, of the relaxation
+    bisections: int = 20  # at most, of the interval of step lengths
 
 
 LIMITS = _Limits()
@@ -104,7 +104,7 @@ def place_sensors(
     excluded: ArrayLike | Callable[..., ArrayLike] | None = None,
     apart: float = 0.0,
 ) -> Placement:
-    r"""Sensors among candidates that tell most, one after the other, and a bound on all choices.
+    r"""Greedy choice of the most informative candidates as sensors, and a bound for every choice.
 
     Each step takes the candidate that lowers the posterior variance most ("A"), or adds the most
     information ("D"). Information is submodular: without exclusions, the greedy choice has at least
@@ -210,14 +210,14 @@ def _allowed(excluded: Any, points: Array) -> NDArray[np.bool_]:
 
 
 def _dense(linear: Linearised, window: AssimilationWindow) -> Array:
-    """The operator as a matrix, from its rows or its columns, of which there are fewer."""
+    """The operator as a dense matrix, by rows or by columns, whichever are fewer."""
     if linear.reports <= window.layout.size:
         return np.stack([linear.backward(unit) for unit in np.eye(linear.reports)])
     return np.stack([linear.forward(unit) for unit in np.eye(window.layout.size)], axis=1)
 
 
 def _aims(window: AssimilationWindow, rows: Array, goal: str) -> tuple[Array, float]:
-    """A F^T, with F from the unknowns to what is to be known, and the prior trace of F F^T."""
+    """A F^T, F from the unknowns to the quantities of interest, and the prior trace of F F^T."""
     layout, covariance = window.layout, window.covariance
     if goal == "start":
         w = window.solver.grid.weights.ravel() / window.solver.grid.weights.sum()
@@ -243,7 +243,7 @@ def _greedy(
     grid: Grid,
     apart: float,
 ) -> tuple[list[int], list[tuple[int, ...]], Array, Array]:
-    """Choices, ties, gains, and what each candidate would still add after them."""
+    """Greedy choices, their ties and gains, and the gains of each candidate after them."""
     free, chosen, ties, gains = allowed.copy(), list[int](), list[tuple[int, ...]](), []
     now, fresh = kernels, kernels.gains()
     for _ in range(budget):
@@ -279,8 +279,8 @@ def _distances(points: Array, point: Array, grid: Grid) -> Array:
 @dataclass(frozen=True)
 class DesignKernels:
     """The kernels :math:`G = A A^T` and :math:`C = A F^T F A^T` of all reports of all candidates, A
-    and F from independent unknowns to the reports and to what is to be known. Both criteria are
-    concave in weights of the candidates (Pukelsheim, Optimal Design of Experiments, 1993)."""
+    and F map independent unknowns to the reports and to the quantities of interest. Both criteria
+    are concave in weights of the candidates (Pukelsheim, Optimal Design of Experiments, 1993)."""
 
     G: Array  # shape (m, m)
     C: Array | None  # (m, m) for the criterion "A", None for "D"
@@ -295,7 +295,7 @@ class DesignKernels:
         return DesignKernels(G, C, self.owner, self.count)
 
     def gains(self) -> Array:
-        """What each candidate adds by itself."""
+        """The gain of each candidate alone."""
         found = np.zeros(self.count)
         for j in range(self.count):
             own = np.flatnonzero(self.owner == j)

@@ -1,4 +1,4 @@
-"""Sensors at points in space and time: their reports, and what they would read in a run."""
+"""Sensors at points in space and time: their reports, and their predicted values in a run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Reports:
 
     times: Array  # shape (k,)
     values: tuple[Array, ...]  # for each time those that arrived, shape (m,)
-    deviations: tuple[Array, ...]  # likewise
+    deviations: tuple[Array, ...]  # for each time their standard deviations
     operators: tuple[csr_array, ...]  # for each time (m, N), applied to state.data.ravel()
 
 
@@ -108,7 +108,7 @@ class Sensors:
         return ~np.isnan(self.values)
 
     def rows(self, grid: Grid, profile: str) -> csr_array:
-        """What all sensors read of a state, by the profile between its nodes.
+        """Rows that map a state to the values at all sensors, by the profile between nodes.
 
         Parameters
         ----------
@@ -274,7 +274,7 @@ class Sensors:
         return self.with_values(values)
 
     def at(self, chosen: ArrayLike) -> Sensors:
-        """Some of the sensors.
+        """A subset of the sensors.
 
         Parameters
         ----------
@@ -414,7 +414,7 @@ def checked_times(times: ArrayLike) -> Array:
 
 
 def checked_values(values: ArrayLike | None, shape: tuple[int, int]) -> Array:
-    """Reports, NaN where none arrived; all 0 without any."""
+    """Checked reports, NaN where none arrived; zeros if none are given."""
     if values is None:
         return np.zeros(shape)
     given, hidden = masked_array("values", values)
@@ -432,7 +432,7 @@ def checked_values(values: ArrayLike | None, shape: tuple[int, int]) -> Array:
 
 
 def checked_deviations(deviations: ArrayLike, shape: tuple[int, int]) -> Array:
-    """Positive deviations of this shape."""
+    """Checked positive deviations of this shape."""
     given = real_array("deviations", deviations).astype(float)
     try:
         found = np.broadcast_to(given, shape).copy()

@@ -34,7 +34,7 @@ FEET = _Feet()
 
 @dataclass(frozen=True)
 class Exits:
-    """Characteristics that begin on a wall, each with place, time and derivatives there."""
+    """Characteristics that begin on a wall, with place, time and derivatives there."""
 
     nodes: NDArray[np.int64]  # indices of their end points among the given points
     ages: Array  # time between the wall and the node
@@ -102,7 +102,7 @@ def integrate(
 
 
 def time_scale(grid: Grid, formulas: Sequence[Formula], t: float) -> float:
-    """A time in which the field changes little at a point: the least time to cross a cell."""
+    """Time scale of the field at a point: the least time to cross a cell."""
     speed = 0.0
     points = grid.mesh()
     for formula, h in zip(formulas, grid.spacing, strict=True):
@@ -238,7 +238,7 @@ class _Run:
         return y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
     def _outside(self, y: Array, base: Sequence[Array]) -> Array:
-        """How many cells each point lies beyond the nearest wall; not positive inside."""
+        """Cells by which each point lies beyond the nearest wall; not positive inside."""
         worst = self._beyond_each(y, base).max(axis=(0, 1))
         return np.where(worst > FEET.wall, worst, np.minimum(worst, 0.0))
 
@@ -274,7 +274,7 @@ class _Run:
         return tau + age, self._advance(y, base, tau, age)
 
     def _beyond_each(self, y: Array, base: Sequence[Array]) -> Array:
-        """How many cells each point lies beyond the lower and upper walls, shape (3, 2, points)."""
+        """Signed distance in cells beyond the lower and upper walls, shape (3, 2, points)."""
         beyond = np.full((3, 2, y.shape[1]), -np.inf)
         for axis in self.walls:
             x = base[axis] + y[self.system.moving.index(axis)]

@@ -44,12 +44,12 @@ class Jet:
 
     @classmethod
     def named(cls, name: str) -> Jet:
-        """The jet that a variable stands for."""
+        """The jet that a variable represents."""
         i, j, k = (int(digit) for digit in name[3:6])
         return cls(int(name[1]), (i, j, k, 0))
 
     def along(self, *axes: int) -> Jet:
-        """This derivative, differentiated once more in each of the given directions."""
+        """This derivative, differentiated in each of the given directions."""
         orders = self.orders
         for axis in axes:
             orders = raised(orders, axis)
@@ -98,7 +98,7 @@ class System:
         return self._evaluator[1]
 
     def start(self, jet: Jet) -> float:
-        """Value of a jet at tau = 0: 1 on the diagonal of the Jacobian, else 0."""
+        """The initial value of a jet, at tau = 0: 1 on the diagonal of the Jacobian, else 0."""
         first = jet.component < 3 and sum(jet.orders) == 1
         return 1.0 if first and jet.orders[jet.component] == 1 else 0.0
 

@@ -30,14 +30,14 @@ _LINE_BLOCK, _PLANE_BLOCK = 128, 64
 
 line_numbers = room(_LINE_BLOCK)
 plane_numbers = room(4 * _PLANE_BLOCK)
-# `loop_over` replaces it by a kernel.
+# Placeholder that `loop_over` replaces by a kernel.
 block: Any = None
 
 
 def block_room(moments: int, dtype: DTypeLike, widths: list[Any]) -> Any:
     """Memory for the moments at the corners of a block; widths preset to those of the first cell.
-    Allocated outside the compiled loop on purpose: as it may overlap the moments, the compiler
-    avoids gather instructions, which are slower, for the scattered reads."""
+    It is allocated outside the compiled loop because the compiler must then assume that it overlaps
+    the moments, and avoids gather instructions, which are slower for the scattered reads."""
     dim, nodes = len(widths), (_LINE_BLOCK, _PLANE_BLOCK)[len(widths) - 1]
     near = np.empty((2**dim * moments + dim, nodes), dtype)
     near[2**dim * moments :] = np.array([width[0] for width in widths])[:, None]
@@ -64,7 +64,7 @@ def offsets(feet: Array, o: Index, count: Index, at: Out, inside: Out) -> tuple[
 def line_places(
     feet: Array, o: Index, count: Index, n: Index, periodic: Index, at: Out, inside: Out
 ) -> None:
-    """Write the cells of the feet of `count` nodes (`at`) and the places in them (`inside`)."""
+    """Compute the cells of the feet of `count` nodes (`at`) and places in them (`inside`)."""
     for q in range(count):
         k, _right, s = locate(o + q, feet[o + q], n, periodic)
         at[q] = k
@@ -73,7 +73,7 @@ def line_places(
 
 @kernel
 def ends(m: Array, n: Index, h: Array, uniform: Index, count: Index, at: Array, near: Out) -> None:
-    """Copy values and slopes at both ends of the cells, then their widths, to `near`."""
+    """Copy values and slopes at both ends of the cells, then the cell widths, to `near`."""
     for q in range(count):
         k = at[q]
         r = k + 1
@@ -91,7 +91,7 @@ def ends(m: Array, n: Index, h: Array, uniform: Index, count: Index, at: Array, 
 def near_ends(
     m: Array, n: Index, h: Array, uniform: Index, count: Index, first: Index, at: Array, near: Out
 ) -> None:
-    """As `ends`; node q's cell is ``first + q + at[q]``, and none wraps around the period."""
+    """As `ends`, for cells ``first + q + at[q]`` of nodes q that do not wrap around the period."""
     for q in range(count):
         k = first + q + at[q]
         near[q] = m[k]
@@ -162,7 +162,7 @@ def plane_places(
     feet: Array, size: Index, o: Index, count: Index, i: Index, j: Index, x: Line, y: Line,
     at: Out, inside: Out,
 ) -> None:  # fmt: skip
-    """Write the cells of the feet of `count` nodes in a row (`at`), places in them (`inside`)."""
+    """Compute the cells of the feet of `count` nodes of a row (`at`), places in them (`inside`)."""
     for q in range(count):
         k, _right, s = locate(i, feet[o + q], x.n, x.periodic)
         l, _right, t = locate(j + q, feet[size + o + q], y.n, y.periodic)
@@ -177,8 +177,8 @@ def corners(
     m: Array, size: Index, moments: Index, x: Line, y: Line, uniform: Index, count: Index,
     at: Array, near: Out,
 ) -> None:  # fmt: skip
-    """Copy moment after moment at the four corners of the cells, then the widths, to `near`. The
-    widths of a uniform grid are there already, from `block_room`.
+    """Copy each moment at the four corners of the cells, then the widths, to `near`. On a uniform
+    grid `block_room` has already set the widths.
     """
     for q in range(count):
         k = at[q]
@@ -219,7 +219,7 @@ def corner_values(near: Array, moment: Index, q: Index) -> Corners:
 
 @kernel
 def keep(new: Array, moments: Index, size: Index, count: Index, out: Out, o: Index) -> None:
-    """Copy the new moments of a block to the array of all new moments."""
+    """Copy the new moments of a block to the array of all nodes."""
     for moment in range(moments):
         for q in range(count):
             out[moment * size + o + q] = new[moment * _PLANE_BLOCK + q]
@@ -265,7 +265,7 @@ def run_plane_blocks(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, x: Line, y: Line, update: Update,
     uniform: Index, near: Out,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a plane."""
+    """Update rows start..stop of a plane."""
     at, inside, new = plane_numbers(np.empty(1, np.int64)), plane_numbers(m), plane_numbers(m)
     m, out, feet, near = address(m), address(out), address(feet), address(near)
     x, y, update = at_addresses(x), at_addresses(y), Update(*update)

@@ -15,7 +15,7 @@ from cip.stages.state import State, state_of
 
 
 class CpuEngine(Engine):
-    """Runs the stages with numba; threads share the rows of the grid."""
+    """Runs the stages with numba; the rows of the grid are shared among threads."""
 
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
@@ -52,14 +52,14 @@ class CpuEngine(Engine):
             flat[places] = values
 
     def _update(self, stage: Stage) -> tuple[list[Any], Any, int]:
-        """What the loops of a stage take: its lines and its `Update`; and the number of rows."""
+        """Arguments of the loops of a stage (lines and `Update`), and the number of rows."""
         lines = [self._lines[axis] for axis in stage.moving]
         update = tuple(Update(self.grid.size, self.grid.dim, stage.axis or 0, int(stage.advect)))
         rows = self.grid.nodes[0] if stage.axis is None else self.grid.size // lines[0][2]
         return lines, update, rows
 
     def _node(self, stage: Stage) -> Any:
-        """The kernel of a node."""
+        """The kernel that updates a node."""
         from cip.profiles import conservative_kernels, line_kernels, plane_kernels
 
         module: Any = conservative_kernels if stage.conservative else line_kernels
@@ -107,8 +107,8 @@ class CpuEngine(Engine):
         count: int,
         kept: Any = None,
     ) -> int:
-        """Run a stage's kernel that computes the feet too, and write them to `kept` if given. The
-        result holds the bits of `PATH`, left and coarse."""
+        """Run a stage's kernel that computes the feet too, and store them in `kept` if given. The
+        result is the bitwise or of `PATH.left` and `PATH.coarse`."""
         from cip.engines import cpu_loops
         from skfem_adini.ground.jit import loop_over
 

@@ -1,7 +1,7 @@
 """The kernels over all nodes on the CPU: rows of nodes, shared among threads.
 
-The loops are plain Python: `loop_over` compiles one for each kernel `node`; those with a
-`path` compute the feet themselves, for velocities that are formulas. They take the records of
+The loops are plain Python: `loop_over` compiles one for each kernel `node`. Loops with a `path`
+also compute the feet, for velocities given by formulas. They take the records of
 `cip.profiles.catalogue` as plain tuples: numba unpacks these ten times faster.
 """
 
@@ -36,10 +36,10 @@ def at_addresses(line: Line) -> Line:
     return Line(address(h), first, stride, n, periodic)
 
 
-# On the stack: numba would free an array after its last use, the taking of its address.
+# On the stack: numba would free an array after its last use, which is taking its address.
 foot_room = room(PATH.spline_room)
 
-# `loop_over` replaces these two by kernels.
+# Placeholders that `loop_over` replaces by kernels.
 node: Any = None
 path: Any = None
 
@@ -48,7 +48,7 @@ def run_line(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
     limits: Limits,
 ) -> None:  # fmt: skip
-    """Nodes start..stop of the one line of a grid in one dimension."""
+    """Update nodes start..stop of the line of a grid in one dimension."""
     m, out, feet = address(m), address(out), address(feet)
     line, advect, limits = at_addresses(line), Update(*update).advect, Limits(*limits)
     # Constants, so that the compiler removes the code for other dimensions.
@@ -62,8 +62,8 @@ def run_lines(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
     limits: Limits,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a sweep; `line` is the first line of the grid in its direction. Row
-    ``block line.n + i`` holds node i of ``line.stride`` adjacent lines.
+    """Update rows start..stop of a sweep; `line` is the first line of the grid in its direction.
+    Row ``block line.n + i`` holds node i of ``line.stride`` adjacent lines.
     """
     m, out, feet = address(m), address(out), address(feet)
     line, update, limits = at_addresses(line), Update(*update), Limits(*limits)
@@ -86,7 +86,7 @@ def run_plane(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, x: Line, y: Line, update: Update,
     limits: Limits,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a plane; x and y are the lines through its first node."""
+    """Update rows start..stop of a plane; x and y are the lines through its first node."""
     m, out, feet = address(m), address(out), address(feet)
     x, y, update, limits = at_addresses(x), at_addresses(y), Update(*update), Limits(*limits)
     for i in range(start, stop):
@@ -101,7 +101,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 if hasattr(os, "register_at_fork"):
-    # After a fork the child has the pool but not its threads, and would wait for them for ever.
+    # After a fork the child has the pool but not its threads, and would wait for them forever.
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
@@ -127,7 +127,7 @@ def share(work: Callable[[int, int], Any], rows: int, size: int) -> None:
 
 
 class Paths(NamedTuple):
-    """End points of paths and how they are followed back."""
+    """End points of paths and the time steps in which they are followed back."""
 
     x: Array  # coordinates along the grid's lines (`run_feet`: of the points)
     y: Array  # likewise; 0 in a direction that the grid lacks
@@ -139,7 +139,7 @@ class Paths(NamedTuple):
 
 
 def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
-    """The compiled kernel `path` of a stage, and the array for its last argument `box`."""
+    """The compiled kernel `path` of a stage, and the array for its argument `box`."""
     box = box_of(grid, stage.system, stage.limit, float(np.finfo(float).eps))
     field = snapshots_of(stage.velocity)
     path = kernel_of(path_source(stage.system, stage.jets, box, constant=False, field=field))
@@ -149,7 +149,7 @@ def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
 
 @cache
 def kernel_of(source: str, **more: Any) -> Any:
-    """The last function of a source, compiled; `more` are further names that it uses."""
+    """Compile the last function of a source; `more` are additional names that it uses."""
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES} | more
     namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
     namespace.update(nan=math.nan, inf=math.inf, abs=abs, floor=math.floor)
@@ -161,8 +161,8 @@ def run_plane_path(
     start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
     paths: Paths, x: Line, y: Line, update: Update, limits: Limits,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`. The
-    first components of the feet are written to `kept`, laid out as by `run_feet`.
+    """Update rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`.
+    The first components of the feet are written to `kept`, laid out as by `run_feet`.
     """
     m, out, said, kept = address(m), address(out), address(said), address(kept)
     x, y, update, paths = at_addresses(x), at_addresses(y), Update(*update), Paths(*paths)
@@ -184,7 +184,7 @@ def run_lines_path(
     start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
     paths: Paths, line: Line, update: Update, limits: Limits,
 ) -> None:  # fmt: skip
-    """As `run_plane_path` for rows start..stop of a sweep, counted as in `run_lines`."""
+    """As `run_plane_path`, for rows start..stop of a sweep, counted as in `run_lines`."""
     m, out, said, kept = address(m), address(out), address(said), address(kept)
     line, update, paths = at_addresses(line), Update(*update), Paths(*paths)
     limits = Limits(*limits)
@@ -214,7 +214,7 @@ def run_lines_path(
 def run_feet(
     start: Index, stop: Index, feet: Out, said: Out, paths: Paths, size: Index, components: Index
 ) -> None:
-    """Feet of the points start..stop; component f of point o is at ``feet[f size + o]``."""
+    """Compute the feet of points start..stop; component f of point o is at ``feet[f size + o]``."""
     paths = Paths(*paths)
     foot, box = foot_room(np.empty(1)), address(paths.box)
     feet, said = address(feet), address(said)

@@ -1,4 +1,4 @@
-"""Stages on a CUDA device: the kernels translated to C, compiled by NVRTC through CuPy."""
+"""Stages on a CUDA device: kernels are translated to C and compiled by NVRTC through CuPy."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def device_source(
     stage: Stage, name: str, limiter: int, computed: bool, real: str, index: str
 ) -> str:
     """CUDA C of the kernel ``run`` of a stage around the node function `name`, with its numbers as
-    constants; `limiter` from `LIMITER_CODES`, `computed` if the kernel computes the feet.
+    constants; `limiter` from `LIMITER_CODES`, `computed`: whether the kernel computes the feet.
     """
     modules = _modules(stage)
     entries = [name]
@@ -90,7 +90,7 @@ def feet_source(stage: Stage, real: str, index: str) -> str:
 
 
 def _path_call(stage: Stage, splines: bool) -> list[str]:
-    """Code that computes the foot of node o in the array `room` and notes the code of `path`."""
+    """Code that computes the foot of node o in the array `room` and records the code of `path`."""
     x, _ = point_of(stage.grid)
     lines = [f"    real room[{PATH.spline_room if splines else PATH.foot_room}];"]
     more = ", box" if splines else ""
@@ -106,7 +106,7 @@ def kernel_text(
     constants: list[str], code: str, arguments: list[str], body: list[str], grid: Grid, index: str,
     real: str = "double",
 ) -> str:  # fmt: skip
-    """The source of the kernel ``run``; `index` and `real` as for `prelude`."""
+    """The source of the kernel ``run``; `index` and `real` are the types of `prelude`."""
     device = "#define DEVICE static __device__ __forceinline__\n"
     first = device + prelude(real, index, all(grid.uniform))
     head = f'extern "C" __global__ void run({", ".join(arguments)}) {{'
@@ -114,7 +114,7 @@ def kernel_text(
 
 
 def widths_of(grid: Grid) -> tuple[list[str], list[str]]:
-    """Code of the widths of equal cells, or the arguments that hold those of others."""
+    """Code of the cell widths: constants on uniform grids, else arguments."""
     if all(grid.uniform):
         widths = enumerate(float(width[0]) for width in grid.widths)
         return [f"    const real h{axis} = (real){width!r};" for axis, width in widths], []
@@ -140,7 +140,7 @@ def launch(kernel: Any, stage: Stage, *arguments: Any) -> None:
 
 
 def node_place(stage: Stage) -> tuple[list[str], str, str]:
-    """Code by which a thread finds its node: constants, the indices of the node, and its lines."""
+    """Code that finds a thread's node: constants, the indices of the node, and its lines."""
     return _plane(stage.grid) if stage.axis is None else _line(stage)
 
 
@@ -279,7 +279,7 @@ class CudaEngine(Engine):
         return found
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
-        """As the base class, on the device but for means and for velocities from snapshots."""
+        """As in the base class, on the device except for means and velocities from snapshots."""
         if stage.conservative or snapshots_of(stage.velocity) is not None:
             return super()._compiled_feet(stage, t, dt)
         cupy, real, size = self._cupy, self.dtype.type, self.grid.size
@@ -301,7 +301,7 @@ class CudaEngine(Engine):
         return StageFeet(feet, [None], t + stage.begin * dt, t_end, (count,))
 
     def _table(self, stage: Stage) -> list[Any]:
-        """The numbers of a velocity from snapshots on the device, if it is one."""
+        """The table of a velocity from snapshots on the device, as a list; empty for others."""
         field = snapshots_of(stage.velocity)
         if field is None:
             return []

@@ -1,4 +1,4 @@
-"""C from the kernels: one source serves numba on the CPU and NVRTC on the device.
+"""Translation of kernels to C: one source for numba on the CPU and NVRTC on the device.
 
 The kernel language is the part of Python in `ground.jit`. A function becomes an inline C
 function with the same arithmetic in the same order; several results become output pointers, records
@@ -13,7 +13,7 @@ import inspect
 from collections.abc import Sequence
 from types import ModuleType
 
-# For each record the C types of its fields, both by name.
+# For each record the C types of its fields by name.
 Records = dict[str, dict[str, str]]
 
 _TYPES = {
@@ -206,7 +206,7 @@ class _Function:
         return [*lines, "return;"]
 
     def made(self, node: ast.expr) -> str:
-        """The declaration of a record `made`, if an expression makes one."""
+        """C code that declares the record `made` if an expression constructs one, else empty."""
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
             return ""
         if node.func.id not in self.records:

@@ -1,4 +1,4 @@
-"""The common base of the engines for the CPU and a CUDA device: feet, and the order of a stage."""
+"""Base of the engines for the CPU and a CUDA device: computes feet and applies stages."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ from cip.stages.state import State
 class _Limits(NamedTuple):  # limits of what is computed, compiled and kept
     renewal: int = 16  # steps after which unsteady velocities get a new number of sub-steps
     compiled: int = 100_000  # nodes from which on compiling a steady velocity saves time
-    feet: int = 16  # kept sets of a steady velocity: of full steps and of shorter ones
+    feet: int = 16  # sets of feet kept for a steady velocity: of full steps and of shorter ones
 
 
 LIMITS = _Limits()
 
 
 class _Memory(threading.local):
-    """Results of earlier steps in this thread; runs in other threads do not change them."""
+    """Results of earlier steps, separate for each thread."""
 
     def __init__(self) -> None:
         self.left = False  # whether paths begin on walls
-        # For each part of a step: the time at which the number of sub-steps was determined, and it.
+        # For each part of a step: the time at which the sub-steps were last counted, and their
+        # number.
         self.counts: dict[Any, tuple[float, int]] = {}
 
 
@@ -57,7 +58,7 @@ class Engine:
 
     @property
     def substep_counts(self) -> dict[Any, tuple[float, int]]:
-        """The numbers of sub-steps that this thread remembers; set them to repeat a step."""
+        """The numbers of sub-steps of earlier steps in this thread; set them to repeat a step."""
         return dict(self._counts)
 
     @substep_counts.setter
@@ -97,8 +98,8 @@ class Engine:
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
     ) -> int:
-        """Run a stage's kernel that computes the feet too. The result holds the bits, left and
-        coarse of `PATH`, that `path` returned for any of the nodes."""
+        """Run a stage's kernel that computes the feet too. The result is the bitwise or of the
+        codes of `path`, `PATH.left` and `PATH.coarse`."""
         raise NotImplementedError
 
     def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
@@ -116,8 +117,8 @@ class Engine:
         known: StageFeet | None = None,
     ) -> Any:
         """The moments after a stage of the step [t, t + dt]. `homogeneous`: data on walls are zero,
-        which makes it linear. Feet, unless cached anyway, are added to `kept` (on the CPU); `known`
-        ones are not computed again, unless by the kernel that takes the step."""
+        which makes it linear. Feet that are not cached are added to `kept` (on the CPU); `known`
+        feet are reused, unless the kernel computes them."""
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
         if self._computes(stage):
@@ -159,7 +160,7 @@ class Engine:
         return replace(found, t_start=t_start, t_end=t_end)
 
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
-        """Feet of a stage: for formulas by compiled code where that saves time, else by NumPy."""
+        """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
         large = self.grid.size > LIMITS.compiled or not self.setting.steady
         if large and stage.formula and not self._memory.left:
             found = self._compiled_feet(stage, t, dt)
@@ -203,8 +204,7 @@ class Engine:
 
     def _refine(self, stage: Stage, t: float, dt: float, attempt: Callable[[int], int]) -> bool:
         """Call attempt(count) with more and more sub-steps until no path is too coarse. False if
-        NumPy must take over, as paths begin on walls, or report where too many sub-steps are
-        needed."""
+        NumPy must compute the feet, since paths begin on walls or too many sub-steps are needed."""
         count = self._count(stage, t, dt)
         while count <= FEET.substeps:
             found = attempt(count)
@@ -243,8 +243,8 @@ class Engine:
         return not self.setting.stores_feet
 
     def _count(self, stage: Stage, t: float, dt: float) -> int:
-        """First number of sub-steps to try: that of the last step, which now and then falls to what
-        a sample of the nodes needs, but at most by half."""
+        """First number of sub-steps to try: that of the last step, reduced at intervals to what a
+        sample of the nodes needs, but at most by half."""
         key = stage.part(dt)
         found = self._counts.get(key)
         if found is None:
@@ -258,7 +258,7 @@ class Engine:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A scheme on a grid: everything about it that its stages need."""
+    """A scheme on a grid: the data that its stages need."""
 
     grid: Grid
     formulas: tuple[Formula, ...]  # the velocity, a component for each direction

@@ -1,4 +1,4 @@
-"""The characteristic of one node as a kernel: feet computed where they are used.
+"""Kernel that computes the characteristic of one node within the update.
 
 For a velocity that is a formula the equations of `cip.characteristics.flow_derivatives` become
 straight-line code in the kernel language: one function for the rates, one for the classical
@@ -28,13 +28,13 @@ from cip.grid import Grid
 
 
 class _Path(NamedTuple):  # the kernel of a path
-    # Fractions of a sub-step at which the classical Runge-Kutta method evaluates the rates, and
-    # sixths of it by which it weighs them.
+    # Fractions of a sub-step at which the classical Runge-Kutta method evaluates the rates, and its
+    # weights in sixths of the sub-step.
     shift: tuple[float, ...] = (0.0, 0.5, 0.5, 1.0)
     weight: tuple[float, ...] = (1.0, 2.0, 2.0, 1.0)
     left: int = 1  # bit of its result: the path left the box
     coarse: int = 2  # bit of its result: the sub-steps were too long
-    foot_room: int = 16  # numbers of a foot: quintic sweeps in three dimensions need 12
+    foot_room: int = 16  # length of a foot's array: quintic sweeps in three dimensions need 12
     spline_room: int = 256  # with values and weights of quintic splines and their derivatives
 
 
@@ -142,7 +142,7 @@ def rate_function(
 
 
 def _substep(system: System, splines: Layout | None) -> list[str]:
-    """Code of a Runge-Kutta step; after every second one it adds the defect of Simpson's rule."""
+    """Code of a Runge-Kutta step; every second one adds the defect of Simpson's rule."""
     moving = range(len(system.moving))
     lines = ["s = t - n * step", *_stage(system, 0, splines), "if n % 2 == 1:"]
     lines += [f"    g{q} = g{q} + 4.0 * a{q}" for q in moving]
@@ -160,7 +160,7 @@ def runge_kutta(system: System, splines: Layout | None = None) -> list[str]:
 
 
 def _later_stages(system: System, splines: Layout | None) -> list[str]:
-    """Code of the stages after the first one, and of their sum."""
+    """Code of the Runge-Kutta stages after the first one, and of their weighted sum."""
     lines = [line for stage in (1, 2, 3) for line in _stage(system, stage, splines)]
     for q in range(len(system.jets)):
         total = f"a{q} + 2.0 * b{q} + 2.0 * c{q} + d{q}"
@@ -169,7 +169,7 @@ def _later_stages(system: System, splines: Layout | None) -> list[str]:
 
 
 def _leaves(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
-    """Code that sets `PATH.left` for a path beyond a wall or one that is not finite."""
+    """Code that sets `PATH.left` if a path is beyond a wall or not finite."""
     lines = []
     for q, (axis, (_, low, high, _, _)) in enumerate(zip(system.moving, sides, strict=True)):
         x = f"x{axis + 1} + y{q}"
@@ -200,7 +200,7 @@ def _results(system: System, wanted: Sequence[Jet], cells: Sequence[str]) -> lis
 
 
 def kinds(count: int) -> str:
-    """Annotation of what a kernel of so many numbers returns."""
+    """Return annotation of a kernel with this number of results."""
     return f"tuple[{', '.join(['Real'] * count)}]" if count > 1 else "Real"
 
 
@@ -210,7 +210,7 @@ def _defect(q: int, last: str) -> str:
 
 
 def _point(system: System, place: str) -> list[str]:
-    """Code of the coordinates of a path whose unknowns are called `place` and a number."""
+    """Code of a path's coordinates from its displacements, named `place` and a number."""
     return [
         f"{name} + {place}{system.moving.index(axis)}" if axis in system.moving else name
         for axis, name in enumerate(COORDINATES[:3])
@@ -218,7 +218,7 @@ def _point(system: System, place: str) -> list[str]:
 
 
 def _room(splines: Layout | None) -> list[str]:
-    """The last arguments of `rates` and `velocity` where there are splines."""
+    """The arguments of `rates` and `velocity` for splines."""
     return [] if splines is None else ["box", "feet"]
 
 

@@ -24,7 +24,7 @@ from cip.formulas.expression import (
 
 
 class Layout(NamedTuple):
-    """Where the numbers of the splines are, and where their values go."""
+    """Positions of the numbers of the splines and of their computed values."""
 
     degrees: tuple[int, ...]  # in time and in each direction
     components: int
@@ -50,7 +50,7 @@ def with_names(
 
 
 def room_needed(layout: Layout, nodes: Sequence[Expression]) -> int:
-    """How many numbers a kernel writes for these derivatives: their values, then the weights."""
+    """Length of the array of a kernel for these derivatives: their values, then the weights."""
     weights = sum(len(orders) * (k + 1) for orders, k in _wanted(layout, nodes))
     return len(nodes) + weights
 
@@ -134,7 +134,7 @@ def _sums(
 
 
 def weight_source(layout: Layout, *lists: Sequence[Expression]) -> list[str]:
-    """Python source of the search of an interval and of all kernels of weights that are called."""
+    """Python source of the interval search and of all kernels of weights that are called."""
     found = {}
     for nodes in lists:
         for orders, k in _wanted(layout, nodes):
@@ -200,7 +200,7 @@ def _wanted(layout: Layout, nodes: Sequence[Expression]) -> list[tuple[tuple[int
 
 
 def _orders(node: Expression, axes: int) -> tuple[int, ...]:
-    """Orders of a derivative in time and in each direction."""
+    """Orders of a derivative, in time and in each direction."""
     orders = node.value[1]
     return (orders[3], *orders[: axes - 1])
 

@@ -50,9 +50,9 @@ class Formula:
     def of(
         cls, value: Any, box: Box, name: str, time: bool = False, sparse: bool = False
     ) -> Formula:
-        """From a number, a text, or a callable of the coordinates (and of t, if `time`), defined on
-        `box`. It is tested with flat arrays or, if `sparse`, with one array for each direction,
-        which broadcast."""
+        """A formula from a number, a text, or a callable of the coordinates (and of t, if `time`),
+        defined on `box`. It is tested with flat arrays or, if `sparse`, with one array for each
+        direction, which broadcast."""
         dim = len(box)
         names = [*COORDINATES[:dim], *(["t"] if time else [])]
         if isinstance(value, str):
@@ -81,7 +81,7 @@ class Formula:
         derivatives: dict[Orders, Callable[..., Any]] | None = None,
         hint: str = "",
     ) -> Formula:
-        """From a callable that is known by its values (and by some of its derivatives)."""
+        """A formula from a callable that is known only by its values (and some derivatives)."""
         arguments = ", ".join([*COORDINATES[:dim], *(["t"] if time else [])])
 
         def checked(original: Callable[..., Any]) -> Callable[..., Any]:
@@ -139,8 +139,8 @@ class Formula:
         return not self.exact or "t" not in self.expression.variables()
 
     def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
-        """What `nodes` need besides coordinates, by the names in code: the callables of opaque
-        functions and the numbers of parameters; `steps` as for `derivative`.
+        """The callables of opaque functions and the numbers of parameters in `nodes`, by the names
+        in code; `steps` as for `derivative`.
         """
         found: dict[str, Any] = dict(self.numbers)
         for node in ordered(list(nodes)):
@@ -324,7 +324,7 @@ class Samples:
         return iter(self.points)
 
     def differ(self, first: Any, second: Any) -> str | None:
-        """A text about the first common point with different values on the two samples, or None."""
+        """Describe the first common point with different values on both samples, or return None."""
         a, b = (
             np.reshape(np.broadcast_to(x, np.broadcast_shapes(*map(np.shape, point))), shape)
             for x, point, shape in zip((first, second), self, self._shapes, strict=True)
@@ -343,7 +343,7 @@ def _time(t: float | None) -> list[float]:
 
 
 def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
-    """For each entry, whether the two agree within `tolerance` times the largest finite one of a.
+    """For each entry, whether a and b agree within `tolerance` times the largest finite one of a.
     NaN equals NaN, and infinity equals infinity of the same sign.
     """
     a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
@@ -354,9 +354,9 @@ def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
 
 
 def check_pointwise(function: Callable[..., Any], samples: Samples, name: str) -> None:
-    """Raise `InputError` if values at a point depend on the other points of the call, as those of a
-    callable may that subtracts a mean, or shifts or sums along the array. Tracing cannot see that,
-    and along a characteristic it would be called with other points than the nodes.
+    """Raise `InputError` if values at a point depend on the other points of the call, as for a
+    callable that subtracts a mean, or shifts or sums along the array. Tracing cannot detect that,
+    and along a characteristic the callable is evaluated at other points than the nodes.
     """
     where = samples.differ(*(function(*point) for point in samples))
     if where is not None:

@@ -30,16 +30,15 @@ def parameters_in(nodes: Iterable[Expression]) -> list[str]:
 
 
 def bound(values: Mapping[str, float]) -> dict[str, np.float64]:
-    """The values by their names in code, as NumPy's numbers: infinity where Python's raise."""
+    """The values by their names in code, as NumPy numbers, which overflow to infinity."""
     return {f"{_PREFIX}{name}": np.float64(value) for name, value in values.items()}
 
 
 @cache
 def _reserved() -> set[str]:
-    """Names with a fixed meaning in the languages that formulas become.
-    C11 and C++20, chapters on keywords; C11 7.12; CUDA C++ Programming Guide, language extensions.
-    Code has `_PREFIX` before every name, so none of them could do harm there; but whoever reads
-    that code would be misled."""
+    """Names with a fixed meaning in the languages that formulas become. C11 and C++20, chapters on
+    keywords; C11 7.12; CUDA C++ Programming Guide, language extensions. Generated code puts
+    `_PREFIX` before every name, so these names would be harmless but misleading."""
     c = """
     alignas alignof and and_eq asm atomic_cancel atomic_commit atomic_noexcept auto bitand bitor
     bool break case catch char char8_t char16_t char32_t class co_await co_return co_yield compl
@@ -87,7 +86,7 @@ def reserved(name: str) -> bool:
 
 def checked(values: Any) -> dict[str, float]:
     """The argument `parameters` as names and finite numbers. Raises `InputError` for names that a
-    formula cannot hold or that mean something else there.
+    formula cannot contain or that have another meaning in it.
     """
     if values is None:
         return {}
@@ -113,7 +112,7 @@ def checked(values: Any) -> dict[str, float]:
 
 
 class Parametrised:
-    """What has named parameters: their values, and the same with others."""
+    """Base of objects with named parameters: their values, and copies with other values."""
 
     _kind = "function"
     _parameters: dict[str, float]
@@ -158,7 +157,7 @@ class Parametrised:
         return self._with({**self._parameters, **checked(values)})
 
     def _with(self, values: dict[str, float]) -> Self:
-        """The same with these values of all parameters."""
+        """A copy with these values of all parameters."""
         new = self._copy()
         new._parameters = values
         return new
@@ -176,7 +175,7 @@ class Parametrised:
 
 
 def require_held(names: Iterable[str], formulas: Iterable[Expression]) -> None:
-    """Raise `InputError` for a parameter that no formula holds."""
+    """Raise `InputError` for a parameter that no formula contains."""
     held = set(ordered(list(formulas)))
     unused = [name for name in names if parameter(name) not in held]
     if unused:

@@ -22,9 +22,9 @@ from cip.formulas.parameters import parameter
 
 
 def parse(text: str, name: str = "expression", parameters: Collection[str] = ()) -> Expression:
-    """The formula that a text in x1, x2, x3 (or x, y, z), t and `parameters` stands for: Python's
-    arithmetic ``+ - * / **`` with finite numbers, pi, e and the elementary functions of
-    `expression`. Raises `InputError` for anything else, with a message that begins with `name`."""
+    """Parse a formula in x1, x2, x3 (or x, y, z), t and `parameters`: Python's operators + - * / **
+    with finite numbers, pi, e and the elementary functions of `expression`. Raises `InputError` for
+    anything else, with a message that begins with `name`."""
     if not isinstance(text, str):
         raise InputError(f"{name}: expected a text such as 'x2 * sin(t)', got {text!r}")
     if not text.isascii():  # Python reads letters of other scripts as the Latin ones like them

@@ -1,9 +1,9 @@
 r"""Fields given by arrays at several times: tensor-product splines in space and time.
 
-The interpolant is :math:`c(t, x) = \sum_{mjkl} a_{mjkl} B_m(t) B_j(x_1) B_k(x_2) B_l(x_3)` with
-the not-a-knot (or periodic) B-splines of de Boor (A Practical Guide to Splines, 1978, chapters IX
-and XIII), cubic in time. Its derivatives are those of the splines, so the characteristics and their
-derivatives belong to one and the same field, which is twice differentiable also at the times of the
+The interpolant is :math:`c(t, x) = \sum_{mjkl} a_{mjkl} B_m(t) B_j(x_1) B_k(x_2) B_l(x_3)` with the
+not-a-knot (or periodic) B-splines of de Boor (A Practical Guide to Splines, 1978, chapters IX and
+XIII), cubic in time. Its derivatives are those of the splines, so the characteristics and their
+derivatives are those of one field, which is twice differentiable also at the times of the
 snapshots: a step may cross them.
 """
 
@@ -112,7 +112,7 @@ class Snapshots:
             )
         for axis, (mine, theirs) in enumerate(zip(self.grid.bounds, grid.bounds, strict=True)):
             letter, length = "xyz"[axis], mine[1] - mine[0]
-            slack = 1e-9 * length  # for the rounding of ends that are meant to agree
+            slack = 1e-9 * length  # for the rounding of ends that should agree
             if not self.grid.periodic[axis]:
                 if grid.periodic[axis]:
                     raise InputError(
@@ -143,12 +143,12 @@ class Snapshots:
 
 
 class SnapshotFormula(Formula):
-    """One component of `Snapshots`, with the derivatives of the splines. It is compiled; `name`
-    stands in code before the number of the component.
+    """One component of `Snapshots`, with the derivatives of the splines. It is compiled; in code
+    `name` precedes the number of the component.
     """
 
     def __init__(self, field: Snapshots, component: int, name: str = "snapshots") -> None:
-        # The name does not tell whose splines these are: one kernel serves all data.
+        # The name does not depend on the data: one kernel serves all data.
         super().__init__(opaque(f"{name}{component}", (0, 0, 0, 0)), field.grid.dim)
         self.field, self.component = field, component
 
@@ -177,7 +177,7 @@ def _times(times: Any) -> Array:
 
 
 def _values(arrays: Any, times: Array, grid: Grid, components: int) -> Array:
-    """The arrays, checked, of shape (times, components, nodes)."""
+    """The checked arrays, of shape (times, components, nodes)."""
     found = real_array("arrays", arrays).astype(float)
     shape = (times.size, components, *grid.nodes)
     if components == 1 and found.shape == (times.size, *grid.nodes):

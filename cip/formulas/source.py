@@ -20,7 +20,7 @@ from skfem_adini.ground.arguments import own_array, real_number
 
 
 class Source(Parametrised):
-    """What is added to a field at each place in each unit of time: s in u_t + .. = s - k u.
+    """A source s(x, t): the rate at which a field grows at each place, in u_t + .. = s - k u.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class Source(Parametrised):
 
     @classmethod
     def of(cls, value: Any, name: str) -> Source | None:
-        """An argument of the solver as a source, which messages call `name`; None if it is None.
+        """An argument of the solver as a source, called `name` in messages; None if it is None.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class Source(Parametrised):
 
     @property
     def gridded(self) -> bool:
-        """Whether it is made of arrays."""
+        """Whether it is given by arrays."""
         return self._snapshots is not None or not (
             self._text is not None or callable(self._value) or not np.ndim(self._value)
         )

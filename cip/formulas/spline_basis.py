@@ -50,7 +50,7 @@ class SplineBasis:
         found, k = [], self.degree
         for (low, high), n, count in zip(self.bounds, self.pieces, self.counts, strict=True):
             knots = low + (high - low) / n * (np.arange(n + 2 * k + 1) - k)
-            one = np.eye(count)[np.arange(n + k) % count]  # equal coefficients a period apart
+            one = np.eye(count)[np.arange(n + k) % count]  # equal coefficients one period apart
             found.append(BSpline(knots, one, k))
         return found
 
@@ -143,7 +143,7 @@ class SplineFormula(Formula):
         parameters: Mapping[str, float],
     ) -> None:
         # Begins the names of sums and (with a number) of functions in formulas. Formulas of one
-        # shape share graphs: `functions` knows whose basis it is.
+        # shape share graphs; `functions` assigns the basis.
         self.label = f"splines_of_{names[0]}_"
         total = linear(self.label, orders, [parameter(name) for name in names])
         super().__init__(constant(sign) * total, len(basis.counts), parameters=parameters)

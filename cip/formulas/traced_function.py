@@ -16,7 +16,7 @@ from cip.formulas.expression import Expression, ordered
 
 class TracedFunction:
     """The formulas that a callable computes, as a callable of numbers, arrays or formulas.
-    `outputs` maps tuples of argument names to formulas; a call takes those with as many names as
+    `outputs` maps tuples of argument names to formulas; a call selects them by the number of
     arguments."""
 
     def __init__(self, outputs: dict[tuple[str, ...], Sequence[Expression]]) -> None:
@@ -49,7 +49,7 @@ def portable(
     value: Any, name: str, trace: Callable[[], dict[tuple[str, ...], Sequence[Expression]]]
 ) -> Any:
     """The value itself if it can be pickled, else a `TracedFunction` of what `trace` finds. Raises
-    `InputError` if it can be neither pickled nor traced.
+    `InputError` if this fails too.
     """
     if not callable(value):
         return value
@@ -98,7 +98,7 @@ def timed(function: Any) -> Any:
 
 
 def with_time(function: Any) -> Any:
-    """As `timed`; a callable without any argument for the time is wrapped so that it ignores t."""
+    """As `timed`; a callable without an argument for the time is wrapped so that it ignores t."""
     if not callable(function) or clock_of(function) is not None:
         return timed(function)
     try:

@@ -71,7 +71,7 @@ class Velocity(Parametrised):
         several = isinstance(c, list | tuple)
         if steady is None:
             steady = not any(map(clock_of, c if several else [c]))
-            if not steady:  # some components may depend on t and others not have it as argument
+            if not steady:  # some components may depend on t and others may not take it as argument
                 c = [with_time(part) for part in c] if several else with_time(c)
                 jacobian, hessian = with_time(jacobian), with_time(hessian)
         elif not steady:
@@ -87,7 +87,7 @@ class Velocity(Parametrised):
             if value is not None and not (callable(value) and callable(c)):
                 raise InputError(f"{name}: expected a callable beside a callable c, got {value!r}")
         if callable(c):
-            self.dim = 0  # known when a grid is
+            self.dim = 0  # known once a grid is given
         elif isinstance(c, str):
             raise InputError("c: for a text use Velocity.from_expression")
         else:
@@ -273,8 +273,8 @@ class Velocity(Parametrised):
         return self._box if len(self._box) == dim else [(0.0, 1.0)] * dim
 
     def _portable(self, value: Any, dim: int | None = None) -> Any:
-        """A picklable form of a callable of all components (`dim` None: traced for 1 to 3
-        directions), or of one component on grids of `dim` directions.
+        """A picklable form of a callable for all components (`dim` None: traced for 1 to 3
+        directions), or for one component on grids of `dim` directions.
         """
 
         def trace() -> dict[tuple[str, ...], Any]:
@@ -343,7 +343,7 @@ class Velocity(Parametrised):
 
 def traced_velocity(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
     """The components that a callable computes, compared with it on `box`; None if it is not plain
-    arithmetic. `time`: it takes t last.
+    arithmetic. `time`: whether its last argument is t.
     """
     if not callable(c):
         return None
@@ -372,7 +372,7 @@ def traced_velocity(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
 
 
 def given_components(c: Any) -> list[Any]:
-    """The components of a velocity given by numbers, arrays (copied), callables or several."""
+    """The components of a velocity given by one or more numbers, arrays (copied) or callables."""
     if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
         return [real_number("c", c)]
     if isinstance(c, np.ndarray):
@@ -391,7 +391,7 @@ def given_components(c: Any) -> list[Any]:
 
 
 def _part(value: Any, name: str) -> Any:
-    """A component as a number or as an array of its own."""
+    """A component as a number or as a copied array."""
     values = own_array(name, value)
     return values if values.ndim else real_number(name, value)
 
@@ -446,8 +446,8 @@ def gridded_arrays(
     data: Any, names: Sequence[str], axes: Sequence[str], time: str, periodic: Any
 ) -> tuple[Array, Array, Grid]:
     """Times, arrays of shape (times, names) + nodes, and the grid, from variables of an
-    xarray.Dataset. Falling coordinates, as of latitudes, are turned round; dates become seconds
-    since the first; a periodic direction does not repeat its first value."""
+    xarray.Dataset. Falling coordinates, as of latitudes, are reversed; dates become seconds since
+    the first; a periodic direction does not repeat its first value."""
     if not (hasattr(data, "data_vars") and hasattr(data, "coords")):
         raise InputError(f"winds: expected an xarray.Dataset, got {type(data).__name__}")
     names, axes = _names(names, "components"), _names(axes, "axes")
@@ -489,7 +489,7 @@ def gridded_arrays(
 
 
 def _names(given: Any, label: str) -> tuple[str, ...]:
-    """Names of variables or coordinates; a text is not taken for a sequence of letters."""
+    """Names of variables or coordinates; a string is one name."""
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise InputError(f"{label}: expected a sequence of names, got {given!r}")
     if not all(isinstance(one, str) for one in given):
@@ -549,8 +549,8 @@ class _Limits(NamedTuple):  # jumps between sides of a periodic direction, over 
     rounding: float = 1e-6  # jumps below are rounding, of difference quotients too
     jump: float = 1e-3  # a field that jumps by more is not periodic
     kink: float = 1e-3  # the same of derivatives
-    nodes: int = 256  # about so many points on a side, so that narrow streams are seen
-    # Times: no zeros or periods of usual functions (roots of 1/7, 2 and 11).
+    nodes: int = 256  # approximate number of points on a side, so that narrow streams are resolved
+    # Test times, which are no zeros or periods of usual functions (roots of 1/7, 2 and 11).
     clocks: tuple[float, ...] = (CLOCK, 1.4142135623730951, 3.3166247903554)
 
 
@@ -592,17 +592,17 @@ def _compare(formula: Formula, name: str, grid: Grid, axis: int) -> None:
         for order, allowed in ((0, LIMITS.rounding), (1, LIMITS.kink)):
             try:
                 values = np.moveaxis(_values(formula, order, axis, grid, points, clock), axis, 0)
-            except InputError:  # a callable that is not defined on the sides themselves
+            except InputError:  # the callable is not defined on the sides themselves
                 return
             if not np.isfinite(values).all():
                 break
             jump, size = np.abs(values[-1] - values[0]), float(np.abs(values).max())
             worst = np.unravel_index(int(np.argmax(jump)), jump.shape)
-            if jump[worst] > max(allowed * size, floor):  # a narrow field lies between the places
+            if jump[worst] > max(allowed * size, floor):  # it may peak between points
                 inside = _values(formula, order, axis, grid, grid.mesh(), clock)
                 size = float(np.max(np.abs(inside), where=np.isfinite(inside), initial=size))
             if jump[worst] <= max(allowed * size, floor):
-                # Difference quotients of a velocity that hardly varies are rounding themselves.
+                # The difference quotients of a nearly constant velocity are mere rounding.
                 floor = LIMITS.rounding * size / (high - low)
                 continue
             places = [np.moveaxis(x, axis, 0)[(0, *worst)] for x in points]

@@ -1,4 +1,4 @@
-"""Velocities from data: least squares with the tangent of the scheme, and what the data can tell.
+"""Velocities from data: least squares with the tangent of the scheme, and their identifiability.
 
 In: a solver whose velocity has parameters, its start, observations of later states.
 Out: an `IdentifiedVelocity` with deviations and identifiability.

@@ -13,10 +13,10 @@ from cip.grid import AXES, Grid
 Array = NDArray[np.float64]
 
 
-class _Seen(NamedTuple):  # what counts as seen by the data
-    deviation: float = 0.5  # a part is not seen if it is more, over the size of the velocity
-    # A part that changes the data this much less than the best-seen one is not determined either:
-    # the inverse would amplify errors of the scheme, which no noise level tells.
+class _Seen(NamedTuple):  # thresholds of identifiability
+    deviation: float = 0.5  # largest change of a determined part, relative to the velocity
+    # A part that changes the data this much less than the best determined one is not determined:
+    # the inverse would amplify errors of the scheme, which the noise level does not include.
     faint: float = 1e-3
     rounding: float = 1e-12  # relative: smaller singular values and changes of the velocity
 
@@ -94,7 +94,7 @@ class Identifiability:
 
     @property
     def lost(self) -> NDArray[np.bool_]:
-        """Which directions change no data at all."""
+        """Whether each direction changes no data at all."""
         return np.isinf(self.deviations)
 
     @property
@@ -104,7 +104,7 @@ class Identifiability:
         return float(self.singular_values[0]) / least if least > 0.0 else float("inf")
 
     def message(self) -> str:
-        """What cannot be seen, in a sentence; empty if everything is."""
+        """A sentence on the undetermined parts; empty if everything is determined."""
         if not self.unseen:
             return ""
         several = len(self.unseen) > 3
@@ -119,9 +119,9 @@ class Identifiability:
 def identifiability(
     J: Array, slopes: Array, speed: float, variance: float, grid: Grid, names: tuple[str, ...]
 ) -> Identifiability:
-    """From the sensitivity J, shape (data, parameters), in units of noise, with its `variance` in
-    units of J. `slopes`, shape (parameters, components) + nodes, are derivatives of the velocity,
-    `speed` is its root mean square; `names` are empty for nameless coefficients."""
+    """Identifiability from the sensitivity J, shape (data, parameters), in units of noise, with its
+    `variance` in units of J. `slopes`, shape (parameters, components) + nodes, are derivatives of
+    the velocity, `speed` is its root mean square; `names` are empty for nameless coefficients."""
     weight = grid.weights / grid.weights.sum()
     inner = tuple(range(1, slopes.ndim))
     size = np.sqrt(np.sum(weight * slopes**2, axis=inner))
@@ -144,7 +144,7 @@ def identifiability(
 
 
 def _described(vector: Array, pattern: Array, grid: Grid, names: tuple[str, ...]) -> str:
-    """A direction in words: parameters, or a wavelength, or the place where it is largest."""
+    """Describe a direction by parameters, a wavelength, or the place where it is largest."""
     if names:
         order = [q for q in np.argsort(-np.abs(vector)) if abs(vector[q]) > 0.1]
         return " ".join(f"{vector[q]:+.2f} {names[q]}" for q in order[:4]) + " (scaled)"

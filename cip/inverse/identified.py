@@ -1,4 +1,4 @@
-"""The velocity that data led to, with its deviations."""
+"""An identified velocity and its standard deviations."""
 
 from __future__ import annotations
 
@@ -50,10 +50,9 @@ class MisfitWarning(UserWarning):
 class IdentifiedVelocity:
     """An estimate of a velocity from data.
 
-    Deviations are those of the linear problem at the estimate, with the seminorm as prior
-    knowledge (Tarantola, Inverse Problem Theory, 2005, section 3.2): the noise and what the
-    seminorm allows beyond it. They do not know of errors of the scheme below the noise, of other
-    minima, nor of bounds.
+    Deviations are those of the linear problem at the estimate, with the seminorm as prior knowledge
+    (Tarantola, Inverse Problem Theory, 2005, section 3.2): the noise and what the seminorm allows
+    beyond it. They do not include errors of the scheme below the noise, other minima, or bounds.
 
     Attributes
     ----------
@@ -153,7 +152,7 @@ class IdentifiedVelocity:
         return found.reshape(-1, *self.grid.nodes)
 
     def misfit_message(self) -> str:
-        """Why the misfit is larger than the noise explains; what to do.
+        """Why the misfit exceeds the noise, and what to do.
 
         Returns
         -------
@@ -264,7 +263,7 @@ class IdentifiedVelocity:
 
 
 def _occurs(directions: Array) -> NDArray[np.bool_]:
-    """Which entries any of some directions changes, beyond rounding."""
+    """Which entries are nonzero, beyond rounding, in any of some directions."""
     return np.asarray(np.any(np.abs(directions) > 1e-8, axis=0))
 
 

@@ -29,13 +29,13 @@ Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):
-    settled: float = 1.1  # factor: a weight that changes by less has settled, far below its error
-    evaluations: int = 6  # of the optimiser between two choices of the weight
-    choices: int = 40  # of the weight, at most
-    fall: float = 100.0  # factor of a fall at once: the linear problem says little far away
+    settled: float = 1.1  # factor within which the weight counts as converged, far below its error
+    evaluations: int = 6  # iterations of the optimiser between two choices of the weight
+    choices: int = 40  # choices of the weight, at most
+    fall: float = 100.0  # largest decrease at once, as linearisation is inaccurate far away
     step: float = 1e-8  # the optimiser stops at smaller relative changes of the parameters,
     change: float = 1e-3  # or of chi-square (1 is one deviation)
-    unlikely: float = 3.0  # deviations of chi-square that noise does not explain
+    unlikely: float = 3.0  # excess of chi-square, in deviations, that noise does not explain
 
 
 LIMITS = _Limits()
@@ -53,7 +53,7 @@ def identify_velocity(
     weight: str | float | None = None,
     max_runs: int = 500,
 ) -> IdentifiedVelocity:
-    r"""The velocity whose solution fits observations, with deviations and what they leave open.
+    r"""Identify the velocity whose solution fits observations, with its deviations.
 
     The named parameters of the solver's velocity are the unknowns, the coefficients of a
     `SplineVelocity` among them. Nonlinear least squares with bounds (Branch, Coleman and Li 1999,
@@ -186,7 +186,7 @@ def _iterated(
 def _minimised(
     problem: Problem, p: Array, bounds: tuple[Array, Array], weight: float, evaluations: int
 ) -> tuple[Array, NDArray[np.bool_], bool]:
-    """Estimate with a weight, which parameters are off their bounds, and whether it converged."""
+    """The minimiser at a given weight, which parameters are off their bounds, and convergence."""
     from scipy.optimize import least_squares
 
     root, prediction, roughness = np.sqrt(weight), problem.prediction, problem.roughness
@@ -214,7 +214,7 @@ def _result(problem: Problem, estimate: _Estimate) -> IdentifiedVelocity:
     square, left = float(r @ r), max(len(r) - taken, 1.0)
     variance = max(1.0, square / left) if problem.data.known else square / left
     if problem.data.exact:
-        # Errors of the scheme vary slowly, they do not average out: as if all pushed one way.
+        # Errors of the scheme vary slowly and do not average out: assume equal signs.
         variance = square
     speed, slopes = problem.velocity(p)
     size = problem.speed(speed)
@@ -249,8 +249,8 @@ def _result(problem: Problem, estimate: _Estimate) -> IdentifiedVelocity:
 
 def _covariance(stacked: Array, variance: float, seen: Identifiability, speed: float) -> Array:
     """Inverse of the normal matrix times the variance. Along a direction that the data do not
-    determine the weight of the seminorm says nothing either: there the deviation is that from the
-    data alone, at least the speed; directions where it is infinite are left out."""
+    determine, the seminorm's weight has no meaning: there the deviation is that from the data
+    alone, at least the speed; directions where it is infinite are left out."""
     size = np.linalg.norm(stacked, axis=0)
     size[size == 0.0] = 1.0
     _, s, Vt = np.linalg.svd(stacked / size, full_matrices=False)

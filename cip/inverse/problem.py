@@ -1,4 +1,4 @@
-"""The least-squares problem: arguments checked, model, data and seminorm together."""
+"""The least-squares problem of a velocity: model, data and seminorm, from checked arguments."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Problem:
-    """Model, data and seminorm."""
+    """The least-squares problem: model, data and seminorm."""
 
     prediction: Prediction
     roughness: Roughness
@@ -58,7 +58,7 @@ class Problem:
         )
 
     def speed(self, values: Array) -> float:
-        """Root mean square of the components; at least a cell in the time of the data."""
+        """Root mean square of the components; at least one cell per duration of the data."""
         grid = self.solver.grid
         weight = grid.weights.ravel()
         found = float(np.sqrt(np.sum(weight * values**2) / weight.sum()))
@@ -68,7 +68,7 @@ class Problem:
 def problem_of(
     solver: Any, start: Any, data: Any, dt: float, noise: Any, regularization: Any
 ) -> Problem:
-    """The arguments of `identify_velocity`, checked."""
+    """The problem for the checked arguments of `identify_velocity`."""
     if not isinstance(solver, Solver):
         raise InputError(f"solver: expected a Solver, got {type(solver).__name__}")
     names = tuple(solver.velocity.parameters)
@@ -222,7 +222,7 @@ class Prediction:
         return np.concatenate(found)
 
     def feet_on_edges(self, values: Array) -> int:
-        """How many feet lie on edges of cells, where derivatives are the mean of both sides."""
+        """Number of feet on edges of cells, where derivatives are the mean of both sides."""
         self.sensitivity(values)
         return sum(tangent.feet_on_edges() for tangent in self._tangents)
 
@@ -243,9 +243,9 @@ class Prediction:
 
 class Roughness:
     r"""The rows whose sum of squares is the seminorm of `kind` ("H1", "H2", None: no rows) of the
-    velocity at time `t`; their parameters are `names`. It is the sum over components of
-    :math:`\int |\nabla c|^2` (H1), :math:`\int |\nabla^2 c|^2` (H2), by the weights of the grid. A
-    constant velocity costs nothing, unlike in the L2 norm, which draws all velocities to zero.
+    velocity at time `t`; `names` are its parameters. It is the sum over components of
+    :math:`\int |\nabla c|^2` (H1), :math:`\int |\nabla^2 c|^2` (H2), with the weights of the grid.
+    It vanishes for constant velocities, unlike the L2 norm, which draws all velocities to zero.
     """
 
     def __init__(self, grid: Grid, kind: str | None, names: Sequence[str], t: float) -> None:
@@ -323,8 +323,8 @@ def field_slopes(velocity: Velocity, grid: Grid, t: float, names: Sequence[str])
 # The weight of the seminorm, chosen by the data.
 #
 # Around an estimate the problem is linear: :math:`\|J d + r\|^2 + \alpha \|L d + \rho\|^2`, with r
-# in units of the noise. Only the part of the misfit that the parameters can change says something
-# about the weight, and of that only what is seen well: fitting the noise elsewhere takes weights
+# in units of the noise. Only the part of the misfit that the parameters can change determines the
+# weight, and of that only well determined data: fitting the noise elsewhere requires weights
 # that let the velocity grow without limit. The discrepancy principle is used there, with the
 # degrees of freedom that the estimate has taken: :math:`\|Q^T (J d + r)\|^2 = s^2 (n - \mathrm{tr}
 # Q^T A Q)`, where the n columns of Q span these changes of the data and A maps data to predictions
@@ -335,17 +335,17 @@ def field_slopes(velocity: Velocity, grid: Grid, t: float, names: Sequence[str])
 
 @dataclass(frozen=True)
 class Linearised:
-    """A linear problem with as many rows as parameters, and the misfit that none explains."""
+    """A linear problem reduced to as many rows as parameters, and the misfit that remains."""
 
     J: Array  # (parameters, parameters): triangular, derivatives of the misfit
     L: Array  # likewise, of the seminorm
-    Q: Array  # (parameters, n): orthonormal changes of reduced data, seen well
+    Q: Array  # (parameters, n): orthonormal changes of reduced data that are well determined
     r: Array  # right-hand side of J
     rho: Array  # right-hand side of L
     rest: float  # square of the misfit that no parameters remove
     count: int  # number of data
-    depends: bool  # some data change with a parameter, beyond rounding
-    known: bool  # the misfit is in units of the noise
+    depends: bool  # whether some data change with a parameter, beyond rounding
+    known: bool  # whether the misfit is in units of the noise
 
     @classmethod
     def of(
@@ -358,15 +358,15 @@ class Linearised:
         scale: float,
         known: bool,
     ) -> Linearised:
-        """From all rows. `size` are changes of the parameters that change the velocity by itself; a
-        direction is seen well if such a change is at least two deviations of data of known noise,
-        and not negligible beside the best one. `scale` is the rms of the data in the units of r."""
+        """Reduce all rows. `size` are changes of the parameters that change the velocity by its own
+        size; a direction is well determined if such a change is at least two deviations of data of
+        known noise, and not negligible. `scale` is the rms of the data in the units of r."""
         (one, right, rest), (two, rough, _) = _reduced(J, r), _reduced(L, rho)
         U, s, _ = np.linalg.svd(one * size)
         seen = s > SEEN.faint * s[0]
         if known:
             seen &= s >= 1.0 / SEEN.deviation
-        # Smaller changes of the data, beside the data, are rounding.
+        # Changes of the data that are smaller, relative to the data, are rounding.
         depends = bool(s[0] > 1e-11 * np.sqrt(len(r)) * scale)
         return cls(one, two, U[:, seen], right, rough, rest, len(r), depends, known)
 
@@ -383,10 +383,10 @@ class Linearised:
         return max(1.0, found) if self.known else found
 
     def at(self, weight: float) -> tuple[float, float, float]:
-        """Squares of misfit (what is seen) and seminorm, and the degrees of freedom taken."""
+        """Squares of misfit (well determined part) and seminorm, and the degrees of freedom."""
         stacked = np.vstack([self.J, np.sqrt(weight) * self.L])
         right = -np.concatenate([self.r, np.sqrt(weight) * self.rho])
-        # In the order of scale: columns differ by the units of parameters.
+        # Normalise the columns, which depend on the units of the parameters.
         size = np.linalg.norm(stacked, axis=0)
         size[size == 0.0] = 1.0
         U, s, Vt = np.linalg.svd(stacked / size, full_matrices=False)
@@ -402,7 +402,7 @@ class Linearised:
 
 
 def _reduced(matrix: Array, right: Array) -> tuple[Array, Array, float]:
-    """Triangular factor, transformed right-hand side, and the square of what is left of it."""
+    """Triangular factor, transformed right-hand side, and squared norm of its remainder."""
     n = matrix.shape[1]
     rows = np.zeros((max(len(right), n + 1), n + 1))
     rows[: len(right), :n], rows[: len(right), n] = matrix, right
@@ -412,7 +412,7 @@ def _reduced(matrix: Array, right: Array) -> tuple[Array, Array, float]:
 
 def by_discrepancy(problem: Linearised) -> float:
     """The largest weight whose misfit the noise explains."""
-    # Below, the seminorm is lost in rounding; above, only its null space is left.
+    # Below, the seminorm is lost in rounding; above, only its null space remains.
     weights = problem.scale * np.logspace(9.0, -13.0, 111)
     unknowns, variance = problem.Q.shape[1], problem.variance
 
@@ -446,7 +446,7 @@ def by_l_curve(problem: Linearised) -> float:
     dx, dy = np.gradient(x), np.gradient(y)
     turn = dx * np.gradient(dy) - dy * np.gradient(dx)
     speed = np.hypot(dx, dy)
-    # Where neither changes the curve stands still and has no curvature.
+    # Where neither changes, the curve is stationary and has no curvature.
     moving = speed > 1e-3 * speed.max()
     curvature = np.where(moving, turn / np.where(moving, speed, 1.0) ** 3, -np.inf)
     return float(weights[np.argmax(curvature)])
@@ -454,7 +454,7 @@ def by_l_curve(problem: Linearised) -> float:
 
 @runtime_checkable
 class Observations(Protocol):
-    """Data of `identify_velocity` besides snapshots: linear maps of states at some times."""
+    """Data of `identify_velocity` other than snapshots: linear maps of states at some times."""
 
     times: Any  # increasing
     values: Any  # for each time the data, shape (m,)
@@ -510,7 +510,7 @@ class Data:
         return self.weights.size
 
     def flat(self) -> Array:
-        """All values in one row."""
+        """All values as a flat array."""
         return np.concatenate(self.values)
 
 
@@ -565,7 +565,7 @@ def _observed(given: Observations, size: int) -> tuple[list[float], list[Array],
 
 
 def _own(given: Any, sizes: list[int]) -> Array:
-    """Standard deviations that the data bring with them, flat."""
+    """Standard deviations supplied with the data, flat."""
     if not (hasattr(given, "__len__") and len(given) == len(sizes)):
         raise InputError(f"data: expected deviations for each of {len(sizes)} times")
     found = [real_array("data: deviations", one).astype(float) for one in given]

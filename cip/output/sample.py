@@ -220,11 +220,11 @@ def _boolean(slopes: bool, data: Mapping[str, Any], grid: Grid, cells: list[Cell
 
 
 class _Rows:
-    """Linear functionals of the moments, one for each point, in place of their values:
-    `profile_value` computes with these rows of a sparse matrix as with numbers.
+    """Linear functionals of the moments, one for each point, as rows of a sparse matrix:
+    `profile_value` computes with them as with numbers.
     """
 
-    # Arrays then leave products and sums with rows to the methods below.
+    # Makes arrays leave products and sums with rows to the methods below.
     __array_ufunc__ = None
 
     def __init__(self, matrix: csr_array) -> None:
@@ -252,7 +252,7 @@ class _Rows:
 
 
 class _Moment:
-    """One moment at all nodes: indexed by nodes it gives the rows that read it there."""
+    """One moment at all nodes: indexing it by nodes gives the rows that evaluate it there."""
 
     def __init__(self, offset: int, grid: Grid, columns: int) -> None:
         self._offset, self._grid, self._columns = offset, grid, columns

@@ -1,4 +1,4 @@
-"""Text files (JSON) of named values, which lose nothing and show damage by a checksum."""
+"""Checksummed text files (JSON) that store named values without loss."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def write_words(path: str | Path, form: str, parts: Mapping[str, Any]) -> None:
 
 
 def read_words(path: str | Path, form: str, names: Iterable[str]) -> dict[str, Any]:
-    """What `write_words` wrote, arrays as lists; files of earlier versions have no checksum."""
+    """Read a file of `write_words`, arrays as lists; older formats have no checksum."""
     told = json.loads(Path(path).read_text(encoding="utf-8"))
     if not isinstance(told, dict) or told.get("format") != form:
         raise ValueError(f"expected the format {form!r}")
@@ -36,7 +36,7 @@ def read_words(path: str | Path, form: str, names: Iterable[str]) -> dict[str, A
 
 @contextmanager
 def reading(path: str | Path, what: str) -> Iterator[None]:
-    """Re-raise what goes wrong with the content of a file as the `InputError` of the package."""
+    """Re-raise errors in the content of a file as the `InputError` of the package."""
     try:
         yield
     except InputError:
@@ -46,7 +46,7 @@ def reading(path: str | Path, what: str) -> Iterator[None]:
 
 
 def fields_from(kind: Any, told: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a dataclass among the words of a file: lists become tuples or arrays again."""
+    """Fields of a dataclass among the values of a file: lists become tuples or arrays again."""
     found = {field.name: told[field.name] for field in fields(kind) if field.name in told}
     for field in fields(kind):
         if isinstance(found.get(field.name), list):

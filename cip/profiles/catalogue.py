@@ -1,8 +1,8 @@
-"""The profiles: which moments each one carries and which derivatives of the feet it needs.
+"""The profiles: the moments that each one carries and the derivatives of the feet that it needs.
 
-The `NamedTuple` records are arguments of the kernels of one node besides the arrays: for numba
-tuples, which cost nothing once a kernel is inlined; `cip.engines.cuda_source` translates them to C
-structs. Flags are 0 or 1.
+The `NamedTuple` records are arguments of the kernels of one node besides the arrays: tuples for
+numba, at no cost once a kernel is inlined, and C structs in `cip.engines.cuda_source`. Flags are 0
+or 1.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def _derivative(*axes: int) -> Moment:
 
 
 def carries_slopes(profile: str, dim: int) -> bool:
-    """Whether a conservative profile carries slopes beside values and means: csl4 on lines."""
+    """Whether a conservative profile carries slopes, not only values and means: csl4 on lines."""
     return profile == "csl4" and dim == 1
 
 
@@ -101,7 +101,7 @@ def line_jets(profile: str, dim: int, axis: int, advect: bool) -> tuple[Jet, ...
 
 def plane_jets(profile: str, advect: bool) -> tuple[Jet, ...]:
     """Components of the feet of a direct update, in the order in which the kernels read them;
-    derivatives of log det(dX/dx) stand for those of the determinant that replace them there.
+    derivatives of log det(dX/dx) denote those of the determinant, which replace them there.
     """
     found = [foot(0), foot(1), foot(0, 0), foot(0, 1), foot(1, 0), foot(1, 1)]
     if profile == "bicubic":
@@ -132,7 +132,7 @@ class Foot(NamedTuple):
 
 
 class Update(NamedTuple):
-    """The update: size of the grid, direction and equation."""
+    """The arguments of an update: size of the grid, direction and equation."""
 
     size: Index  # number of nodes
     dim: Index  # of the grid
@@ -150,7 +150,7 @@ class Limits(NamedTuple):
 
 
 class Means(NamedTuple):
-    """Where values, slopes and means of a line begin in the array."""
+    """Offsets of the values, slopes and means of a line in the array."""
 
     value: Index
     slope: Index  # unused if not carried

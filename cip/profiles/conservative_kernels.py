@@ -27,7 +27,7 @@ from skfem_adini.ground.jit import Array, Index, Out, Real, kernel
 
 @kernel
 def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
-    """Cell of the foot d cells from node i, not reduced modulo the period, and place in it."""
+    """Cell of the foot d cells from node i, not reduced modulo the period, and local coordinate."""
     f = floor(d)
     s = d - f
     k = i + f
@@ -43,9 +43,9 @@ def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
 
 @kernel
 def slope_of(m: Array, line: Line, value: Index, mean: Index, i: Index) -> Real:
-    """Slope at node i of the quartic through values and means of the cells beside it (at an end of
-    a line the two nearest): with the integral M from the node, :math:`g(x) = (M(x) - M'(0) x) /
-    x^2` is a cubic known at the other two nodes with its derivatives, and the slope is
+    """Slope at node i of the quartic through values and means of the adjacent cells (at an end of a
+    line the two nearest): with the integral M from the node, :math:`g(x) = (M(x) - M'(0) x) / x^2`
+    is a cubic known at the other two nodes with its derivatives, and the slope is
     :math:`M''(0) = 2 g(0)`.
     """
     h = line.h
@@ -141,7 +141,7 @@ def node_csl(
     m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index,
     limits: Limits, order: Index,
 ) -> None:  # fmt: skip
-    """New values at node i and new means of the cell after it, for each pair (value, mean)."""
+    """Compute values at node i and means of the cell after it, for each pair (value, mean)."""
     feet = foot.feet
     n = line.n
     base = line.first
@@ -194,7 +194,7 @@ def node_csl(
 def node_csl2(
     m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
-    """New values and means of CSL2."""
+    """Compute new values and means of CSL2."""
     node_csl(m, out, foot, line, update, o, i, limits, 2)
 
 
@@ -202,5 +202,5 @@ def node_csl2(
 def node_csl4(
     m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
-    """New moments of CSL4: values, slopes and means on a line, else values and means."""
+    """Compute new moments of CSL4: values, slopes and means on a line, else values and means."""
     node_csl(m, out, foot, line, update, o, i, limits, 4)

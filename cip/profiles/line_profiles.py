@@ -177,7 +177,7 @@ def rough(
 def around(
     line: Line, k: Index
 ) -> tuple[Index, Index, Index, Index, Real, Real, Real, Real]:  # fmt: skip
-    """Four nodes around a cell with left node k, and their places from this node."""
+    """Four nodes around a cell with left node k, and their coordinates relative to this node."""
     h = line.h
     n = line.n
     first = k - 1

@@ -22,7 +22,7 @@ from skfem_adini.ground.jit import Array, Index, Out, Real, kernel
 
 @kernel
 def bubble(d: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
-    """The cubic with given end slopes minus the chord, and the derivative of this difference."""
+    """The cubic with given end slopes minus the chord, and its derivative."""
     r = 1.0 - s
     p = va - d
     q = vb - d
@@ -35,9 +35,9 @@ def edge(
     m: Array, line: Line, k: Index, r: Index,
     a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real,
 ) -> tuple[Real, Real, Index]:  # fmt: skip
-    """The bubble of an edge, its slope, and 2 at a jump (`rough`; the bubble is piecewise linear
-    then), 1 beside one, else 0. With a fifth of the threshold `rough` finds the oscillations beside
-    a jump: the cubic is kept, and the value in the cell clamped to those at its corners."""
+    """The bubble of an edge, its slope, and 2 at a jump (`rough`; then piecewise linear),
+    1 next to a jump, else 0. With a fifth of the threshold, `rough` detects oscillations next to a
+    jump: the cubic is kept, and the value in the cell clamped to those at its corners."""
     if rough(m, line, k, r, a, b, va, vb, 0.1) == 1:
         value, slope = tangents(a, b, va, vb, s, d)
         return value - a - s * (b - a), slope - (b - a), 2
@@ -119,7 +119,7 @@ def at_corners(m: Array, moment: Index, ny: Index, cell: Cell) -> Corners:
 
 @kernel
 def within(value: Real, u: Corners) -> Real:
-    """A value clamped to those at the corners."""
+    """Clamp a value to those at the corners."""
     low = min(min(u.c00, u.c10), min(u.c01, u.c11))
     high = max(max(u.c00, u.c10), max(u.c01, u.c11))
     return min(max(value, low), high)

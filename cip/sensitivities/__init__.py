@@ -1,4 +1,4 @@
-"""Derivatives of whole runs, of the schemes as they compute: tangent-linear and adjoint.
+"""Derivatives of whole runs of the discrete schemes: tangent-linear and adjoint.
 
 In: a solver, one of its runs.
 Out: a SciPy LinearOperator from the start and the parameters of the solver to the end.

@@ -1,7 +1,7 @@
 r"""The blocks of feet of a stage, each with the moments that it moves.
 
 A sweep of a conservative profile in several dimensions moves each pair of a value and its mean
-along the sweep by feet of its own: on the lines it is the scheme in one dimension. All other stages
+along the sweep by separate feet, as the scheme in one dimension does on each line. All other stages
 have one block, which moves all moments.
 
 With the integral :math:`L_j` of the old profile of a conservative one from the left end of the cell
@@ -58,14 +58,14 @@ class Block:
         return NodeSlopes(self.stage.grid, self.stage.axis or 0, self._xp)
 
     def read(self, z: Array) -> Array:
-        """The moments of the block, with slopes of csl4 between value and mean."""
+        """Read the moments of the block, with slopes of csl4 between value and mean."""
         own = z[self.rows]
         if self._slopes is None:
             return own
         return self._xp.stack([own[0], self._slopes.of(own[0], own[1]), own[1]])
 
     def read_transposed(self, weight: Array) -> Array:
-        """The weights of the moments of the block from those of what `read` gives."""
+        """The transpose of `read`: weights of the moments of the block."""
         if self._slopes is None:
             return weight
         on_values, on_means = self._slopes.transposed(weight[1])
@@ -73,7 +73,7 @@ class Block:
 
 
 def blocks_of(stage: Stage, xp: Any = np) -> list[Block]:
-    """The blocks of a stage; `xp` is the module of the arrays that they read."""
+    """The blocks of a stage; `xp` is their array module."""
     return [Block(stage, number, xp) for number in range(len(stage.blocks))]
 
 
@@ -109,13 +109,13 @@ class NodeSlopes:
 
 
 class _Rows:
-    """Rows of a matrix with equally many entries: in `place` the columns, both (entries, rows)."""
+    """Rows of a matrix with equally many entries; `place` holds columns, both (entries, rows)."""
 
     def __init__(self, place: Array, weight: Array) -> None:
         self.place, self.weight = place, weight
 
     def on(self, xp: Any) -> _Rows:
-        """The same with arrays of a module."""
+        """The same with arrays of another module."""
         return _Rows(xp.asarray(self.place), xp.asarray(self.weight))
 
     def transposed(self) -> _Rows:
@@ -166,8 +166,8 @@ def integral_weights(grid: Grid, axis: int, weight: Array, xp: Any = np) -> Arra
 def add_whole_cells(
     grid: Grid, axis: int, pairs: tuple[Array, Array], weight: Array, back: Array
 ) -> None:
-    """Add to weights of the old means, `back`, those that the new ones, `weight`, give to whole
-    cells; both have shape (nodes,), `pairs` come from `whole_cells`.
+    """Add to weights of the old means, `back`, the contributions of whole cells to the new ones,
+    whose weights are `weight`; both have shape (nodes,), `pairs` come from `whole_cells`.
     """
     owner, whole = pairs
     given = np.bincount(whole, per_width(grid, axis, weight)[owner], grid.size)
@@ -175,8 +175,8 @@ def add_whole_cells(
 
 
 def whole_cells(grid: Grid, axis: int, displacement: Array, xp: Any = np) -> tuple[Array, Array]:
-    """The new cells whose means contain whole old ones, and these, for all such pairs. The
-    displacement, shape (nodes,), from each node to its foot is in cells.
+    """All pairs of a new cell and a whole old cell that its mean contains. The displacement, shape
+    (nodes,), from each node to its foot is in cells.
     """
     n, cells = grid.nodes[axis], grid.cells[axis]
     lines = xp.moveaxis(xp.arange(grid.size).reshape(grid.nodes), axis, -1).reshape(-1, n)
@@ -199,7 +199,7 @@ def whole_cells(grid: Grid, axis: int, displacement: Array, xp: Any = np) -> tup
 
 
 def per_width(grid: Grid, axis: int, values: Array, xp: Any = np) -> Array:
-    """Values by cells over their widths; 0 at the end of a line that is not periodic."""
+    """Values per cell divided by cell widths; 0 at the end of a line that is not periodic."""
     width = _widths(grid, axis)
     inverse = np.divide(1.0, width, np.zeros_like(width), where=width > 0.0)
     return _times(grid, axis, values, xp.asarray(inverse))
@@ -213,7 +213,7 @@ def _widths(grid: Grid, axis: int) -> Array:
 
 
 def _times(grid: Grid, axis: int, values: Array, line: Array) -> Array:
-    """Values of shape (nodes,) times those of an entry of each node of a line along the axis."""
+    """Multiply values of shape (nodes,) by an entry for each node of a line along the axis."""
     shape = [1] * grid.dim
     shape[axis] = -1
     return (values.reshape(grid.nodes) * line.reshape(shape)).ravel()

@@ -1,4 +1,4 @@
-"""The window of a run on a CUDA device: states, feet and sums stay there."""
+"""The window of a run on a CUDA device: states, feet and sums stay on the device."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from cip.stages.stage import Stage, StageFeet
 
 
 class DeviceWindow(Window):
-    """As `Window`, with vectors of CuPy; derivatives of inflow are computed on the host."""
+    """As `Window`, with CuPy vectors; derivatives of inflow are computed on the host."""
 
     def __init__(self, engine: Any, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -38,7 +38,7 @@ class DeviceWindow(Window):
         self._orders: dict[Any, Any] = {}
 
     def _linear(self, tangent: Any, adjoint: Any, columns: int) -> Any:
-        """An operator of CuPy."""
+        """A linear operator of CuPy."""
         from cupyx.scipy.sparse.linalg import LinearOperator
 
         shape = (self._start.data.size, columns)
@@ -114,14 +114,14 @@ def tangent_all(stage: Stage, source: str, index: str) -> str:
 
 
 class DevicePush:
-    """The change of the new moments of a stage with its feet."""
+    """The change of a stage's new moments for a change of its feet."""
 
     def __init__(self, engine: Any, stage: Stage) -> None:
         self._engine, self._stage = engine, stage
         self._push = compiled(push_all(stage, engine._index))
 
     def forward(self, blocks: list[Block], z: Array, feet: Array, changes: Array) -> Array:
-        """As `cip.sensitivities.node_derivatives.push_forward`, of arrays on the device."""
+        """As `cip.sensitivities.node_derivatives.push_forward`, with arrays on the device."""
         xp, stage = self._engine.xp, self._stage
         found = xp.zeros(z.shape)
         for block in blocks:
@@ -184,8 +184,8 @@ def pull_all(stage: Stage, index: str) -> str:
 
 def gather_all(stage: Stage, index: str) -> str:
     """CUDA C of ``run(parts, order, starts, out)``, which adds up the contributions. Further
-    arguments: for conservative profiles ``shares, owners, wholes`` (what new cells give to old ones
-    that they contain), then for sweeps the widths of cells."""
+    arguments: for conservative profiles ``shares, owners, wholes`` (contributions of new cells to
+    the old ones that they contain), then for sweeps the widths of cells."""
     grid, update = stage.grid, update_of(stage)
     moments = update.moments
     constants, place, lines = node_place(stage)
@@ -217,7 +217,7 @@ def gather_all(stage: Stage, index: str) -> str:
 
 
 def _sums_at_corners(stage: Stage, update: Traced) -> list[str]:
-    """Code that adds up what feet in the cells around a node give to it as one of their corners."""
+    """Code that sums the contributions of feet in the cells around a node to it as a corner."""
     grid, body = stage.grid, []
     for corner, sides in enumerate(update.corners):
         inside, names = [], []
@@ -242,7 +242,7 @@ def _sums_at_corners(stage: Stage, update: Traced) -> list[str]:
 
 
 def _sums_of_a_sweep(stage: Stage, update: Traced) -> list[str]:
-    """The same where feet also give to nodes around their cell, up to three cells away."""
+    """The same where feet also contribute to nodes around their cell, up to three cells away."""
     assert stage.axis is not None
     ends = ["k", "r", *(f"n{q}" for q in range(len(update.around)))]
     inside = "k >= 0 && k < n - 1"
@@ -252,7 +252,7 @@ def _sums_of_a_sweep(stage: Stage, update: Traced) -> list[str]:
     return [
         f"    index {', '.join(ends[2:])};",
         f"    real {', '.join(update.around)};",
-        # Short lines come round before that, and no cell may count twice.
+        # Short lines wrap around before that, and no cell may count twice.
         "    for (index away = -3; away < 3 && away < n - 3; away++) {",
         "        index k = i + away;",
         *wrap,
@@ -268,7 +268,7 @@ def _sums_of_a_sweep(stage: Stage, update: Traced) -> list[str]:
 
 
 def _sums_of_a_cell(cell: str, roles: list[tuple[str, int]], update: Traced) -> list[str]:
-    """Code that adds what the feet in a cell give to a node: in each role if a condition holds."""
+    """Code that adds the contributions of feet in a cell to a node, for each role and condition."""
     lines = [
         f"        const index cell = {cell}, stop = starts[cell + 1];",
         "        for (index p = starts[cell]; p < stop; p++) {",
@@ -285,8 +285,8 @@ def _sums_of_a_cell(cell: str, roles: list[tuple[str, int]], update: Traced) -> 
 
 def unwind_all(stage: Stage, count: int, index: str) -> str:
     """CUDA C of ``run(g, lines..., t, step, count, values, gradients, threads)``, which
-    differentiates all characteristics in reverse, at most `count` sub-steps each, to a gradient for
-    each thread."""
+    differentiates all characteristics in reverse, with at most `count` sub-steps each, and writes a
+    gradient for each thread."""
     grid, system = stage.grid, stage.system
     code = translate([unwind_source(system, tuple(stage.jets))], "unwind")
     x, lines = point_of(grid)
@@ -317,9 +317,9 @@ class DeviceAdjoint:
     """The transposed steps of a stage on the device of an engine, whose sums have a fixed order.
 
     Each node writes what it contributes to the moments at the corners of its foot's cell; then each
-    node adds up what the feet in the cells around it left there, in the order of their nodes, which
-    are sorted by the cells of their feet. Nothing is added by two threads at a time, so the bits do
-    not depend on how threads are scheduled.
+    node sums the contributions of the feet in the cells around it, in the order of their nodes,
+    which are sorted by the cells of their feet. No two threads add to the same number, so the
+    result does not depend on their schedule.
     """
 
     def __init__(self, engine: Any, stage: Stage) -> None:
@@ -401,11 +401,11 @@ class DeviceAdjoint:
         inside, count = feet.interior(self._size, block.number), feet.substeps[block.number]
         if not inside.all():
             g = xp.where(xp.asarray(inside), g, 0.0)
-        most = 1 << (count - 1).bit_length()  # one kernel serves all numbers up to this
+        most = 1 << (count - 1).bit_length()  # one kernel serves all counts up to this
         if most not in self._unwind:
             self._unwind[most] = compiled(unwind_all(stage, most, engine._index))
         values = xp.asarray(np.array(stage.parameters, dtype=float))
-        # Threads that differentiate characteristics; all gradients have 2^28 numbers at most.
+        # Threads that differentiate characteristics: all gradients have at most 2^28 numbers.
         threads = max(1, min(self._size, 2**17, 2**28 // len(values)))
         gradients = xp.empty((len(values), threads))
         lines = [xp.asarray(line) for line in stage.lines(block.bits)]

@@ -1,9 +1,9 @@
 """Derivatives of the update of a node as compiled kernels, and over all nodes on the CPU.
 
-Both kernels are generated from the kernel of the step. With changes d of the components of a foot,
-`push` gives those of the new moments at given old ones. With weights w of the new moments, `pull`
-adds the derivatives of w . (new moments) in the old moments at the corners of the foot's cell to
-these, and gives those in the components of the foot.
+Both kernels are generated from the kernel of the step. For changes d of the components of a foot,
+`push` computes the changes of the new moments at given old ones. For weights w of the new moments,
+`pull` computes the derivatives of w . (new moments): those in the old moments at the corners of the
+foot's cell, which are added up, and those in the components of the foot.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from cip.sensitivities.blocks import Block, add_whole_cells, integral_weights, m
 from cip.sensitivities.profile_derivatives import Traced, traced
 from skfem_adini.ground.jit import Array, Index, Out, loop_over
 
-# `loop_over` replaces it by a kernel.
+# Placeholder that `loop_over` replaces by a kernel.
 node: Any = None
 
 
 def _signature(name: str, given: str, update: Traced) -> str:
-    """The first line of the kernel of a node, which takes old moments and what is `given`."""
+    """The first line of the kernel of a node, which takes old moments and the arguments `given`."""
     axes, places = "xy"[: update.dim], "ij"[: update.dim]
     lines = ", ".join(f"{axis}: Line" for axis in axes)
     indices = ", ".join(f"{place}: Index" for place in places)
@@ -100,7 +100,7 @@ def push_source(update: Traced) -> str:
 def pull_source(update: Traced, apart: bool = False) -> str:
     """Source of the kernel ``pull(m, w, out, g, feet, stride, first, x, [y,] size, o, i[, j])``,
     which adds to `out`, laid out as m and w, and writes derivatives in the components to `g`, for
-    displacements per length. `apart`: that of ``update.reads[q]`` goes to ``out[q size + o]``."""
+    displacements per length. `apart`: that in ``update.reads[q]`` goes to ``out[q size + o]``."""
     dim, count = update.dim, len(update.reads)
     total = constant(0.0)
     for q, output in enumerate(update.outputs):
@@ -127,7 +127,7 @@ def run_plane(
     start: Index, stop: Index, m: Array, given: Array, out: Out, g: Out, feet: Array, size: Index,
     components: Index, x: Line, y: Line,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a plane; so many derivatives in the components of feet are added to g."""
+    """Process rows start..stop of a plane; adds derivatives in the components of feet to g."""
     m, given, out, g, feet = address(m), address(given), address(out), address(g), address(feet)
     x, y, here = at_addresses(x), at_addresses(y), foot_room(np.empty(1))
     for i in range(start, stop):
@@ -142,7 +142,7 @@ def run_sweep(
     start: Index, stop: Index, m: Array, given: Array, out: Out, g: Out, feet: Array, size: Index,
     components: Index, x: Line,
 ) -> None:  # fmt: skip
-    """The same for a line or a sweep, whose rows are those of `cip.engines.cpu_loops.run_lines`."""
+    """The same for a line or a sweep, with the rows of `cip.engines.cpu_loops.run_lines`."""
     m, given, out, g, feet = address(m), address(given), address(out), address(g), address(feet)
     x, here = at_addresses(x), foot_room(np.empty(1))
     for row in range(start, stop):
@@ -165,8 +165,8 @@ def _kernel(name: str, *scheme: Any) -> Any:
 
 
 def _loop(block: Block, name: str) -> tuple[Any, list[tuple[Any, ...]], int]:
-    """The loop of a kernel over all nodes of a block, the lines that it takes last (each a `Line`
-    as a tuple), and the number of its rows."""
+    """The loop of a kernel over all nodes of a block, the lines that are its last arguments (each a
+    `Line` as a tuple), and the number of its rows."""
     stage, grid = block.stage, block.stage.grid
     strides = [grid.size // int(np.prod(grid.nodes[: axis + 1])) for axis in range(grid.dim)]
     lines = [
@@ -235,7 +235,7 @@ def _pulled(block: Block, z: Array, weight: Array, feet: Array, g: Array, whole:
     if stage.conservative:
         weight = np.concatenate([weight[:-1], integral_weights(grid, axis, means)[None]])
     run, lines, rows = _loop(block, "pull")
-    # The number of threads does not change the strips, nor the rounding of sums.
+    # Strips, and so the rounding of sums, do not depend on the number of threads.
     strips = max(1, min(4, rows, size // 20_000))
     cuts = [rows * strip // strips for strip in range(strips + 1)]
     sums = np.zeros((strips, *read.shape))

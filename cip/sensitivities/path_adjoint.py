@@ -44,7 +44,7 @@ from cip.sensitivities.path_tangent import Sums, component
 from cip.stages.stage import Stage, StageFeet
 from skfem_adini.ground.jit import Array, Index, Out, Real, loop_over
 
-# `loop_over` replaces it by a kernel.
+# Placeholder that `loop_over` replaces by a kernel.
 unwind: Any = None
 
 
@@ -65,7 +65,7 @@ def parameter_gradient(stage: Stage, feet: StageFeet, g: Any) -> Any:
 
 
 def _once_a_system(make: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of a system and more that is evaluated once as long as the system lives."""
+    """Cache a function of a system and further arguments as long as the system exists."""
     known: WeakKeyDictionary[System, dict[Any, Any]] = WeakKeyDictionary()
 
     @wraps(make)
@@ -120,7 +120,7 @@ def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: A
     seed = numpy_function(_seeds(system, tuple(stage.jets)), [*jets, *seeds])
     start = np.array([system.start(jet) for jet in system.jets])
     found = np.zeros(len(system.parameters))
-    for first in range(0, points[0].size, 4096):  # so many nodes at a time
+    for first in range(0, points[0].size, 4096):  # number of nodes at a time
         part = slice(first, first + 4096)
         base = [x[part] for x in points]
         y = np.repeat(start[:, None], base[0].size, axis=1)
@@ -294,7 +294,7 @@ def run_nodes(
     start: Index, stop: Index, g: Array, size: Index, x: Array, y: Array, z: Array, t: Real,
     step: Real, count: Index, values: Array, trail: Out, grad: Out,
 ) -> None:  # fmt: skip
-    """Nodes start..stop; their gradients are added to `grad`."""
+    """Process nodes start..stop; their gradients are added to `grad`."""
     g, values, trail, grad = address(g), address(values), address(trail), address(grad)
     x, y, z = address(x), address(y), address(z)
     for o in range(start, stop):
@@ -309,7 +309,7 @@ def _by_numba(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: A
     points += [np.zeros(size)] * (3 - stage.grid.dim)
     values, length = np.array(stage.parameters), feet.t_end - feet.t_start
     length_of_trail = trail_length(system, count)
-    # The number of threads does not change the strips, nor the rounding of sums.
+    # Strips, and so the rounding of sums, do not depend on the number of threads.
     strips = max(1, min(4, size // 2_000))
     cuts = [size * strip // strips for strip in range(strips + 1)]
     found = np.zeros((strips, len(values)))

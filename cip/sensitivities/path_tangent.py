@@ -2,7 +2,7 @@ r"""The change of feet along a direction of the velocity's parameters.
 
 With the equations :math:`y' = f(y, p)` of a foot and its derivatives, the change
 :math:`Y = (dy/dp)\,d` obeys :math:`Y' = f_y Y + f_p\,d`. A Runge-Kutta method with fixed sub-steps,
-applied to both together, gives the exact change of what it gives for y (Hairer, Norsett and Wanner,
+applied to both together, gives the exact change of its result for y (Hairer, Norsett and Wanner,
 Solving Ordinary Differential Equations I, 1993, section I.14). The cost does not grow with the
 number of parameters.
 """
@@ -36,7 +36,7 @@ from cip.sensitivities.blocks import Block
 from cip.stages.stage import Stage, StageFeet
 
 Array = Any  # arrays of NumPy or CuPy
-# Nodes from which on compiling a system (seconds) saves time.
+# Number of nodes from which on compiling a system (seconds) saves time.
 _COMPILE_FROM = 20_000
 
 
@@ -130,8 +130,8 @@ class PathTangent:
 
     def along(self, blocks: list[Block], feet: StageFeet, direction: Array) -> Array:
         """The changes of all components, shape (components, nodes), displacements as lengths, for a
-        change of the system's parameters, shape (parameters,). Numbers of sub-steps are kept; paths
-        that begin on a wall do not change here."""
+        change of the system's parameters, shape (parameters,). Numbers of sub-steps do not change;
+        paths that begin on a wall get change 0."""
         size, count = self._stage.grid.size, len(self._stage.jets)
         found = self.xp.empty((len(blocks) * count, size))
         for block in blocks:
@@ -146,7 +146,7 @@ class PathTangent:
         return found
 
     def _step(self, block: Block, feet: StageFeet) -> tuple[float, int]:
-        """The length of the sub-steps of a block, and how many there are."""
+        """Length and number of the sub-steps of a block."""
         count = feet.substeps[block.number]
         return (feet.t_end - feet.t_start) / count, count
 
@@ -194,7 +194,7 @@ class PathTangent:
         return found
 
 
-# Begins the names of sums of changes.
+# Prefix of the names of sums of changes.
 _CHANGE = "d_"
 
 
@@ -227,7 +227,7 @@ class Sums:
 
 
 def changed(node: Expression, changes: Mapping[str, str]) -> Expression:
-    """The sum with the changes of its coefficients, variables by their names, in place of these."""
+    """The sum with the changes of its coefficients, as variables, in place of the coefficients."""
     name, orders = node.value
     return linear(_CHANGE + name, orders, [variable(changes[one.value]) for one in node.args])
 

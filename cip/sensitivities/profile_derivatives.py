@@ -41,17 +41,17 @@ class Traced:
     """The update of a node whose foot lies in the first cell of a small grid, as formulas."""
 
     dim: int
-    outputs: tuple[Expression, ...]  # the new moments
+    outputs: tuple[Expression, ...]  # formulas of the new moments
     reads: tuple[str, ...]  # variables of the old moments, each at all corners
     places: tuple[str, ...]  # variables of the place in the cell
     widths: tuple[str, ...]  # variables of the widths of the cell
     feet: tuple[str, ...]  # variables of the components of the foot after the displacements
     sources: tuple[tuple[int, int], ...]  # of each of `reads`: moment, and corner or `AROUND` +
-    around: tuple[str, ...] = ()  # variables of places beside the cell, in sweeps
+    around: tuple[str, ...] = ()  # variables of the coordinates of nodes around the cell, in sweeps
 
     @property
     def moments(self) -> int:
-        """Number of old moments that are read, some of which may be none of the new ones."""
+        """Number of old moments that are read; some may not be among the new ones."""
         return 1 + max(q for q, _ in self.sources)
 
     @property
@@ -61,7 +61,7 @@ class Traced:
 
 
 class _Symbols:
-    """An array whose entry q is a variable, the letter and q; what is written is kept."""
+    """An array whose entry q is the variable named by the letter and q; stores written entries."""
 
     def __init__(self, letter: str) -> None:
         self.letter = letter
@@ -99,7 +99,7 @@ def traced(profile: str, advect: bool, dim: int, axis: int | None) -> Traced:
 
 
 def _at_corners(dim: int, outputs: list[Expression], reads: int, components: int) -> Traced:
-    """An update that reads so many moments at all corners of a cell."""
+    """An update that reads the first `reads` moments at all corners of a cell."""
     corners = [int(np.ravel_multi_index(corner, _NODES[:dim])) for corner in CORNERS[dim]]
     size = int(np.prod(_NODES[:dim]))
     return Traced(
@@ -171,7 +171,7 @@ def _conservative(name: str, carried: bool, line: Line) -> list[Expression]:
 
 
 def plain_kernels() -> dict[str, Any]:
-    """The kernels by their names, as plain Python that calls one another."""
+    """The kernels by name, as plain Python functions that call one another."""
     from cip.profiles import (
         conservative_kernels,
         conservative_profiles,

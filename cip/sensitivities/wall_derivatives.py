@@ -48,9 +48,9 @@ class WallDerivatives:
         return found
 
     def _placed(self, feet: StageFeet, block: int, exits: Exits, slopes: Array) -> list[Correction]:
-        """The derivatives of what the paths of a block of feet bring from all walls."""
+        """The derivatives of the moments that paths of a block of feet transport from all walls."""
         stage, shape = self._stage, (len(self._stage.wall_parameters), exits.nodes.size)
-        # Parameters that only the data hold do not move the paths.
+        # Parameters that occur only in the data do not move the paths.
         more = np.zeros((len(slopes), shape[0] - slopes.shape[1], shape[1]))
         slopes = np.concatenate([slopes, more], axis=1)
         flux = np.zeros(shape) if stage.conservative else None
@@ -103,7 +103,7 @@ class _Paths:
                 self.moves[s] = self.slopes[q]
 
     def along(self, function: Any, t: Any, d_time: Any) -> Sequence[Any]:
-        """What a function from `_Wall.directional` gives at time t, which changes by `d_time`."""
+        """Evaluate a function from `_Wall.directional` at time t, which changes by `d_time`."""
         units = _units(self.slopes.shape[1])
         moves = [*self.moves, d_time, *self.slopes[:-1], *units]
         found: Sequence[Any] = function(*self.point, t, *self.jets, self.middle, *moves)
@@ -111,7 +111,7 @@ class _Paths:
 
 
 class _Wall:
-    """The derived formulas of what comes in through one wall."""
+    """The derived formulas of the inflow through one wall."""
 
     def __init__(self, stage: Stage, wall: WallMoments, axis: int, side: int) -> None:
         self._wall, self._place = wall, (axis, side)
@@ -159,7 +159,7 @@ class _Wall:
 
 
 class _Steps:
-    """Runge-Kutta steps of own lengths, with the derivatives of their results carried forward."""
+    """Runge-Kutta steps with a length for each path, and the derivatives of their results."""
 
     def __init__(self, stage: Stage) -> None:
         self.stage, self.system = stage, stage.system
@@ -242,7 +242,7 @@ class _Steps:
 
 
 def _units(count: int, more: int = 0) -> list[Array]:
-    """The change of each parameter along all of them, with `more` rows in which none changes."""
+    """The unit vectors of the parameters, each followed by `more` zeros."""
     return list(np.eye(count, count + more)[:, :, None])
 
 

@@ -33,8 +33,8 @@ from cip.stages.state import State, state_of
 from skfem_adini.ground.arrays import host
 
 Array = Any  # arrays of NumPy or CuPy
-# Most bytes of a window's states by default: with checkpoints another run is needed, a quarter of a
-# gradient.
+# Default limit of the bytes of a window's states: with checkpoints another run is needed, a quarter
+# of a gradient.
 KEPT = 2**30
 
 
@@ -65,7 +65,7 @@ class Move:
 class Window:
     """The derivative of a run's last state in the first one and in the parameters. The adjoint
     recomputes states between checkpoints, `every` moves apart. ``advance(n, state)`` makes move n,
-    with a third argument True of a change of the state; ``feet(n)`` are its feet."""
+    for a change of the state if a third argument is True; ``feet(n)`` are its feet."""
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class Window:
         self.parameters, self.every, self._steady = parameters, every, steady
         self._moves, self._start = moves, start
         self._advance, self._feet = advance, feet
-        # Columns of the parameters that occur: others have no influence.
+        # Columns of the parameters that occur; others have no influence.
         place = {name: q for q, name in enumerate(parameters)}
         self._columns = [[place[name] for name in move.columns] for move in moves]
         self._wall_columns = [
@@ -112,7 +112,7 @@ class Window:
         return found
 
     def state_operator(self) -> LinearOperator:
-        """That in the first state alone, without the states that derivatives in parameters need."""
+        """The derivative in the first state alone, without storing states for parameters."""
         held = np.zeros(len(self.parameters))
 
         def tangent(x: Any) -> Array:
@@ -158,7 +158,7 @@ class Window:
         return self._on_walls[stage].of(feet)
 
     def _flat(self, data: Any) -> Array:
-        """Moments or components of feet, a row each."""
+        """Reshape moments or components of feet to a row each."""
         return self._xp.asarray(data, dtype=float).reshape(-1, self._start.grid.size)
 
     def _starting_point(self, x: Any) -> Array:
@@ -211,7 +211,7 @@ class Window:
             if not self._steady:
                 known.clear()
         for wall in self._walls(n):
-            # Each place occurs once, so the order of additions is fixed.
+            # Indices are distinct, so the order of additions is fixed.
             xp.add.at(found, xp.asarray(wall.places), xp.asarray(on_walls @ wall.values))
         return found
 
@@ -227,7 +227,7 @@ class Window:
 
     def _edges(self, stage: Stage, feet: StageFeet) -> list[tuple[Any, Array, Array]]:
         """The feet on edges of cells, where derivatives of the profile may jump. For each direction
-        in which parameters move feet: the rows of its displacements that are whole cells, and all
+        in which parameters move feet: the rows of its displacements, a mask of whole cells, and all
         components with these feet on the other side of their edges."""
         xp, found, components = self._xp, [], self._flat(feet.data)
         for q, axis in enumerate(stage.moving):
@@ -246,7 +246,7 @@ class Window:
         return found
 
     def feet_on_edges(self) -> int:
-        """How many feet that parameters move lie on edges of cells, in all moves."""
+        """Number of feet, in all moves, that lie on edges of cells and depend on parameters."""
         moves = [n for n, move in enumerate(self._moves) if isinstance(move, Move)]
         return sum(
             int(on_edge.sum())
@@ -290,7 +290,7 @@ class Window:
         return push_forward(self._blocks_of(self._moves[n].stage), z, feet, changes)
 
     def _adjoint(self, x: Any, held: bool = False) -> Array:
-        """The transpose; with zeros for the parameters where they are `held`."""
+        """The transpose; zeros for the parameters where they are `held`."""
         xp, shape, varies = self._xp, self._start.data.shape, self._varies and not held
         weight = self._flat(self._starting_point(x)).copy()
         found, segment = np.zeros(len(self.parameters)), list[State]()
@@ -328,7 +328,7 @@ class Window:
         return xp.concatenate([weight.ravel(), xp.asarray(found)])
 
     def _spread(self, gathered: dict[Any, tuple[int, StageFeet, Array]], found: Array) -> None:
-        """Add to `found` what derivatives in the feet give to the parameters, and forget them."""
+        """Convert derivatives in the feet to parameters, add them to `found`, and discard them."""
         for n, where, total in gathered.values():
             if self._columns[n]:
                 found[self._columns[n]] += self._gradient(n, where, total)
@@ -346,7 +346,7 @@ class Window:
         return pull_back(blocks, z, weight, feet, g, pairs)
 
     def _whole_cells(self, stage: Stage, feet: StageFeet) -> list[Any]:
-        """For each block of feet the whole cells in new ones."""
+        """For each block of feet the pairs of `whole_cells`."""
         components, axis = self._flat(feet.data), stage.axis or 0
         first = [components[block.components][0] for block in self._blocks_of(stage)]
         return [whole_cells(stage.grid, axis, one) for one in first]

@@ -1,4 +1,4 @@
-"""The derivative of a run: its steps, taken once more, handed to `cip.sensitivities`."""
+"""The derivative of a run: its steps are repeated and passed to `cip.sensitivities`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cip.sources.reaction import HalfStep, halves
 from cip.stages.stage import StageFeet
 from cip.stages.state import State, state_of
 
-# Bytes that feet of unsteady velocities may take beside the states.
+# Limit of the bytes of feet of unsteady velocities that are stored in addition to the states.
 KEPT = 2**28
 
 
@@ -77,8 +77,8 @@ def around(stages: list[Move], solver: Any, t: float, dt: float) -> list[Move | 
 
 
 class Replay:
-    """The stages of a run's steps, the list `plan` of (t, dt), repeated with the sub-steps taken at
-    first; `moves` are the stages of all steps in order, between the halves of sources and decay.
+    """Repeats the stages of a run's steps `plan`, a list of (t, dt), with the original sub-steps;
+    `moves` are the stages of all steps in order, between the halves of sources and decay.
     """
 
     def __init__(self, solver: Any, plan: list[tuple[float, float]]) -> None:
@@ -87,14 +87,14 @@ class Replay:
         for t, dt in plan:
             self.moves += around([Move(stage, t, dt) for stage in solver._stages], solver, t, dt)
         self._feet: dict[int, StageFeet] = {}
-        self._last: tuple[int, StageFeet] | None = None  # computed again, asked for several times
+        self._last: tuple[int, StageFeet] | None = None  # recomputed, requested several times
         self._kept = 0
         # For each move whether paths had left the grid before, and the sub-steps known after it.
         self._memory: list[tuple[bool, dict[Any, tuple[float, int]]]] = []
 
     def keep_feet(self, least: int) -> None:
-        """Keep the feet of the last moves that were advanced, which cost as much as a run: as many
-        as take at most `KEPT` bytes, and at least those of `least` moves.
+        """Store the feet of the last moves that were advanced, as they cost as much as a run: as
+        many as take at most `KEPT` bytes, and at least those of `least` moves.
         """
         components = max(len(stage.blocks) * len(stage.jets) for stage in self.solver._stages)
         size = components * self.solver.grid.size * 8

@@ -218,7 +218,7 @@ class Solver(Parametrised):
         return Solver(*deepcopy(self._arguments(self._boundary), memo))
 
     def _arguments(self, boundary: Any) -> tuple[Any, ...]:
-        """The arguments of the constructor, from which a copy is made anew."""
+        """The arguments of the constructor, from which a copy is made."""
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
@@ -464,7 +464,7 @@ def parameters_of(velocity: Any, source: Any, decay: Any, boundary: Any) -> dict
 
 
 def with_values(function: Any, values: Mapping[str, float]) -> Any:
-    """An argument of a solver with other values of those parameters that it has."""
+    """An argument of a solver with new values of those parameters that it has."""
     if isinstance(function, Mapping):
         return {wall: with_values(part, values) for wall, part in function.items()}
     if not isinstance(function, Parametrised):
@@ -481,7 +481,7 @@ def made_stages(
     boundary: Any,
     reaction: Reaction | None,
 ) -> list[Stage]:
-    """The stages of one step; `reaction` acts before and after them."""
+    """Make the stages of one step; `reaction` acts before and after them."""
     data = walls(boundary, grid)
     split = grid.dim > 1 and profile in LINE
     if split:
@@ -510,7 +510,7 @@ Form = Literal["transport", "advection"]
 def check_choices(
     grid: Grid, form: Form, profile: str, limiter: Any, splitting: Any, backend: Any
 ) -> None:
-    """Raise `InputError` for choices of a solver that do not exist or do not fit together."""
+    """Raise `InputError` for options of a solver that do not exist or are incompatible."""
     moments(profile, grid.dim)
     if not isinstance(limiter, str | None) or limiter not in LIMITER_CODES:
         raise InputError(
@@ -542,7 +542,7 @@ def _is(value: Any, *names: str) -> bool:
 
 
 def form_of(form: Any) -> Form:
-    """The equation that a name of it stands for."""
+    """The equation of this name."""
     forms: dict[Any, Form] = {
         "transport": "transport",
         "advective": "transport",

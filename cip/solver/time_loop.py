@@ -44,7 +44,7 @@ def run(
             f"dt: {dt:.6g} is lost in the rounding of t = {times[-1]:.6g}; count t from the start"
         )
     state = place(state)
-    kept = [replace(state.host())]  # a copy: the caller may go on to change his own
+    kept = [replace(state.host())]  # a copy: the caller may modify the original
     found = record(kept, False)
     try:
         for target in times:
@@ -77,8 +77,8 @@ def run(
 def checked_callback(
     callback: Any, accept: Callable[[State], Any], place: Callable[[State], State]
 ) -> Callable[[State], State] | None:
-    """The callback of a run as a function whose result is the state to go on with. `accept` raises
-    `InputError` for a state that the solver cannot take; `place` copies one to the solver's memory.
+    """The callback of a run as a function that returns the next step's state. `accept` raises
+    `InputError` for a state that the solver cannot take; `place` copies one to its memory.
     """
     if callback is None:
         return None

@@ -1,7 +1,7 @@
 r"""Sources and decay by symmetric splitting: half before the transport of a step, half after it.
 
 A step from t to t + dt is S D T D S: source and decay over the first half, transport, decay and
-source over the second (Strang, SIAM J. Numer. Anal. 5, 1968, 506-517). D is exact at each place, S
+source over the second (Strang, SIAM J. Numer. Anal. 5, 1968, 506-517). D is exact at each point, S
 adds the integral of the source over its half of the step by Gauss's rule of two points. So the
 error in time is of order dt^2, and what a source adds is integrated to degree three in time.
 """
@@ -36,7 +36,7 @@ from cip.stages.walls import MIDDLE, Wall
 
 
 class Reaction:
-    """What sources and decay do to the moments of a state, each by itself; with derivatives."""
+    """The separate effects of source and decay on the moments of a state, with derivatives."""
 
     def __init__(
         self, grid: Grid, profile: str, source: Source | None, decay: Source | None, xp: Any
@@ -157,13 +157,13 @@ class Decay:
         return -self._products.times(data, self._slopes(t, length, name))
 
     def _factors(self, t: float, length: float) -> Any:
-        """E as its products need it; a number where the rate is one."""
+        """E in the form that its products need; a number if the rate is one."""
         if self._uniform:
             return float(np.exp(-self._rate.value * length))
         return self._once((length, None), lambda: self._exponentials(t, length))
 
     def _slopes(self, t: float, length: float, name: str) -> Any:
-        """K_p as its products need it."""
+        """K_p in the form that its products need."""
         node = self._rate.derivative(parameter(name).value)
         return self._once(
             (length, name),
@@ -255,7 +255,7 @@ class NodalMoments:
         if xp is np or not any(inner.op == "opaque" for inner in ordered([node])):
 
             def evaluate(*point: Any) -> Any:
-                with np.errstate(all="ignore"):  # what is not finite is reported by the caller
+                with np.errstate(all="ignore"):  # the caller reports values that are not finite
                     return compute(*point)[0]
 
             return evaluate
@@ -270,8 +270,8 @@ class NodalMoments:
 
 class ReactedData(Formula):
     r"""The data g of a wall as the transport takes it in between the halves of the splitting. What
-    enters at t* undergoes source and decay from then on, but the splitting applies them for the
-    half after the middle t_m of the step; so the data is carried on for :math:`t_m - t^*`, to
+    enters at t* undergoes source and decay from then on, but the splitting applies them only after
+    the middle t_m of the step; so the data are advanced by :math:`t_m - t^*`, to
     :math:`g e^{-k (t_m - t^*)} + (t_m - t^*) s`: second order up to the walls."""
 
     def __init__(self, data: Formula, reaction: Reaction) -> None:
@@ -286,7 +286,7 @@ class ReactedData(Formula):
         super().__init__(node, data.dim)
 
     def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
-        """What `nodes` need of data, source and decay besides coordinates, by the names in code."""
+        """The callables and numbers in `nodes` of data, source and decay, by names in code."""
         found: dict[str, Any] = {}
         for part in self._parts:
             found.update(part.functions(nodes, steps))
@@ -296,8 +296,8 @@ class ReactedData(Formula):
 def reacted(
     data: dict[Wall, Formula], reaction: Reaction | None, split: bool
 ) -> dict[Wall, Formula]:
-    """The data of all walls as the transport of a step needs them. Those of a `split` step are
-    constant and stay as they are; raises `NotSupported` if decay would change them.
+    """The data of all walls in the form that the transport of a step needs. In a `split` step they
+    are constant and unchanged; raises `NotSupported` if decay would change them.
     """
     if reaction is None:
         return data
@@ -324,8 +324,8 @@ class Products:
     means are those of a rule of Simpson's kind with the profile's midpoint value,
     :math:`\bar u = (u_0 + 4 u_{1/2} + u_1) / 6`, or of the rule of degree five with slopes, so that
     (g f) u = g (f u) for means too. `wanted` are the moments of g that they need, by keys: orders
-    of derivatives, or for means for each direction whether the midpoint is meant; the slope beside
-    means has the key (2,).
+    of derivatives, or for means for each direction whether it is the midpoint; slopes of profiles
+    with means have the key (2,).
     """
 
     def __init__(self, grid: Grid, profile: str, xp: Any) -> None:
@@ -369,7 +369,7 @@ class Products:
         return new
 
     def _with_means(self, data: Any, factors: Factors) -> Any:
-        """Along each direction by nodes and midpoints, and back."""
+        """Multiply values at nodes and midpoints of each direction, and convert back to means."""
         new = data.astype(float)
         for axis, value, mean in self._pairs():
             new[mean] = 1.5 * new[mean] - 0.25 * self._sum_of_ends(new[value], axis)
@@ -421,7 +421,7 @@ class Products:
         return self._xp.stack([u - for_u, slope - for_slope, 30.0 / 16.0 * middle])
 
     def _ends(self, u: Any, slope: Any) -> Any:
-        """What both ends of each cell give to 30 times the mean in the rule with slopes."""
+        """Contribution of both ends of each cell to 30 times the mean in the rule with slopes."""
         jump = self._sum_of_ends(slope, 0) - 2.0 * self._in_cells(slope)  # of the slope over it
         return 7.0 * self._sum_of_ends(u, 0) - self._half * jump
 
@@ -435,14 +435,14 @@ class Products:
         return 0.5 * self._xp.asarray(np.append(widths, widths[-1])[:nodes])
 
     def _in_cells(self, values: Any, axis: int = 0) -> Any:
-        """The values; 0 at nodes where no cell begins."""
+        """The values, set to 0 at nodes where no cell begins."""
         found = values.copy()
         if not self._grid.periodic[axis]:
             self._xp.moveaxis(found, axis, 0)[-1] = 0.0
         return found
 
     def _sum_of_ends(self, values: Any, axis: int) -> Any:
-        """Values at both ends of each cell, added; 0 where no cell begins."""
+        """Sum of the values at both ends of each cell; 0 where no cell begins."""
         return self._in_cells(values + self._xp.roll(values, -1, axis), axis)
 
     def _of_cells(self, weight: Any, axis: int) -> Any:
@@ -458,9 +458,9 @@ class HalfStep:
     """
 
     reaction: Reaction
-    t: float  # start of its time
+    t: float  # time at which it begins
     length: float  # duration
-    after: bool  # whether it stands after the transport
+    after: bool  # whether it follows the transport
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -523,6 +523,6 @@ class HalfStep:
 
 
 def halves(reaction: Reaction, t: float, dt: float) -> tuple[HalfStep, HalfStep]:
-    """What stands before and after the transport of the step [t, t + dt]."""
+    """The half steps before and after the transport of the step [t, t + dt]."""
     half = 0.5 * dt
     return HalfStep(reaction, t, half, False), HalfStep(reaction, t + half, half, True)

@@ -46,7 +46,7 @@ class StageFeet:
         return any(exits is not None for exits in self.exits)
 
     def interior(self, size: int, block: int = 0) -> NDArray[np.bool_]:
-        """For each of the `size` nodes whether its path of a block begins inside the grid."""
+        """For each of the `size` nodes whether its path in a block begins inside the grid."""
         inside = np.ones(size, bool)
         exits = self.exits[block]
         if exits is not None:
@@ -56,7 +56,7 @@ class StageFeet:
 
 @dataclass(frozen=True)
 class Correction:
-    """Values to be written (or added, if `add`) at indices `places` into the flat moments."""
+    """Values to be written (or added, if `add`) at indices `places` of the flat moments."""
 
     places: NDArray[np.int64]
     values: Array
@@ -104,13 +104,13 @@ class Stage:
 
     @cached_property
     def wall_parameters(self) -> list[str]:
-        """Parameters of what comes from walls: those of the system, then others of the data."""
+        """Parameters of the moments from walls: those of the system, then others of the data."""
         data = parameters_in([formula.expression for formula in self.walls.values()])
         return list(dict.fromkeys([*self.system.parameters, *data]))
 
     @property
     def blocks(self) -> list[int]:
-        """For each block of feet, the number of the moment of values that it moves; [0] but for
+        """For each block of feet, the number of the moment of values that it moves; [0] except for
         conservative profiles in several dimensions, where the bits of a moment's number are the
         directions over which it is averaged."""
         if not self.conservative or self.axis is None:
@@ -215,9 +215,8 @@ class Stage:
         ]
 
     def substeps(self, t: float, dt: float) -> int:
-        """An even number of sub-steps, enough for a sample of the nodes. Steep parts of the
-        velocity may lie between them: the kernels check every path, and the engine then takes more
-        sub-steps."""
+        """An even number of sub-steps, enough for a sample of the nodes. The velocity may be steep
+        between them: the kernels check every path, and the engine then takes more sub-steps."""
         t_end, length = t + self.end * dt, (self.end - self.begin) * dt
         found = integrate(
             self.grid, self.velocity, self.system, self._sample, t_end, length, self._tolerance

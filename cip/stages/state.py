@@ -52,7 +52,7 @@ class State:
     _bounded: ClassVar[tuple[float, float] | None] = None
 
     def __post_init__(self) -> None:
-        """Copy the moments: what the caller does with his array changes no state."""
+        """Copy the moments, so that changes of the caller's array do not affect the state."""
         if isinstance(self.data, np.ndarray):
             if np.ma.is_masked(self.data):
                 raise InputError("data: some moments are masked; fill them")
@@ -245,8 +245,8 @@ def state_of(
     t: float = 0.0,
     bounded: tuple[float, float] | None = None,
 ) -> State:
-    """The state of an array that nobody else changes, which is not copied. `bounded` are the bounds
-    of the limiter of its step, which the state may exceed as that may.
+    """The state of an array that no one else modifies, which is not copied. `bounded` are the
+    bounds of the limiter of its step; the state may exceed them as far as that step may.
     """
     state = object.__new__(State)
     state.__dict__.update(grid=grid, profile=profile, data=data, t=t)

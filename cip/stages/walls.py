@@ -111,7 +111,7 @@ def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:
     for (axis, side), formula in data.items():
         node = formula.expression
         zero = node.op == "constant" and node.value == 0.0
-        # A number, perhaps made of parameters.
+        # A number, possibly a function of parameters.
         number = all(one.op != "opaque" for one in ordered([node]))
         number = number and not node.variables() & {*COORDINATES}
         if not (zero if advect else number):
@@ -192,7 +192,7 @@ class WallMoments:
         return self._velocity[axis].expression * self._data[axis, side].expression
 
     def functions(self, axis: int, side: int, nodes: Sequence[Expression]) -> dict[str, Any]:
-        """What these formulas need besides variables: callables, and numbers of parameters."""
+        """The callables and the numbers of parameters in these formulas, by names in code."""
         functions = self._data[axis, side].functions(nodes, self._steps)
         for c in self._velocity:
             functions.update(c.functions(nodes, self._steps))

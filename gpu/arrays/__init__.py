@@ -1,6 +1,6 @@
-"""Linear algebra for the host and a device, by the same names for both.
+"""Linear algebra with the same functions for the host and a device.
 
 In: dense or sparse arrays.
-Out: products, factors and triangular solves on the side on which the arrays are.
+Out: products, factors and triangular solves where the arrays are stored.
 Start: `dense`, then `sparse_factor`.
 """

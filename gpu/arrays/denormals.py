@@ -1,4 +1,4 @@
-"""Keeps denormal numbers out of large dense products and factorisations on the host."""
+"""Prevention of denormal numbers in large dense products and factorisations on the host."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dense kernels on either side: SciPy's (see `ground.arrays`), or cuBLAS and cuSOLVER.
+"""Dense kernels: SciPy's on the host (see `ground.arrays`), cuBLAS and cuSOLVER on a device.
 
 On a device the libraries are called directly: `cupy.linalg.cholesky` copies the matrix, clears the
 other triangle and waits for the device, which takes twice the time of the factorisation.

@@ -1,4 +1,4 @@
-"""CUDA source of the Arnoldi steps: a product with A or with numbers drawn, then Gram-Schmidt.
+"""CUDA source of Arnoldi steps: a product with A, or a random vector, then Gram-Schmidt.
 
 In a sweep each block keeps on its multiprocessor its rows of the basis and, of its rows of A, as
 many of the first columns as fit. While the blocks wait for each other, the next columns are

@@ -1,5 +1,5 @@
-"""All CUDA sources of this package in one table, from which tests compile each by NVRTC for each
-architecture, without a GPU or a driver; the sources of one or two kernels each.
+"""All CUDA sources of this package, one or two kernels each, in one table, from which tests compile
+them by NVRTC for each architecture, without a GPU or a driver.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ extern "C" __global__ void modulus_largest(const double* __restrict__ a, long lo
         atomicMax(largest, most);
 }
 """,
-    # Ritz vectors: turning a basis in place, residuals of pairs with their vectors.
+    # Ritz vectors: in-place rotation of a basis, and residuals of pairs with their vectors.
     "ritz": r"""
 typedef long long index;
 

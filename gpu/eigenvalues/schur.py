@@ -1,4 +1,4 @@
-"""Schur form of the small projected matrix, its leading blocks in a wanted order."""
+"""Schur form of the small projected matrix, with its leading blocks in a given order."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
     ranks, widths = rank(values).tolist(), _widths(T)
     moved, place = False, 0
     while place < min(leading, len(S)):
-        # Move the first of the best here, unless this one is as good: equal ones keep their order.
+        # Move the best block here, unless this one is as good: equal ones keep their order.
         following = ranks[place:]
         best = place + following.index(max(following))
         width = widths[best]

@@ -185,8 +185,8 @@ def _iterated(
 
     _, vectors = eigs(square, k, v0=v0, which=which, ncv=ncv, maxiter=maxiter, tol=tol)
     if factors.dtype.kind == "f":
-        # Real vectors span the same space: turn each by a complex phase so that its real part is
-        # as large as possible, and take this part.
+        # Real vectors span the same space: take the real part of each vector after multiplication
+        # by the phase that makes this part largest.
         turn = xp.exp(-1j * xp.angle(xp.sum(vectors * vectors, axis=0)) / 2)
         vectors = (vectors * turn).real
     basis, _ = xp.linalg.qr(vectors)

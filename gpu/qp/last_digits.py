@@ -1,7 +1,7 @@
 r"""The last digits of a solution: residuals that are small in the units of the problem.
 
-Where numbers are large, residuals that are small beside their terms need not be small themselves.
-What is left is rounding, and there are three ways against it:
+Where numbers are large, residuals that are small relative to their terms may still be large. They
+are due to rounding, which is reduced in three ways:
 
 * the active set is solved in extended precision and rounded once, see
   `gpu.qp.interior_point.polish`;
@@ -26,15 +26,15 @@ from gpu.qp.interior_point.minimise import minimise
 from gpu.qp.interior_point.polish import PrimalDual, extended
 
 
-class _Limits(NamedTuple):  # limits of what is tried
-    rounding: float = float(np.finfo(float).eps) / 4  # average relative rounding
-    luck: float = 8.0  # by which residuals may be below the expected rounding, as errors cancel
-    least: int = 10_000  # most unknowns and rows for least multipliers: they cost a solution
-    trials: int = 60  # numbers that are tried to close the gap
+class _Limits(NamedTuple):  # limits of the corrections
+    rounding: float = float(np.finfo(float).eps) / 4  # average relative rounding error
+    luck: float = 8.0  # expected rounding over the least possible residual, as errors cancel
+    least: int = 10_000  # most unknowns and rows for least multipliers, which cost a solution
+    trials: int = 60  # number of entries that are changed to close the gap
     passes: int = 3  # over these numbers
     parts: tuple[float, ...] = (1.0, 0.5)  # parts of the gap that each number is changed to close
-    share: float = 0.9  # of the tolerance: limit of the other residuals while the gap is closed
-    side: float = 1e-12  # of a row's terms: distance from its side at which it is active
+    share: float = 0.9  # of the tolerance: bound of the other residuals while the gap is closed
+    side: float = 1e-12  # over a row's terms: distance from its side at which it is active
 
 
 LIMITS = _Limits()
@@ -49,12 +49,12 @@ class Absolute(NamedTuple):
 
     @property
     def worst(self) -> float:
-        """The largest of them; infinite where one is not a number."""
+        """The largest of them; infinite if one is NaN."""
         return max(map(abs, self)) if all(np.isfinite(self)) else np.inf
 
 
 def absolute(problem: QPProblem, t: PrimalDual) -> Absolute:
-    """Residuals by the formulas as they stand, in double precision."""
+    """Absolute residuals in double precision."""
     P, (_, q, A, b, lb, ub, G, row_low, row_high) = problem.factor.P, problem
     x, y, z, z_box = t.x, t.y[: b.size], t.y[b.size :], t.z_box
     Px, Gx = P @ x, G @ x
@@ -82,7 +82,7 @@ def last_digits(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) ->
     idle = PrimalDual(t.x, np.zeros_like(t.y), np.zeros_like(t.z_box))
     without = absolute(problem, idle)
     if without.dual <= error.dual and abs(without.gap) <= abs(error.gap):
-        return idle  # the multipliers were rounding of zero
+        return idle  # the multipliers consisted of rounding
     best, least = t, error.worst
     allowed = max(residuals(p, *t).worst, 0.1 * tol)
     for candidate in _candidates(problem, p, t, tol):
@@ -104,7 +104,7 @@ def _candidates(
     row_sizes = _columns(p.C.T)
 
     def hopeless(y: Array) -> bool:
-        """Whether the rounding of y alone is too much."""
+        """Whether the rounding error of y alone is too large."""
         return bool((np.abs(y) * row_sizes).max(initial=0.0) * LIMITS.rounding > LIMITS.luck * tol)
 
     if not hopeless(t.y):
@@ -132,7 +132,7 @@ def closed(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> Prim
     inside = (t.x > p.lb) & (t.x < p.ub)
     row = np.where(t.y > 0.0, p.row_high, np.where(t.y < 0.0, p.row_low, 0.0))
     bound = np.where(t.z_box > 0.0, p.ub, np.where(t.z_box < 0.0, p.lb, 0.0))
-    # What a unit of each number does to the gap, and at most to the other residuals.
+    # Effect of a unit of each number on the gap, and bound of that on the other residuals.
     effect = np.concatenate([np.where(inside, 2.0 * (p.P @ t.x) + p.q, 0.0), row, bound])
     cost = np.concatenate([np.maximum(_columns(p.P), _columns(p.C)), _columns(p.C.T), np.ones(n)])
     order = np.argsort(-np.abs(effect) / np.where(cost > 0.0, cost, 1.0))

@@ -35,8 +35,8 @@ Result = TypeVar("Result")
 
 
 def within_range(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """A decorator: no warnings of overflow, which the certificates judge; where LAPACK's wrappers
-    refuse overflowed numbers before that, `NotConverged` is raised.
+    """Decorator: suppresses warnings of overflow, which the certificates detect; where LAPACK's
+    wrappers reject overflowed numbers first, `NotConverged` is raised.
     """
 
     @functools.wraps(function)
@@ -163,8 +163,8 @@ def lqr(
 def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     r"""Solve :math:`A^T X E + E^T X A - (E^T X B + S) R^{-1} (E^T X B + S)^T + Q = 0`.
 
-    The signature is that of `scipy.linalg.solve_continuous_are`. What is returned is the
-    stabilising solution, certified; Q may be indefinite where there is one.
+    The signature is that of `scipy.linalg.solve_continuous_are`. The result is the certified
+    stabilising solution; Q may be indefinite if there is one.
 
     Parameters
     ----------
@@ -316,10 +316,10 @@ def dual_problem(
 
 @dataclass(frozen=True, repr=False)
 class FilterResult(LQRResult):
-    """The gain L of a filter, shape (n, p), in the place of K, and the covariance in that of S."""
+    """The gain L of a filter, shape (n, p), in place of K, and the covariance in place of S."""
 
     def refined(self, *, steps: int = 200, tol: float = 1e-12) -> LQRResult:
-        """The optimal gain by Newton-Kleinman from this one; see `LQRResult.refined`."""
+        """The optimal gain by Newton-Kleinman starting from this one; see `LQRResult.refined`."""
         return transposed(LQRResult(**_turned(self)).refined(steps=steps, tol=tol))
 
 
@@ -371,7 +371,7 @@ METHODS: dict[str, Callable[..., Found]] = {
 
 
 def automatic(problem: LQRProblem, may_store: bool) -> tuple[LQRProblem, str]:
-    """The method that ``method="auto"`` stands for, and the problem in the form that it takes:
+    """The method that ``method="auto"`` selects, and the problem in the form that it requires:
     doubling if dense, else a projection, unless a projection alone does not find the gain and the
     entries are few enough to be stored (`may_store`)."""
     if problem.dense:
@@ -402,7 +402,7 @@ def solve_problem(
 def _solved(
     problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, indefinite: bool
 ) -> LQRResult:
-    # Whether the dense problem is at hand should the method of our choice fail.
+    # Whether the dense problem can be solved if the automatic method fails.
     chosen = method == "auto" and not problem.dense and problem.n <= LOOP.dense and not options
     if method == "auto":
         problem, method = automatic(problem, chosen)
@@ -423,16 +423,16 @@ def _solved(
     if method in ("doubling", "newton"):  # they find a solution of the equation, others a gain
         _check_solution(problem, found, result, indefinite)
         return result
-    # As far as a double root on the axis is split by rounding.
+    # Up to the rounding that splits a double root on the axis.
     if not found.proved and not result.abscissa < -(EPS**0.5) * problem.state.size():
-        # No other method finds a better gain than one that leaves a pole no feedback moves.
+        # If a pole remains that no feedback moves, no other method finds a better gain.
         inherent = named(problem)
         if inherent is not None:
             if chosen and problem.n <= LOOP.named:
                 return _by_entries(problem, unstable, indefinite)
             raise inherent
     if not result.stable and chosen:
-        # Modes that neither Q sees nor a projection, and that have to be moved all the same.
+        # Modes that neither Q nor a projection detects, but that must be moved.
         return _by_entries(problem, unstable, indefinite)
     if not result.stable and unstable != "ignore":
         message = (
@@ -446,7 +446,7 @@ def _solved(
 
 
 def _solver(method: str, options: dict[str, Any]) -> Callable[..., Found]:
-    """The function of the method, which knows all the options."""
+    """The function of the method, called with all options."""
     solve = METHODS[method]
     known = list(inspect.signature(solve).parameters)[1:]
     for name in options:
@@ -481,7 +481,7 @@ def _remedy(problem: LQRProblem) -> str:
 
 
 def _by_entries(problem: LQRProblem, unstable: str, indefinite: bool) -> LQRResult:
-    """The answer with all entries stored, where no projection finds it and memory allows."""
+    """The solution with all entries stored, if no projection finds it and memory allows."""
     inherent = named(problem) if problem.n > LOOP.named else None
     if inherent is not None:
         raise inherent

@@ -1,4 +1,4 @@
-"""The answer of a linear-quadratic problem, with what proves it."""
+"""The result of a linear-quadratic problem, with its certificate."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class LQRResult:
         return float(z @ (self.S @ z))
 
     def refined(self, *, steps: int = 200, tol: float = 1e-12) -> LQRResult:
-        """The optimal gain by Newton-Kleinman from this one, or from one that stabilises.
+        """The optimal gain by Newton-Kleinman, starting from this or another stabilising gain.
 
         Parameters
         ----------
@@ -171,7 +171,7 @@ class LQRResult:
 
 
 def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
-    """Compute poles and residual again from the data and put the result together."""
+    """Recompute poles and residual from the data and assemble the result."""
     info = dict(found.info)
     residual = float(info.pop("residual", np.nan))
     xp, error = problem.xp, np.nan
@@ -209,7 +209,7 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
 
 
 def in_given_units(result: LQRResult, problem: LQRProblem) -> LQRResult:
-    """The result in the units of the problem as given, from that in the units of
+    """The result in the original units of the problem, from that in the units of
     `in_moderate_units`. Raises `NotConverged` if K, S or the poles are out of the range of double
     precision."""
     moderate = result.problem
@@ -228,7 +228,7 @@ def in_given_units(result: LQRResult, problem: LQRProblem) -> LQRResult:
     largest = [K, E, S.M if isinstance(S, LowRankValue) else S]
     fits = all(bool(namespace(M).isfinite(M).all()) for M in largest if M is not None)
     if fits and isinstance(S, moderate.xp.ndarray):
-        # Among the least numbers, below 2^-1000, digits are lost.
+        # The least numbers, below 2^-1000, lose digits.
         weighed = bool((problem.weight.apply(problem.xp.eye(problem.n)) != 0.0).any())
         moved = moderate.N is None and bool((moderate.B.T @ result.S != 0.0).any())
         for M, counts in ((result.S, weighed), (result.K, moved)):
@@ -248,7 +248,7 @@ def in_given_units(result: LQRResult, problem: LQRProblem) -> LQRResult:
 
 
 def nearest(problem: LQRProblem, K: Any, proved: bool) -> tuple[np.ndarray, bool]:
-    """The poles nearest to zero, one right of the axis if any is found, and whether none is."""
+    """The poles nearest to zero, with one right of the axis if found, and whether all are left."""
     try:
         poles = nearest_poles(problem.state, problem.B, K)
     except GpuError:

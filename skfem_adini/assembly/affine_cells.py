@@ -77,7 +77,7 @@ class AffineCells:
 
     @classmethod
     def of(cls, basis: Any) -> AffineCells | None:
-        """Return the cells of a basis, None where gradients are not those of the reference cell.
+        """Return the cells of a basis; None if gradients are not those of the reference cell.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class AffineCells:
             return None
         gradient = np.array([element.lbasis(basis.X, i)[1] for i in range(len(functions))])
         R = np.einsum("ipw,jqw,w->ipqj", gradient, gradient, basis.W, optimize=True)
-        # With R and G symmetric to the last bit, the sums of the kernel are, too.
+        # With R and G symmetric to the last bit, so are the sums of the kernel.
         table = np.ascontiguousarray(0.5 * (R + R.transpose(3, 2, 1, 0)))
         inverse = np.ascontiguousarray(basis.mapping.invA.transpose(2, 0, 1))
         return cls(inverse, np.abs(basis.mapping.detA), k, functions, table, int(basis.N) // k)
@@ -107,7 +107,7 @@ class AffineCells:
     def matrix(self, tensor: Array) -> Any:
         r"""Return the matrix of :math:`\int C_{cadb} \, \partial_a v_c \, \partial_b u_d`, summed.
 
-        It is what `skfem.asm` gives, exactly symmetric. The number of threads does not change it.
+        It equals that of `skfem.asm`, exactly symmetric and independent of the number of threads.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class AffineCells:
         return matrix
 
     def _around(self) -> tuple[Any, ...]:
-        """Return where the cells of each function begin, these, its places there, functions."""
+        """Return where each function's cells begin, the cells, its numbers there, the functions."""
         return *row_kernel("cells_of_blocks")(self._functions, self._count), self._functions
 
     def _geometry(self, tensor: Array) -> Array:
@@ -154,7 +154,7 @@ class AffineCells:
                 f"{tensor.shape}"
             )
         swapped = tensor.swapaxes(0, 2).swapaxes(1, 3)
-        with np.errstate(invalid="ignore"):  # not equal where it is NaN or infinite
+        with np.errstate(invalid="ignore"):  # NaN and infinity are unequal
             largest = np.abs(tensor).max(initial=0.0)
             equal = np.abs(tensor - swapped) <= 1e-12 * largest  # up to rounding
         if not (equal.all() and np.isfinite(tensor).all()):

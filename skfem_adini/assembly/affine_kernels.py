@@ -15,7 +15,7 @@ from skfem_adini.assembly.row_kernels import _largest, _sort_neighbours
 
 
 def count_neighbours(begin: int, end: int, around: Any, counts: Any) -> Any:
-    """Write into counts[f + 1] how many functions share a cell with f, itself among them."""
+    """Write into counts[f + 1] how many functions, f included, share a cell with f."""
     first, holders, _, of_cells = around
     owner = np.full(counts.size - 1, -1, dtype=np.int32)
     for row in range(begin, end):
@@ -33,9 +33,9 @@ def fill_affine(
     begin: int, end: int, around: Any, start: Any, heads: Any, geometry: Any, table: Any,
     indices: Any, data: Any,
 ) -> Any:  # fmt: skip
-    """Write the columns and values of the rows of the functions from `begin` to `end`.
-    Geometry is (cells, k, k, dim, dim), table (functions of a cell, dim, dim, functions of a
-    cell); `heads` counts the neighbours of the functions before each one."""
+    """Write the columns and values of the rows of the functions from `begin` to `end`. Geometry is
+    (cells, k, k, dim, dim), table (functions of a cell, dim, dim, functions of a cell); `heads`
+    holds the number of neighbours of all functions before each one."""
     first, holders, places, of_cells = around
     wide, k = of_cells.shape[0], geometry.shape[1]
     most = _largest(first, begin, end) * wide
@@ -73,7 +73,7 @@ def fill_affine(
 
 
 def _rows_of_cell(geometry: Any, R: Any, local: Any) -> Any:
-    """Write sum_pq G_cd,pq R_pq,j; swapping the two functions and components swaps p and q."""
+    """Compute sum_pq G_cd,pq R_pq,j; swapping the two functions and components swaps p and q."""
     dim = R.shape[0]
     for c in range(local.shape[0]):
         for d in range(local.shape[1]):

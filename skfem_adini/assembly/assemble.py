@@ -42,8 +42,8 @@ _log = logging.getLogger(__name__)
 
 
 class _Cells(NamedTuple):  # numbers of cells
-    few: int = 9  # an array over so few cells may also be a tensor of 3 x 3 numbers
-    sample: int = 512  # compared first: if no two are alike, the others are not compared
+    few: int = 9  # up to so many cells, an array over cells may also be a tensor of 3 x 3 numbers
+    sample: int = 512  # compared first: if no two are equal, the others are not compared
 
 
 CELLS = _Cells()
@@ -253,8 +253,8 @@ class _Problem:
         return cls(form, spaces, blocks, first.mesh, first.tind)
 
     def assemble(self, parameters: dict[str, Any], spare: bool) -> tuple[Any, str]:
-        """Return the result and how it was computed.
-        With `spare`, what scikit-fem does faster raises `NotSupported`."""
+        """Return the result and how it was computed. With `spare`, cases in which scikit-fem is
+        faster raise `NotSupported`."""
         bilinear = isinstance(self.form, BilinearForm)
         spaces = [*self.spaces, self.spaces[-1]][:2] if bilinear else self.spaces
         blocks = [self.blocks[0], self.blocks[-1]] if bilinear else self.blocks
@@ -302,7 +302,7 @@ class _Problem:
     def _coefficients(
         self, parameters: dict[str, Any], dofs: int
     ) -> tuple[Coefficients, list[NDArray[np.uint64]]]:
-        """Return the parameters sorted by kind, and their bits in each cell."""
+        """Return the parameters by kind, and the bits of their values in each cell."""
         cells = len(self.cells)
         found = Coefficients({}, {}, {"x", "h", "idx"})
         words: list[NDArray[np.uint64]] = []
@@ -393,7 +393,7 @@ def _cells_of(basis: Any) -> Integers:
 
 
 def _for_scikit_fem(parameters: dict[str, Any], basis: Any) -> dict[str, Any]:
-    """Return the parameters in the shapes that scikit-fem takes."""
+    """Return the parameters in the shapes that scikit-fem expects."""
     if isinstance(basis, list):
         basis = basis[0]
     points = basis.X.shape[-1]

@@ -17,9 +17,9 @@ Words = NDArray[np.uint64]
 
 
 class _Limits(NamedTuple):  # limits of the search for congruent cells
-    # Relative to the coordinates: those of equal cells differ by 2 eps, after refinement by more.
+    # Relative to the coordinates: equal cells differ by 2 eps, and by more after refinement.
     rounding: float = 8 * np.finfo(float).eps
-    farthest: int = 1024  # largest coordinate that counts, in heights of a cell: bounds the error
+    farthest: int = 1024  # bound of coordinates over the height of a cell, which limits the error
     few: int = 32  # cells of which all pairs are compared at once; more are sorted
 
 
@@ -34,7 +34,7 @@ class Classes(NamedTuple):
 
 
 def any_alike(points: Array, nodes: Integers, words: Words) -> bool:
-    """Whether two cells are congruent."""
+    """Whether any two cells are congruent."""
     if len(_compiled()(points, nodes, words)[1]) < nodes.shape[1]:
         return True  # bit by bit
     return len(congruence_classes(points, nodes, words).representatives) < nodes.shape[1]
@@ -48,7 +48,7 @@ def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
     grid differ by up to :math:`2 \epsilon \max |x|`. So the local matrix of a class, that of its
     first cell, has a relative error of a small multiple of :math:`8 \epsilon \min(\max |x| / a,
     1024)`. Words (cells, words) are bits of orientations and coefficients."""
-    # Bits first: few classes are left to be compared with a tolerance.
+    # Compare bits first: few classes remain to be compared with a tolerance.
     labels, first = _compiled()(points, nodes, words)
     if len(first) > 1 and len(nodes) > len(points):
         merged, members = _merged(points, nodes[:, first], words[first])
@@ -58,9 +58,9 @@ def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
 
 
 def _merged(points: Array, nodes: Integers, words: Words) -> tuple[Integers, Integers]:
-    """Label cells that differ by rounding only, in the order of appearance; the first of each.
-    They are sorted by one difference after the other. A class ends at a gap, and after a stretch
-    as long as the tolerance: no chain of small steps joins unlike cells."""
+    """Label cells equal up to rounding, in order of appearance; also return the first of each
+    label. They are sorted by one difference after the other. A class ends at a gap, and after a
+    stretch as long as the tolerance: no chain of small steps joins unlike cells."""
     dim, cells = len(points), nodes.shape[1]
     sides = points[:, nodes[1:]] - points[:, nodes[:1]]
     longest = np.maximum(np.abs(sides).max(axis=(0, 1)), np.finfo(float).tiny)
@@ -70,7 +70,7 @@ def _merged(points: Array, nodes: Integers, words: Words) -> tuple[Integers, Int
         apart = np.abs(sides[..., None] - sides[:, :, None]) > tolerance
         near = ~apart.any(axis=(0, 1)) & (words[:, None] == words).all(axis=2)
         first_of = near.argmax(axis=1)
-        if (near == near[first_of]).all():  # nearness is transitive here
+        if (near == near[first_of]).all():  # tolerance is transitive here
             leads = first_of == np.arange(cells)
             return (np.cumsum(leads, dtype=np.int32) - 1)[first_of], np.flatnonzero(leads)
     labels, count = np.zeros(cells, dtype=np.int64), 1

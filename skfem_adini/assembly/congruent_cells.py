@@ -31,8 +31,8 @@ class CongruentCells:
     """Classes of cells that have the same local matrix, because they are translates of each other.
 
     Congruence is that of `assemble`: coordinates, the orientation of facets and fields agree bit by
-    bit. Local matrices that no form of scikit-fem gives, such as those with a mean dilatation, are
-    so computed for a few cells only and added by the kernels of `assemble`.
+    bit. So local matrices that no form of scikit-fem gives, such as those with a mean dilatation,
+    are computed for a few cells only and added by the kernels of `assemble`.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class CongruentCells:
 
     @classmethod
     def of(cls, basis: Any, *fields: ArrayLike) -> CongruentCells | None:
-        """Return the classes of all cells of a basis, None where functions depend on the place.
+        """Return the classes of all cells of a basis; None if functions depend on the position.
 
         Parameters
         ----------
@@ -91,7 +91,7 @@ class CongruentCells:
         return self.basis_of(self._basis.elem)
 
     def basis_of(self, element: Any) -> CellBasis:
-        """Return a basis of one cell of each class with another element, as that of a component.
+        """Return a basis of one cell of each class with another element, say of a component.
 
         Parameters
         ----------
@@ -205,7 +205,7 @@ class _Pairs(NamedTuple):
         return cls(key // blocks, key % blocks, begin, tiles)
 
     def gathered(self, xp: Any, some: Any, of_tiles: Any, add: Any) -> Any:
-        """Return the sums, or what `add` else makes, of the tiles of some pairs, one by one."""
+        """Return the sums of the tiles of some pairs, or the result of `add`, one by one."""
         begin, end = self.begin[some], self.begin[some + 1]
         total = of_tiles[self.tiles[begin]]
         for k in range(1, int((end - begin).max())):
@@ -214,7 +214,7 @@ class _Pairs(NamedTuple):
 
 
 def _places(xp: Any, pairs: _Pairs, rows: DofBlocks, columns: DofBlocks) -> tuple[Any, Any, Any]:
-    """Return where rows begin, how long those of each row block are, and where each pair begins.
+    """Return the starts of the rows, their lengths in each row block, and the start of each pair.
     All rows of a block have the same columns; a pair begins in the first of its rows."""
     row_start, width = xp.asarray(rows.start), xp.asarray(np.diff(columns.start))[pairs.column]
     past = xp.concatenate([xp.zeros(1, dtype=np.int64), xp.cumsum(width, dtype=np.int64)])

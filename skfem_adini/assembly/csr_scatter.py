@@ -94,8 +94,8 @@ def row_kernel(name: str) -> Callable[..., Any]:
 
 
 class _Limits(NamedTuple):  # limits of the threads that add local matrices
-    threads: int = 8  # more gain nothing: threads share the bandwidth of the memory
-    pairs: int = 50_000  # of a row and a column block of a cell, for a thread: .4 to 2 ms
+    threads: int = 8  # more threads gain nothing: they share the memory bandwidth
+    pairs: int = 50_000  # least number of (row block, column block) pairs of a thread: .4 to 2 ms
 
 
 LIMITS = _Limits()
@@ -107,7 +107,7 @@ def shares_of(first: Integers, columns: int) -> list[tuple[int, int]]:
     cell."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     work = int(first[-1]) * columns
-    # The kernels are limited by the memory: on two processors a second thread gained nothing.
+    # The kernels are limited by memory: on two processors a second thread gained nothing.
     threads = max(1, min((cores or 1) // 2, LIMITS.threads, work // LIMITS.pairs))
     ends = np.searchsorted(first, first[-1] * np.arange(1, threads) / threads)
     ends = [0, *map(int, ends), len(first) - 1]

@@ -38,7 +38,7 @@ class DofBlocks:
         local, sizes = [0], [np.zeros(1, dtype=np.int64)]
         blocks = 0
         for numbers, count, dofs in tables:
-            # At most 64 dofs a block: each has one bit of a word.
+            # At most 64 dofs a block, so that each has one bit of a word.
             pieces = [min(64, dofs - begin) for begin in range(0, dofs, 64)]
             for row in numbers:
                 for k, piece in enumerate(pieces):
@@ -51,7 +51,7 @@ class DofBlocks:
 
     @classmethod
     def from_dofs(cls, dofs: Any) -> DofBlocks:
-        """Make every dof a block of its own, for any numbering."""
+        """Make each dof a separate block, for any numbering."""
         numbers = np.ascontiguousarray(dofs.element_dofs, dtype=np.int32)
         return cls(numbers, np.arange(len(numbers) + 1), np.arange(dofs.N + 1), int(dofs.N))
 
@@ -68,7 +68,7 @@ class DofBlocks:
         return blocks if same else cls.from_dofs(basis.dofs)
 
     def _firsts(self) -> Iterator[tuple[Integers, int, int]]:
-        """First dof of a block in each cell, its place among the dofs of a cell, and its size."""
+        """First dof of a block in each cell, its number among the cell's dofs, and its size."""
         start = self.start.astype(np.int32) if self.size < 2**31 else self.start
         for blocks, begin, size in zip(
             self.of_cells, self.local[:-1].tolist(), np.diff(self.local).tolist(), strict=True

@@ -29,7 +29,7 @@ class FormParameters(FormExtraParams):
 
     @property
     def _refused(self) -> NotSupported | None:
-        """The error that names the withheld parameters which the form has used, or None."""
+        """The error that names the withheld parameters that the form has used, or None."""
         names = ", ".join(f"w.{name}" for name in sorted(self._used))
         return NotSupported(f"the form uses {names}") if names else None
 
@@ -59,16 +59,16 @@ class FormParameters(FormExtraParams):
     def _refuse_all(self, *_: Any, **__: Any) -> NoReturn:
         self._refuse("items()")
 
-    # Methods that hand out all parameters at once, or change them, are refused.
+    # Methods that return all parameters at once, or change them, are refused.
     __iter__ = __len__ = __eq__ = __or__ = __ror__ = __setitem__ = _refuse_all
     keys = values = items = copy = pop = popitem = update = setdefault = clear = _refuse_all
     __hash__ = None  # type: ignore[assignment]
 
 
 def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
-    """Return a parameter of a form, as a number, a tuple or an array with at least two axes.
-    None stands for a vector of dofs, which is to be interpolated. One number a cell, or a
-    `DiscreteField` with one point, is repeated at all points, as scikit-fem has it."""
+    """Return a parameter of a form, as a number, a tuple or an array with at least two axes. None
+    stands for a vector of dofs, which is to be interpolated. One number a cell, or a
+    `DiscreteField` with one point, is repeated at all points, as in scikit-fem."""
     if isinstance(value, tuple):
         return value
     if isinstance(value, Number):

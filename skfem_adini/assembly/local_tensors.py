@@ -1,4 +1,4 @@
-"""Local matrices and vectors of a few cells, all their entries in one call of the form."""
+"""Local matrices and vectors of a few cells, with all entries from one call of the form."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ Integers = NDArray[np.integer]
 class _Limits(NamedTuple):  # sizes of calls of a form
     points: int = 2**15  # quadrature points of a call: arrays of 256 kB stay in the L2 cache
     values: int = 2**20  # functions x cells x points prepared at a time: 8 MB a component
-    cells: int = 256  # from so many cells each entry has its own call: nothing is gathered
-    classes: int = 4  # for each shape, from which the form is separated into terms
+    cells: int = 256  # from so many cells on, each entry has a separate call without gathering
+    classes: int = 4  # number for each shape from which on the form is separated into terms
 
 
 LIMITS = _Limits()
@@ -58,8 +58,8 @@ class Space:
 
     def on(self, cells: Integers) -> tuple[Any, Integers]:
         """Return a new mapping for some cells, without cached values, and their numbers in it.
-        Straight quadrilaterals and bricks get a mesh of their own, because their mapping and the
-        elements of this package begin with computations for the whole mesh."""
+        Straight quadrilaterals and bricks get a separate mesh, because their mapping and the
+        elements of this package compute on the whole mesh first."""
         mesh = self.mapping.mesh
         if isinstance(self.mapping, MappingAffine):
             return MappingAffine(mesh, tind=cells), cells
@@ -69,7 +69,7 @@ class Space:
             # Elements scale their rounding tolerance by the largest coordinate: keep its vertex.
             far = np.abs(p).max(axis=0).argmax()
             mesh = type(mesh)(p.take(np.append(used, far), axis=1), t.reshape(-1, len(cells)))
-            mesh.part_of = self.mapping.mesh  # what the log says of cells it says once of these
+            mesh.part_of = self.mapping.mesh  # messages in the log are issued once for these cells
             cells = np.arange(len(cells))
         return MappingIsoparametric(mesh, self.mapping.elem, self.mapping.bndelem), cells
 
@@ -81,7 +81,7 @@ class Space:
         try:
             with np.errstate(divide="ignore", invalid="ignore"):
                 volume = np.abs(mapping.detDF(self.X, tind=own))
-        except Exception as error:  # scikit-fem has no type of its own for a zero determinant
+        except Exception as error:  # scikit-fem has no separate error type for a zero determinant
             raise InputError(f"mesh: a cell is degenerate ({error})") from error
         if not (volume > 0).all():
             bad = cells[~(volume > 0).all(axis=1)]
@@ -96,7 +96,7 @@ class Space:
     def functions(
         self, cells: Integers, count: int
     ) -> tuple[Array, list[tuple[DiscreteField, ...]]]:
-        """Return the weights and the shape functions one by one, as scikit-fem has them."""
+        """Return the weights and the shape functions one by one, as in scikit-fem."""
         mapping, own = self.on(cells)
         dx = self._measures(cells, mapping, own)
         if isinstance(mapping, MappingIsoparametric):
@@ -105,7 +105,7 @@ class Space:
             inverses: list[Array] = []
 
             def inverse(X: Array, tind: Integers | None = None) -> Array:
-                if not inverses:  # once for all functions, which ask for no other
+                if not inverses:  # once for all functions, whose other derivatives are not used
                     inverses.append(twin.invDF(X, tind))
                 return inverses[0]
 
@@ -151,7 +151,7 @@ def local_tensors(
             check()
             return local
         except NotSupported:
-            pass  # the form mixes cells, or its coefficients enter in another way
+            pass  # the form mixes cells, or its coefficients enter otherwise
     for some, entries, density in rows.all_densities():
         flat[some, entries] = np.sum(density, axis=1)
     check()
@@ -183,7 +183,7 @@ class _Rows:
         return np.concatenate(numbers)
 
     def combine(self, flat: Array) -> None:
-        """Write the local tensors as combinations of the terms that the form shows of itself."""
+        """Write the local tensors as combinations of terms from a symbolic call of the form."""
         numbers, fields, withheld = self._coefficients
         symbols = {
             name: CellNumbers(parts[0][..., self._of_classes, 0])
@@ -232,7 +232,7 @@ class _Rows:
                 yield some[member], entries, self.densities(some[member], entries)
 
     def _entry_by_entry(self, some: Integers) -> Iterator[tuple[Integers, int, Any]]:
-        """Yield all entries of some classes, each from a call of its own, as scikit-fem does."""
+        """Yield all entries of some classes, each from a separate call, as scikit-fem does."""
         needed, place = np.unique(self.shape_of[some], return_inverse=True)
         at = self._cells[self._of_shapes[needed]]
         one_each = len(needed) == len(some)  # and then in this order
@@ -306,7 +306,7 @@ def _density(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> A
 
 
 def _pieces(order: Integers, step: int, cells: int) -> Iterator[Integers]:
-    """Yield pieces of about equal size, none of as many members as there are cells."""
+    """Yield parts of about equal size, none with as many members as there are cells."""
     count = max(-(-len(order) // step), 1 + (len(order) == cells))
     yield from np.array_split(order, count)
 
@@ -379,7 +379,7 @@ def _at(parts: Sequence[Array | None], cells: Integers) -> DiscreteField:
 
 
 def locked(part: Array) -> Array:
-    """Forbid to change an array: what a form writes there, scikit-fem hands to its next call."""
+    """Make an array read-only: scikit-fem would pass what a form writes there to its next call."""
     part.flags.writeable = False
     return part
 
@@ -394,8 +394,8 @@ def leaves(element: Any) -> list[Any]:
 
 
 def why_not_element(element: Any) -> str | None:
-    """Say why an element's functions may depend on more than shape and orientation, else None.
-    Elements of scikit-fem use only the mapping's derivative and ``orient``, but for global
+    """Return why an element's functions may depend on more than shape and orientation, or None.
+    Elements of scikit-fem use only the mapping's derivative and ``orient``, except for global
     functionals; the ``gbasis`` of another package may use anything."""
     ours = ElementQuadAdini, ElementHexAdini, ElementQuadBFS
     for leaf in leaves(element):
@@ -407,7 +407,7 @@ def why_not_element(element: Any) -> str | None:
 
 
 def why_not_mapping(mapping: Any, mesh: Any) -> str | None:
-    """Say why a mapping may depend on more than differences of a cell's nodes, else None."""
+    """Return why a mapping may depend on more than differences of a cell's nodes, or None."""
     standard = type(mapping) in (MappingAffine, MappingIsoparametric)
     if not standard or getattr(mapping, "tind", None) is not None:
         return f"the mapping is a {type(mapping).__name__} that is not the usual one"
@@ -443,7 +443,7 @@ def orientations(elements: Iterable[Any], mapping: Any) -> NDArray[np.uint64]:
 #
 # Then the local matrices of congruent cells are combinations of those of the :math:`a_m`. Here the
 # form itself shows these terms: it is called with a `CellNumbers` for each coefficient, which
-# computes whatever the form makes of coefficients alone, such as k**3, 1 / k or a threshold, for
+# computes operations of the form on coefficients alone, such as k**3, 1 / k or a threshold, for
 # all cells, and becomes a `Separated` where it meets a function. Nothing is guessed from values;
 # any other operation raises `NotSupported`.
 
@@ -529,7 +529,7 @@ class Separated(_Symbol):
 
 
 def of_integrand(density: Any) -> Separated:
-    """Return what a form gave as a sum of products."""
+    """Return the result of a form as a sum of products."""
     return _terms(density)
 
 
@@ -538,7 +538,7 @@ def _values(each: Any) -> Any:
 
 
 def _leading(key: Any, axes: int) -> Any:
-    """Return a key that chooses along leading axes, and not cells or points."""
+    """Return an index for leading axes only, not for cells or points."""
     keys = key if isinstance(key, tuple) else (key,)
     if len(keys) > axes or not all(isinstance(k, int | np.integer | slice) for k in keys):
         _refuse()

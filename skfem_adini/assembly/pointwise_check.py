@@ -15,12 +15,12 @@ Integers = NDArray[np.integer]
 
 
 class _Tried(NamedTuple):  # what is computed again to see whether a form acts point by point
-    classes: int = 8  # of cells: a form that mixes cells differs in nearly all
-    entries: int = 4  # of each class
-    others: int = 300  # rows of one class among which they lie: enough to change any mean
-    cells: int = 4  # of a batch on a cut domain, with those of extreme coordinates and parameters
-    points: int = 4  # of each of them: a form that mixes points differs at nearly all
-    functions: int = 4  # of the element on these
+    classes: int = 8  # number of cell classes: a form that mixes cells differs in nearly all
+    entries: int = 4  # entries of each class
+    others: int = 300  # further rows of one class in the batch: enough to change any mean
+    cells: int = 4  # of a batch on a cut domain, including extreme coordinates and parameters
+    points: int = 4  # of each of these cells: a form that mixes points differs at nearly all
+    functions: int = 4  # of the element on these cells
     rounding: float = 1e-11  # relative to the sum of moduli: vector instructions reorder sums
 
 
@@ -28,12 +28,12 @@ TRIED = _Tried()
 
 
 def not_pointwise(why: str) -> NotSupported:
-    """A form failed on some cells, mixed cells, or did not give one number for each point."""
+    """The error of a form that fails on some cells or does not act point by point."""
     return NotSupported(f"the form does not act point by point: {why}")
 
 
 class Rows(Protocol):
-    """Integrands of entries of the local tensors of classes of cells."""
+    """Protocol of integrands of entries of the local tensors of classes of cells."""
 
     def prepare(self, classes: Integers) -> None:
         """Prepare the evaluation in these classes."""

@@ -110,7 +110,7 @@ def _count_nonzero(
     a: Any, held: Any, kinds: Any, row_local: Any, blocks: Any, masks: Any, slot: Any, hits: Any,
     count: Any, offset: Any,
 ) -> Any:  # fmt: skip
-    """Return the number of entries in row `a` of a block to which a cell adds a non-zero."""
+    """Return the number of entries in row `a` of a block to which some cell adds a non-zero."""
     rows_wide, wide = row_local.size - 1, masks.shape[2]
     for s in range(count):
         hits[s] = np.uint64(0)
@@ -218,7 +218,7 @@ def _sort_neighbours(
 
 
 def _find_way(held: Any, wide: Any, slot: Any, blocks: Any, key: Any, ways: Any) -> Any:
-    """Complete the key (kinds of cells, slots of their blocks); return its place in the cache."""
+    """Complete the key (kinds of cells, slots of their blocks); return its cache index."""
     for k in range(held):
         for b in range(wide):
             key[k * (wide + 1) + 1 + b] = slot[blocks[k * wide + b]]
@@ -230,7 +230,7 @@ def _find_way(held: Any, wide: Any, slot: Any, blocks: Any, key: Any, ways: Any)
 
 
 def _is_kept(way: Any, size: Any, key: Any, keys: Any, key_sizes: Any) -> Any:
-    """Return whether the cache has the rows of this key; if not, write the key in their place."""
+    """Return whether the cache has the rows of this key; if not, store the key for them."""
     same = key_sizes[way] == size
     if same:
         for k in range(size):
@@ -247,7 +247,7 @@ def _sum_block(
     local: Any, masks: Any, full: Any, hits: Any, sums: Any,
     way: Any, kept_places: Any, kept_sums: Any,
 ) -> Any:  # fmt: skip
-    """Sum the rows of a block; store the places and the sums of their entries in the cache."""
+    """Sum the rows of a block; store the positions and sums of their entries in the cache."""
     wide = begins.size - 1
     rows_wide = row_local.size - 1
     entries = 0

@@ -58,8 +58,8 @@ def facet_numbers(mesh: Any, facets: Any) -> Indices:
 
 
 def facet_corners(mesh: Any, facets: Indices) -> Array:
-    """Return the coordinates of the vertices of facets, shape (dim, 2 or 4, facets).
-    On a periodic mesh a vertex has several places; these are those of the first cell."""
+    """Return the coordinates of the vertices of facets, shape (dim, 2 or 4, facets). On a periodic
+    mesh a vertex has several positions; those of the first cell are returned."""
     vertices = mesh.facets[:, facets]
     if not isinstance(mesh, MeshQuad1DG | MeshHex1DG):
         return np.asarray(mesh.p[:, vertices])
@@ -70,7 +70,7 @@ def facet_corners(mesh: Any, facets: Indices) -> Array:
 
 
 def refuse_periodic(mesh: Any) -> None:
-    """Raise InputError where the vertices of a mesh have no places of their own."""
+    """Raise InputError for meshes whose vertices have no unique positions."""
     if isinstance(mesh, MeshQuad1DG | MeshHex1DG):
         raise InputError(
             f"basis: the mesh is periodic ({type(mesh).__name__}), where a vertex has several "

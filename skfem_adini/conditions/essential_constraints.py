@@ -176,7 +176,7 @@ def essential_constraints(
 
 
 def _without(T: sp.csc_array, clamped: list[Indices]) -> sp.csc_array:
-    """Return the columns that hold none of the dofs."""
+    """Return the columns without entries in any of the dofs."""
     held = np.zeros(T.shape[0], dtype=bool)
     for dofs in clamped:
         held[dofs] = True
@@ -184,7 +184,7 @@ def _without(T: sp.csc_array, clamped: list[Indices]) -> sp.csc_array:
 
 
 def _conditions(facets: Any, value: Value) -> list[tuple[Any, Any]]:
-    """Return pairs of boundary and data."""
+    """Return the conditions as pairs of boundary and data."""
     if isinstance(facets, Mapping):
         return list(facets.items())
     pairs = isinstance(facets, list) and all(isinstance(item, tuple) for item in facets)
@@ -192,7 +192,7 @@ def _conditions(facets: Any, value: Value) -> list[tuple[Any, Any]]:
 
 
 def _normals(mesh: Any, parts: list[tuple[Indices, float]]) -> Array:
-    """Return the normals that the facets of all conditions on a component have at vertices."""
+    """Return the normals at vertices of the facets of all conditions on a component."""
     facets, turn = np.zeros(0, dtype=int), np.zeros(0)
     if parts:
         every = np.concatenate([here for here, _ in parts])
@@ -212,7 +212,7 @@ def _differentiation() -> tuple[Array, Array]:
 
 
 def _set_nodal(nodal: Array, node: Indices, data: Array, where: Any, tolerance: float) -> None:
-    """Write nodal values, checking against those already there."""
+    """Write nodal values, and check them against values that are already set."""
     clash = np.flatnonzero(np.abs(nodal[node] - data) > tolerance)
     if clash.size:
         k = clash[0]

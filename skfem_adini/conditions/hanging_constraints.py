@@ -115,7 +115,7 @@ def hanging_constraints(
 
 
 def _checked_conditions(essential: Any, rows: int) -> tuple[sp.csc_array, Array]:
-    """Return T and x0 of the essential conditions, the identity and zeros where there are none."""
+    """Return T and x0 of the essential conditions, or the identity and zeros without conditions."""
     if essential is None:
         return sp.eye_array(rows, format="csc"), np.zeros(rows)
     pair = isinstance(essential, tuple | list) and len(essential) == 2
@@ -138,7 +138,7 @@ class _HangingVertices:
 
     vertex: Indices  # the vertices, shape (hanging,)
     edges: BoundaryEdges  # the edge that each lies on
-    s: Array  # place on the edge, from 0 at its first vertex to 1 at its last
+    s: Array  # fraction of the edge, from 0 at its first vertex to 1 at its last
 
     @classmethod
     def find(cls, mesh: Any) -> _HangingVertices:
@@ -155,7 +155,7 @@ class _HangingVertices:
         s = (tangent * offset).sum(axis=0) / length
         height = np.abs(tangent[0] * offset[1] - tangent[1] * offset[0])
         rounding = 4 * np.finfo(float).eps * np.abs(mesh.p).max()
-        close = 1e-9  # to an edge or its end, in lengths of it: a vertex nearer lies there
+        close = 1e-9  # relative to the length of an edge: a nearer vertex lies on it or its end
         inside = (height <= close * length + rounding) & (np.minimum(s, 1 - s) > close)
         vertex, edge = vertex[inside], edge[inside]
         if len(np.unique(vertex)) < len(vertex):
@@ -172,7 +172,7 @@ class _HangingVertices:
 
 
 def _one_step(dofs: Indices, hanging: _HangingVertices) -> sp.csr_array:
-    """Return the matrix that sets the dofs at hanging vertices from those at the edges' ends."""
+    """Return the matrix that computes dofs at hanging vertices from those at edges' ends."""
     edges, count = hanging.edges, dofs.shape[1]
     t, h = hanging.tangent, edges.length
     n = np.array([-t[1], t[0]])
@@ -209,9 +209,9 @@ def _one_step(dofs: Indices, hanging: _HangingVertices) -> sp.csr_array:
 
 def _resolved(step: sp.csr_array) -> sp.csr_array:
     """Repeat the step until the ends of the edges no longer hang."""
-    for _ in range(60):  # each doubles the number of levels of hanging edges that are resolved
+    for _ in range(60):  # squaring doubles the levels of hanging edges that are resolved
         twice = step @ step
-        if abs(twice - step).max() <= 1e-13 * abs(step).max():  # some hundred roundings
+        if abs(twice - step).max() <= 1e-13 * abs(step).max():  # hundreds of rounding errors
             return step
         step = twice
     raise InputError("mesh: the hanging vertices depend on each other; refine one of the sides")

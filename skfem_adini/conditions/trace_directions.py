@@ -1,4 +1,4 @@
-"""Split of the dofs into directions that a boundary trace depends on and the others."""
+"""Split of the dofs into the directions that determine a boundary trace and the others."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Mask = NDArray[np.bool_]
 
 
 class TraceDirections:
-    r"""Orthonormal directions of vertex dofs (names, components, vertices), seen by edges or not.
-    The trace on the edges, of tangents :math:`t_k`, sees u and the gradient along the
+    r"""Orthonormal directions of vertex dofs (names, components, vertices), split by a trace on
+    edges. The trace on edges with tangents :math:`t_k` depends on u and the gradient along the
     eigenvectors of :math:`\sum_k t_k t_k^T` with non-zero eigenvalue."""
 
     def __init__(self, dofs: Indices, dim: int) -> None:
@@ -31,9 +31,9 @@ class TraceDirections:
             np.add.at(self.projector[component], node, outer)
 
     def split(self) -> tuple[sp.csc_array, sp.csc_array, Array]:
-        """Return the free directions, the seen ones, and the eigenvalues of the latter (1 for u).
-        The columns (dofs, directions) are an orthonormal basis, single dofs where edges are
-        axis-parallel."""
+        """Return the free directions, those of the trace, and eigenvalues of the latter (1 for u).
+
+        The columns (dofs, directions) are an orthonormal basis, of dofs at axis-parallel edges."""
         touched = np.einsum("cvii->cv", self.projector) > 0
         u = self.dofs[0][touched]
         gradient = self.dofs[1 : 1 + self.dim, touched].T
@@ -89,7 +89,7 @@ def vertex_normals(mesh: Any, facets: Indices, turn: Array) -> Array:
     normals = np.where(against, -normals, normals)
 
     mean = _mean(nodes.size, place, normals * corner_weights(mesh.p[:, vertices], axis=1))
-    # Normals differ by half of the turn from their unweighted mean, in 2-D for facets of any
+    # A normal differs by half of the turn from the unweighted mean, in 2-D for facets of any
     # lengths. Distances are compared, because cosines do not resolve small angles.
     middle = _mean(nodes.size, place, normals) if len(mean) == 2 else mean
     off = np.linalg.norm(normals - middle[:, place], axis=0)
@@ -119,7 +119,7 @@ def corner_weights(x: Array, axis: int) -> Array:
 
 
 def _at_corners(x: Array) -> Array:
-    """Return unit normals of facets at their corners x, of either sign, in the shape of x."""
+    """Return unit normals, of either sign, of facets at their corners x, in the shape of x."""
     if len(x) == 2:
         side = x[:, 1:] - x[:, :1]
         length = np.linalg.norm(side, axis=0)

@@ -25,9 +25,9 @@ Indices = NDArray[np.integer]
 
 class _Limits(NamedTuple):  # limits of the extension
     farthest: float = 2.0  # cells of extrapolation: a cubic grows with the third power
-    share: float = 0.05  # of a cell inside: a smaller one does not determine its polynomial
-    rounding: float = 1e-12  # shares and weights nearer to one, or to a threshold, equal it
-    pivot: float = 1e-10  # of a matrix of unit diagonal: smaller ones are rounding of either sign
+    share: float = 0.05  # least share inside of a good cell, which determines its polynomial
+    rounding: float = 1e-12  # difference below which a share or weight equals one or a threshold
+    pivot: float = 1e-10  # of a matrix of unit diagonal: smaller pivots are rounding
 
 
 LIMITS = _Limits()
@@ -258,12 +258,12 @@ class AdiniExtension:
 
 
 def _cause(A: sp.csr_array, error: InputError) -> InputError:
-    """Return the error of a matrix that was not factored, with the cause if its pivots tell."""
+    """Return the error of a matrix that was not factored, with the cause if its pivots show it."""
     diagonal = A.diagonal()
     if abs(A - A.T).max() > LIMITS.pivot * abs(A).max() or not (diagonal > 0).all():
         return error
     scale = sp.diags_array(1 / np.sqrt(diagonal))
-    # A little off singular, so that all pivots exist.
+    # Shift the matrix slightly, so that all pivots exist.
     shifted = scale @ A @ scale + LIMITS.pivot / 10 * sp.eye_array(len(diagonal))
     try:
         pivots = SuperLUFactor(shifted, "MMD_AT_PLUS_A", 0.0).factors.U.diagonal()
@@ -285,14 +285,14 @@ def _cause(A: sp.csr_array, error: InputError) -> InputError:
 
 
 def _ends(T: Any, dofs: Indices) -> sp.csr_array:
-    """Return a matrix with non-zeros where a hanging vertex (row) depends on a vertex (column)."""
+    """Return a matrix with a non-zero where a hanging vertex (row) depends on a vertex (column)."""
     vertices = dofs.shape[2]
     of_dof = np.empty(dofs.size, dtype=np.int64)
     of_dof[dofs] = np.arange(vertices)
     T = sp.csr_array(T)
     mixed = np.diff(T.indptr) > 1
     rows, columns = T.nonzero()
-    # A dof that does not hang owns a column: its row has a single entry, in that column.
+    # The row of a dof that does not hang has a single entry, in the column of the dof.
     owner = np.full(T.shape[1], -1)
     single = ~mixed[rows]
     owner[columns[single]] = of_dof[rows[single]]
@@ -328,16 +328,16 @@ def _roots_of_component(
         good = active[domain.fractions[active] >= threshold * (1 - LIMITS.rounding)]
         outside = np.setdiff1d(vertices, mesh.t[:, good])
         roots, reach = np.zeros(0, dtype=np.int64), np.full(min(1, outside.size), np.inf)
-        # A cell whose hanging vertex depends on one outside would be extrapolated from itself.
+        # A cell whose hanging vertex depends on an outer one would be extrapolated from itself.
         follows = np.zeros(mesh.nvertices)
         follows[outside] = 1
         sound = good[((ends @ follows) == 0)[mesh.t[:, good]].all(axis=0)]
         if sound.size and outside.size:
-            count = min(12, sound.size)  # nearest cells that are tried for each vertex
+            count = min(12, sound.size)  # number of nearest cells that are tried for each vertex
             _, near = scipy.spatial.KDTree(centre[:, sound].T).query(mesh.p[:, outside].T, k=count)
             cells = sound[np.asarray(near).reshape(len(outside), count)]
             steps = np.abs(mesh.p[:, outside, None] - centre[:, cells]) / size[:, cells]
-            # Least extrapolation first, in cells; a small share of the distance breaks ties.
+            # Sort by the cells of extrapolation; a small share of the distance breaks ties.
             rank = steps.max(axis=0) + 1e-3 * np.hypot(*steps)
             best = np.arange(len(outside)), rank.argmin(axis=1)
             roots, reach = cells[best], steps.max(axis=0)[best] - 0.5
@@ -356,7 +356,7 @@ def _roots_of_component(
 def _following(
     basis: Any, dofs: Indices, elem: ElementQuadAdini, outside: Indices, roots: Indices
 ) -> sp.csr_array:
-    """Return the matrix that gives the dofs of vertices outside by their roots' polynomials."""
+    """Return the matrix that computes the dofs of outer vertices by their roots' polynomials."""
     mesh, mapping = basis.mesh, basis.mapping
     rows: list[Any] = []
     columns: list[Any] = []
@@ -384,9 +384,9 @@ def _following(
 def _resolved(
     T: sp.csr_array, x0: Array, follow: sp.csr_array, active: Indices
 ) -> tuple[sp.csc_array, Array]:
-    """Combine x = T z + x0 with the extension; `follow` has its rows, at dofs outside.
-    A column of T belongs to the dof whose row in T is its unit vector. If that dof is outside,
-    its row of `follow` replaces the parameter, until only free parameters are left."""
+    """Combine x = T z + x0 with the extension; `follow` contains its rows at outer dofs. A column
+    of T belongs to the dof whose row in T is its unit vector. If that dof is outside, its row of
+    `follow` replaces the parameter, until only free parameters are left."""
     count = T.shape[1]
     single = np.flatnonzero(np.diff(T.indptr) == 1)
     unit = single[np.abs(T.data[T.indptr[single]] - 1) < LIMITS.rounding]
@@ -408,7 +408,7 @@ def _resolved(
     )
     shift = np.where(is_outside, follow[owner] @ x0, 0.0)
     step = sp.csr_array(step)
-    for _ in range(60):  # each doubles the length of the chains that are resolved
+    for _ in range(60):  # each squaring doubles the length of the chains that are resolved
         if not step[:, np.flatnonzero(is_outside)].count_nonzero():
             break
         step, shift = sp.csr_array(step @ step), step @ shift + shift

@@ -17,8 +17,8 @@ Indices = NDArray[np.integer]
 class BoundaryBasis(CellBasis):
     """A `CellBasis` whose points lie on a curve in the cells.
 
-    Forms see the unit normals as ``w.n`` and, as ``w.h``, the size of the cell across the curve,
-    :math:`1 / |DF^{-1} n|`, the side length of square cells.
+    Forms receive the unit normals as ``w.n`` and, as ``w.h``, the size of the cell across the
+    curve, :math:`1 / |DF^{-1} n|`, the side length of square cells.
 
     `CutDomain.boundary` makes it.
 

@@ -386,9 +386,9 @@ class CutDomain:
     def _padded(
         self, owner: Indices, points: Array, weights: Array
     ) -> tuple[Indices, Array, Array, Indices]:
-        """Return cells, reference points (2, cells, most), weights, and the source of each point.
-        Cells with fewer points than `most`, the largest number, repeat their first with weight
-        0."""
+        """Return cells, reference points (2, cells, most), weights and the source of each point.
+
+        `most` is the largest number of points; other cells repeat their first with weight 0."""
         cells, start, count = np.unique(owner, return_index=True, return_counts=True)
         order = np.arange(count.max())
         real = order < count[:, None]
@@ -431,7 +431,7 @@ Parts = list[Values | None]  # value, gradient, ... over (..., cells, points)
 
 
 class CutSample:
-    """A few functions at a few points in a few cells of each batch, to try a form on."""
+    """A few functions at a few points in a few cells of each batch, for tests of a form."""
 
     def __init__(self, form: Form) -> None:
         self._form = form

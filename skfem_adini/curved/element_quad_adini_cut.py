@@ -142,7 +142,7 @@ class ElementQuadAdiniCut(ElementH1):
         for cell in np.flatnonzero(self.inside[mesh.t].any(axis=0)).tolist():
             self._solve(cell, level_set)
         worst = np.nanmax(self.unisolvence, initial=0.0)
-        if worst > 1e8:  # with entries of order 1: eight digits are left
+        if worst > 1e8:  # for entries of order 1: eight digits remain
             warn(
                 f"the matrix of a cut cell is nearly singular (1 / sigma_min = {worst:.1e}): the "
                 "boundary is almost straight between two vertices, or almost meets one; "
@@ -178,7 +178,7 @@ class ElementQuadAdiniCut(ElementH1):
         return f"{type(self).__name__}({cells} cells, {self.inside.sum()} vertices inside)"
 
     def lbasis(self, X: Array, i: int) -> Any:
-        """There is no reference function: every cell has its own."""
+        """Raise an error: there is no reference function, as every cell has its own functions."""
         raise NotImplementedError("ElementQuadAdiniCut has no functions on the reference cell")
 
     def dirichlet_dofs(self, basis: Any) -> Indices:
@@ -198,7 +198,7 @@ class ElementQuadAdiniCut(ElementH1):
         size, lower = self.size[:, cell], self.lower[:, cell]
         if count == 2 and inside[0] == inside[2]:
             raise self._refusal(cell, "two opposite vertices are inside; refine the mesh there")
-        # Three conditions for each vertex inside, one for a point of the arc or an end of it.
+        # Three conditions for each vertex inside, one for each point on the arc, ends included.
         powers = _POWERS[: {1: 6, 2: 10, 3: 12, 4: 12}[count]]
         rows, places, scales = [], [], []
         for k in np.flatnonzero(inside).tolist():
@@ -221,7 +221,7 @@ class ElementQuadAdiniCut(ElementH1):
                 scales.append(1.0)
         V = np.array(rows)
         self.unisolvence[cell] = 1 / max(np.linalg.svd(V, compute_uv=False)[-1], 1e-300)
-        if not self.unisolvence[cell] <= 1e12:  # with entries of order 1: four digits are left
+        if not self.unisolvence[cell] <= 1e12:  # for entries of order 1: four digits remain
             raise self._refusal(
                 cell,
                 f"its matrix is singular (1 / sigma_min = {self.unisolvence[cell]:.1e}), as always "
@@ -260,12 +260,12 @@ def _crossings(mesh: Any, inside: NDArray[np.bool_], level_set: Callable[[Array]
 def _points_between(
     a: Array, b: Array, count: int, level_set: Callable[[Array], Any]
 ) -> list[Array] | None:
-    """Return points of the curve on perpendiculars to the chord, None where there is none."""
+    """Return points of the curve on perpendiculars to the chord, or None if one has none."""
     found = []
     normal = np.array([a[1] - b[1], b[0] - a[0]])
     for k in range(1, count + 1):
         f = _along(a + (b - a) * k / (count + 1), normal, level_set)
-        reach = 1e-9  # bracket on both sides of the chord, in its lengths, widened up to .6
+        reach = 1e-9  # half width of the bracket, in chord lengths, widened up to .6
         while not f(-reach) * f(reach) <= 0:
             reach *= 4
             if reach > 0.6:

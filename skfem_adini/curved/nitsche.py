@@ -173,7 +173,7 @@ def nitsche(
     fields = {"g": DiscreteField(data if vector else data[0]), **material(boundary)}
     parts = (_traction_parts, _strain_parts) if vector else (_flux_parts, _gradient_parts)
     h = np.asarray(boundary.default_parameters()["h"])
-    # Definite above the trace constant; above twice that .29 of energy and penalty remain.
+    # Definite above the trace constant; above twice that, .29 of energy and penalty remain.
     penalty = np.maximum(beta / h, 2.0 * _constants(boundary, extension, material, *parts))
     fields["penalty"] = DiscreteField(penalty * np.ones(x.shape[1:]))
     pair = _elastic() if vector else _scalar()
@@ -217,7 +217,7 @@ def _check_extension(boundary: Any, extension: Any) -> None:
 
 
 def _extension_of(domain: Any, elem: Any) -> AdiniExtension | None:
-    """Return the extension with the default threshold, None where there is none."""
+    """Return the extension with the default threshold, or None if it does not exist."""
     basis = Basis(domain.mesh, elem, intorder=1)
     if not isinstance(scalar_element(basis), ElementQuadAdini):
         return None
@@ -230,7 +230,7 @@ def _extension_of(domain: Any, elem: Any) -> AdiniExtension | None:
 
 
 def _whole(boundary: Any) -> Any:
-    """Return the basis on all of the boundary in the cells; the given one may be a part of it."""
+    """Return the basis on the whole boundary in the cells; the given one may be a part."""
     if isinstance(boundary, BoundaryBasis):
         domain = boundary.domain
         points = np.count_nonzero(boundary.quadrature[1])
@@ -251,7 +251,7 @@ def _whole(boundary: Any) -> Any:
 
 
 def _pointwise(name: str, data: Any) -> Any:
-    """Return the data, with functions that raise an error if they mix points."""
+    """Return the data; functions are wrapped so that they raise an error if they mix points."""
     if isinstance(data, list | tuple):
         return type(data)(_pointwise(name, part) for part in data)
     return pointwise(name, data) if callable(data) else data
@@ -282,7 +282,7 @@ def _traction(u: Any, w: Any) -> Any:
 
 
 def _traction_parts(u: Any, w: Any) -> list[Any]:
-    """Return parts of the traction, in the inverse of the metric that the penalty has."""
+    """Return the parts of the traction, in the inverse of the penalty's metric."""
     t = _traction(u, w)
     along = dot(t, w.n)
     return [along / np.sqrt(2 * w.mu + w.bulk), *((t - along * w.n) / np.sqrt(2 * w.mu))]
@@ -331,7 +331,7 @@ def _field(name: str, coefficient: Coefficient, x: Array, zero: bool = False) ->
 
 
 Indices = NDArray[np.integer]
-# Components of a density at the points of a basis, (cells, points) each: it is the sum of squares.
+# Components of a density, the sum of their squares, at points of a basis, (cells, points) each.
 Parts = Callable[[Any, Any], list[Array]]
 
 
@@ -377,7 +377,7 @@ def trace_constants(
 
 
 def _factors(basis: Any, fields: dict[str, Any], parts: Parts) -> Array:
-    """Return F (cells, functions, numbers) with F F^T the integrals of the products of parts."""
+    """Return F (cells, functions, numbers), with F F^T the integrals of products of the parts."""
     parameters: Any = {**basis.default_parameters(), **fields}
     w: Any = FormExtraParams(parameters)
     root = np.sqrt(basis.dx)
@@ -398,7 +398,7 @@ def _joined(F: Array, owner: Indices) -> Array:
 def _patches(
     owners: Indices, extension: AdiniExtension, P: Any, dofs: Indices
 ) -> tuple[Indices, Indices]:
-    """Return pairs of a place in `owners` and a cell of its patch, ascending."""
+    """Return pairs (index in `owners`, cell of its patch), ascending."""
     mesh, good = extension.domain.mesh, extension.good
     vertices, cells = mesh.nvertices, mesh.t.shape[1]
     holders = _ones(
@@ -411,7 +411,7 @@ def _patches(
     members = corners @ holders + _ones(places, owners, (owners.size, cells))
     rows = np.tile(np.arange(cells), len(dofs))
     depends = sp.csr_array(_ones(rows, dofs.ravel(), (cells, P.shape[0])) @ abs(P))
-    for _ in range(4):  # layers of good cells join patches whose good cells are not connected
+    for _ in range(4):  # at most four layers of good cells are added to disconnected patches
         apart = _apart(members, depends, good)
         if not apart.size:
             break
@@ -423,8 +423,8 @@ def _patches(
 
 
 def _apart(members: Any, depends: sp.csr_array, good: Indices) -> Indices:
-    """Return the patches whose parameters are not held together by good cells.
-    Two of these hold each other, rigid motions included, if they have one parameter in common."""
+    """Return the patches whose parameters are not connected by good cells.
+    A common parameter connects two of these, rigid motions included."""
     place, cell = sp.csr_array(members).nonzero()
     rows = sp.coo_array(depends[cell])
     pair, column = rows.coords
@@ -453,7 +453,7 @@ def _blocks(local: Array) -> sp.bsr_array:
 def _parameters(
     patches: tuple[Indices, Indices], P: sp.csr_array, dofs: Indices
 ) -> tuple[sp.csr_array, Indices]:
-    """Return the dofs of all pairs by the parameters of each patch, and where these begin."""
+    """Return the dofs of all pairs by the parameters of each patch, and the start of each patch."""
     place, cell = patches
     rows = sp.coo_array(P[dofs[:, cell].T.ravel()])
     row, column = rows.coords

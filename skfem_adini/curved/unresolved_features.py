@@ -26,13 +26,13 @@ def components(domain: CutDomain) -> Indices:
 
 def warn_of_unresolved_features(domain: CutDomain) -> None:
     r"""Warn where two pieces of the boundary face each other in the support of one shape function.
-    Active cells at a vertex share its dofs: both sides of a gap of less than two cells are
-    coupled. Pieces face each other if :math:`n_a \cdot n_b < -0.9`, each in front of the other."""
+    Active cells at a vertex share its dofs: both sides of a gap of less than two cells are coupled.
+    Pieces face each other if :math:`n_a \cdot n_b < -0.9` and each lies in front of the other."""
     rule, mesh = domain.quadrature, domain.mesh
     cells, first, count = np.unique(rule.boundary_cells, return_index=True, return_counts=True)
     if cells.size == 0:
         return
-    most = int(min(count.max(), 12))  # boundary points compared in a cell, of possibly hundreds
+    most = int(min(count.max(), 12))  # boundary points compared in a cell, out of possibly hundreds
     # Points spread evenly over those of the cell, repeated if there are fewer than `most`.
     chosen = first[:, None] + (np.linspace(0, 1, most) * (count - 1)[:, None]).round().astype(int)
     size = np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1)
@@ -46,7 +46,7 @@ def warn_of_unresolved_features(domain: CutDomain) -> None:
     slots = np.minimum(np.arange(most), np.diff(around.indptr)[vertices, None] - 1)
     patches = around.indices[around.indptr[vertices, None] + slots]
     said = False
-    for start in range(0, len(patches), 500):  # of all pairs of points, (4 x 12)^2 a vertex
+    for start in range(0, len(patches), 500):  # patches of (4 x 12)^2 pairs of points
         members = patches[start : start + 500]
         shape = 2, len(members), -1
         places = points[:, members].reshape(shape), normals[:, members].reshape(shape)
@@ -77,7 +77,7 @@ def _facing(points: Array, normals: Array, inside: bool) -> Array:
     sign = -1.0 if inside else 1.0
     between = points[:, :, None, :] - points[:, :, :, None]
     length = np.hypot(*between)
-    # Normals opposite to 26 degrees, and the line between the points within 45 of both.
+    # Normals are opposite up to 26 degrees, and the connecting line within 45 of both.
     opposite = np.einsum("dgi,dgj->gij", normals, normals) < -0.9
     ahead = sign * np.einsum("dgij,dgi->gij", between, normals) > 0.7 * length
     found = opposite & ahead & ahead.swapaxes(1, 2)

@@ -20,10 +20,10 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Alteration:
-    """What takes the place of the rows of some chosen unknowns c.
+    """Replacement of the rows of some chosen unknowns c.
 
-    The rows become ``of_rows @ (K x)_c + of_x @ x_c``. Unknowns that are held keep their value; the
-    rows of both matrices are zero there.
+    The rows become ``of_rows @ (K x)_c + of_x @ x_c``. Fixed unknowns keep their value; the rows of
+    both matrices are zero there.
 
     Attributes
     ----------
@@ -37,14 +37,14 @@ class Alteration:
 
     @classmethod
     def none(cls, held: NDArray[np.bool_]) -> Alteration:
-        """Held unknowns alone."""
+        """Only fixed unknowns."""
         n = held.size
         free = sparse.csr_array(sparse.diags_array((~held).astype(float)))
         return cls(held, free, sparse.csr_array((n, n)))
 
     @property
     def symmetric(self) -> bool:
-        """Whether no row is altered but those of held unknowns."""
+        """Whether only the rows of fixed unknowns are altered."""
         plain = self.of_rows.nnz == np.count_nonzero(~self.held)
         return bool(
             plain and not self.of_x.nnz and np.all(self.of_rows.diagonal()[~self.held] == 1)
@@ -54,8 +54,8 @@ class Alteration:
 class AlteredSystem:
     """A symmetric matrix in other unknowns x of ``z = T x``, and its altered systems.
 
-    T differs from the identity in the rows of a few unknowns, c, only. No matrix but K's is held,
-    and a copy of it with its multigrid while a system is solved.
+    T differs from the identity in the rows of a few unknowns, c, only. Only K is stored, and a copy
+    of it with its multigrid while a system is solved.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class AlteredSystem:
         return self._product(self._T, x)
 
     def carried(self, force: Array) -> Array:
-        """Own forces ``T^T g`` from those on z."""
+        """Own forces ``T^T g`` from the forces g on z."""
         self._b.setArray(force)
         self._T.multTranspose(self._b, self._x)
         return np.array(self._x.getArray())
@@ -140,13 +140,13 @@ class AlteredSystem:
         return values
 
     def put(self, own: Array, values: Array) -> Array:
-        """A copy of own values with those of chosen unknowns put in."""
+        """A copy of own values in which those of chosen unknowns are replaced."""
         own = own.copy()
         own[self._own] = values[self._here]
         return own
 
     def altered(self, alteration: Alteration, x: Array) -> tuple[Array, Array]:
-        """Altered rows times x, zero where held, and K x."""
+        """Altered rows times x, zero at fixed unknowns, and K x."""
         product = self.times(x)
         rows = alteration.of_rows @ self.of_chosen(product) + alteration.of_x @ self.of_chosen(x)
         return self.put(product, rows), product
@@ -189,7 +189,7 @@ class AlteredSystem:
             size = self._norm(left)
             self.reference = max(self.reference, size)
             if size <= tol * self.reference or size > 0.5 * before:
-                break  # in the second case the last run has reached its rounding
+                break  # in the second case the residual is at rounding level
             if ksp is None:
                 ksp, pieces = self._prepared(alteration)
             x, before = x + self._iterated(ksp, left, tol), size
@@ -210,7 +210,7 @@ class AlteredSystem:
         return np.array(self._x.getArray())
 
     def _prepared(self, alteration: Alteration) -> tuple[Any, list[Any]]:
-        """The Krylov method with multigrid of the system in which held unknowns are fixed."""
+        """The Krylov method with multigrid for the system with fixed unknowns."""
         PETSc = self._PETSc
         own = alteration.held[self._here]
         rows = (self.first + self._own[own]).astype(PETSc.IntType)
@@ -257,7 +257,7 @@ class AlteredSystem:
 
 
 class _Rows:
-    """The altered matrix as PETSc asks for it, on unknowns that are zero where held."""
+    """The altered matrix as a PETSc shell matrix, on unknowns that are zero where fixed."""
 
     def __init__(self, system: AlteredSystem, alteration: Alteration) -> None:
         self._system, self._alteration = system, alteration

@@ -20,7 +20,7 @@ INSTALLING = (
 
 
 class Communicator(Protocol):
-    """What this package asks of ``mpi4py.MPI.Comm``."""
+    """The part of ``mpi4py.MPI.Comm`` that this package uses."""
 
     @property
     def rank(self) -> int:
@@ -82,8 +82,8 @@ class Alone:
 def world() -> Any:
     """Return the communicator of all processes of this run.
 
-    With several processes an exception that nobody catches ends all of them, after its traceback:
-    the others would wait for this one for ever.
+    With several processes an uncaught exception ends all of them after its traceback, since the
+    others would wait forever.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def world() -> Any:
     >>> world().size
     1
     """
-    # Variables in which launchers give the number of processes.
+    # Environment variables in which launchers give the number of processes.
     names = "OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE"
     launched = max(int(os.environ.get(name, "1")) for name in names)
     try:
@@ -164,15 +164,15 @@ def has_petsc() -> bool:
 
 
 def total(comm: Communicator, value: Any) -> NDArray[np.float64]:
-    """Sum over the processes, in their order: all get the same bits."""
+    """Sum over the processes in their order: identical bits on all of them."""
     return np.asarray(sum(comm.allgather(np.asarray(value, dtype=np.float64))), dtype=np.float64)
 
 
 def largest(comm: Communicator, value: float) -> float:
-    """Largest number that a process has."""
+    """Largest number of all processes."""
     return max(comm.allgather(float(value)))
 
 
 def any_of(comm: Communicator, value: Any) -> bool:
-    """Whether it holds on any process."""
+    """Whether a condition holds on any process."""
     return any(comm.allgather(bool(value)))

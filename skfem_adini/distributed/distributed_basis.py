@@ -28,10 +28,10 @@ class DistributedBasis:
     """A finite element space on the processes of a run.
 
     Each process has its own cells and a layer of cells around them. A dof belongs to the first
-    process that has a cell which touches it; since all cells around it are there, that process
-    assembles its row of a matrix completely, without a word from the others. Vectors are local:
-    they hold the values of all dofs of the process's cells, the owned ones and copies of others
-    (its halo), which `update` renews.
+    process that has a cell which touches it; since it has all cells around the dof, that process
+    assembles its row of a matrix completely, without communication. Vectors are local: they hold
+    the values of all dofs of the process's cells, the owned ones and copies of others (its halo),
+    which `update` renews.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class DistributedBasis:
         self.comm: Any = world() if comm is None else comm
         self.piece: Piece = own_piece(mesh, self.comm)
         self._mesh = mesh
-        # Elements may keep what they computed on one mesh.
+        # Elements may store results for one mesh.
         own = isinstance(element, Element)
         on_cells = without_functions(deepcopy(element)) if own else element(self.piece.mesh)
         self.basis = Basis(self.piece.mesh, on_cells, **options)
@@ -122,8 +122,8 @@ class DistributedBasis:
         self.first, self.N = int(counts[: comm.rank].sum()), int(counts.sum())
         self.numbers = np.full(self.basis.N, -1, dtype=np.int64)
         self.numbers[self.owned] = self.first + np.arange(self.owned.size)
-        # First a process learns the numbers of all dofs of its own cells, from those which have
-        # them in their halo; then it tells those which have its cells in theirs.
+        # First each process receives the numbers of all dofs of its own cells from the processes
+        # that have them in their halo; then it sends them to those that have its cells in theirs.
         self._pass_on(self._halo_cells())
         if np.any(self.numbers[dofs[:, self.own_cells]] < 0):
             raise AssertionError("a dof of an own cell has no number")
@@ -135,14 +135,14 @@ class DistributedBasis:
         return [np.flatnonzero(self.piece.owner == r) for r in ranks]
 
     def _asked_for(self) -> list[Indices]:
-        """Own local cells that each process has in its halo."""
+        """Own local cells in the halo of each process."""
         theirs = self._halo_cells()
         theirs[self.comm.rank] = theirs[self.comm.rank][:0]
         asked = self.comm.alltoall([self.piece.cells[cells] for cells in theirs])
         return [np.searchsorted(self.piece.cells, cells) for cells in asked]
 
     def _pass_on(self, cells: list[Indices]) -> None:
-        """Tell the numbers of the dofs of local cells to processes that have these cells."""
+        """Send the numbers of the dofs of local cells to processes that have these cells."""
         dofs = self.basis.element_dofs
         sent = [(self.piece.cells[c], self.numbers[dofs[:, c]]) for c in cells]
         sent[self.comm.rank] = (np.zeros(0, dtype=np.int64), np.zeros((len(dofs), 0), np.int64))
@@ -151,9 +151,9 @@ class DistributedBasis:
             self.numbers[local] = np.maximum(self.numbers[local], known)
 
     def _refuse_orientation(self) -> None:
-        """Refuse dofs on facets whose sign needs the cells on both sides, beside dofs at vertices.
-        Rows of dofs at vertices have columns of facets where a piece ends; its outward normal
-        there may be opposite to that of the whole mesh."""
+        """Refuse dofs on facets whose sign depends on both cells, together with dofs at vertices.
+        Rows of dofs at vertices have columns of facets where a piece ends; its outward normal there
+        may be opposite to that of the whole mesh."""
         element = self.basis.elem
         at_facets = element.dofnames[element.nodal_dofs :][: element.facet_dofs]
         if element.nodal_dofs and any(n.split("^")[0] != "u" for n in at_facets):
@@ -284,9 +284,9 @@ class DistributedBasis:
         return values
 
     def serial_numbers(self) -> Indices | None:
-        """The dof in scikit-fem's numbering for each number here; None but on the first process.
+        """The dof in scikit-fem's numbering for each number, on the first process; else None.
 
-        It is an explicit step, since the first process makes the whole mesh for it.
+        It is a separate step, for which the first process builds the whole mesh.
         """
         own = self.own_cells
         entry = self.comm.gather(
@@ -302,7 +302,7 @@ class DistributedBasis:
 
 
 class Halo:
-    """Which values each process copies from which other one.
+    """The values that each process copies from other processes.
     `numbers` (n,) are those of the local dofs in the whole space, `owned` the local dofs that
     belong to this process, by number from `first` without gaps."""
 

@@ -226,7 +226,7 @@ class DistributedSolver:
 
 
 def _block_size(space: Any) -> int:
-    """Dofs that stand together at each vertex, if all dofs are at vertices and none are cut off."""
+    """Number of consecutive dofs at each vertex, if all dofs are at complete vertices; else 1."""
     nodal = space.basis.dofs.nodal_dofs
     if nodal.size != space.basis.N:
         return 1

@@ -140,7 +140,7 @@ def _check_mass(PETSc: Any, mass: Any) -> None:
     pc.setFactorSolverType("mumps")
     pc.setFactorSetUpSolverType()
     factor = pc.getFactorMatrix()
-    factor.setMumpsIcntl(13, 1)  # or the pivots of the root, on several processes, are not counted
+    factor.setMumpsIcntl(13, 1)  # else the pivots of the root are missing on several processes
     try:
         ksp.setUp()
         refused = factor.getMumpsInfog(1) < 0 or factor.getMumpsInfog(12) > 0

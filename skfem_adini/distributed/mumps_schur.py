@@ -58,9 +58,9 @@ class MumpsSchur:
         PETSc = petsc(comm)
         self._comm, self._first, self._chosen = comm, first, chosen
         here = (chosen >= first) & (chosen < first + rows.shape[0])
-        self._here = np.flatnonzero(here)  # which of the chosen unknowns are own
+        self._here = np.flatnonzero(here)  # indices of own unknowns among the chosen ones
         self._own = chosen[here] - first
-        # The matrix may be singular, of a body that nothing holds. A shift of the chosen unknowns
+        # The matrix may be singular, for a body without supports. A shift of the chosen unknowns
         # makes it definite; it enters the complement unchanged and is subtracted again.
         order = np.argsort(numbers)
         column = order[np.searchsorted(numbers[order], chosen[here])]
@@ -80,7 +80,7 @@ class MumpsSchur:
         pc.setFactorSetUpSolverType()
         factor = pc.getFactorMatrix()
         library = ctypes.CDLL(PETSc.__file__)
-        # MUMPS wants all of them on the first process.
+        # MUMPS requires all of them on the first process.
         kept = chosen if comm.rank == 0 else chosen[:0]
         which = PETSc.IS().createGeneral(kept.astype(PETSc.IntType), comm=PETSc.COMM_WORLD)
         _call(library.MatFactorSetSchurIS, ctypes.c_void_p(factor.handle), _handle(which))
@@ -90,7 +90,7 @@ class MumpsSchur:
             raise _refused(error) from error
         if factor.getMumpsInfog(1) < 0:
             raise _refused(f"MUMPS reports {factor.getMumpsInfog(1)}")
-        factor.setMumpsIcntl(26, 0)  # solves are those of the inner part from here on
+        factor.setMumpsIcntl(26, 0)  # from here on, solutions are those of the inner block
         triangle = _dense(library, factor, chosen.size) if comm.rank == 0 else None
         shifts = np.zeros(chosen.size)
         for place, values in comm.allgather((self._here, shift)):
@@ -121,7 +121,7 @@ class MumpsSchur:
         return self._collect(carried - self._times(inner))
 
     def _spread(self, own: Array, z: Array) -> Array:
-        """Own values with those of the chosen unknowns put in."""
+        """Own values in which those of the chosen unknowns are replaced."""
         own = own.copy()
         own[self._own] = z[self._here]
         return own
@@ -139,7 +139,7 @@ class MumpsSchur:
         return np.array(self._x.getArray())
 
     def _solve(self, load: Array) -> Array:
-        """Inner unknowns under a load on them, the chosen ones at zero."""
+        """Inner unknowns for a load on them, with the chosen ones zero."""
         load = load.copy()
         load[self._own] = 0.0
         self._b.setArray(load)
@@ -170,7 +170,7 @@ def _call(function: Any, *arguments: Any) -> None:
 
 
 def _dense(library: Any, factor: Any, size: int) -> Array:
-    """A copy of the Schur complement that the factor holds, as MUMPS stores it."""
+    """A copy of the factor's Schur complement, in MUMPS's storage."""
     block, status = ctypes.c_void_p(), ctypes.c_int()
     _call(
         library.MatFactorGetSchurComplement,

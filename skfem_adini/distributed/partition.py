@@ -1,4 +1,4 @@
-"""Cells of a mesh, given to processes."""
+"""Distribution of the cells of a mesh to processes."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def partition(mesh: Any, parts: int) -> Indices:
 
 
 def _neighbours(mesh: Any) -> tuple[Indices, Indices]:
-    """Cells that share a facet with each cell, one after the other, as METIS takes them."""
+    """Cells that share a facet with each cell, concatenated in METIS's format."""
     inner = mesh.f2t[:, mesh.f2t[1] >= 0].astype(np.int64)
     pairs = np.hstack((inner, inner[::-1]))
     pairs = pairs[:, np.lexsort(pairs[::-1])]

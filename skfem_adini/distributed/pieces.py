@@ -31,7 +31,7 @@ class Piece:
 
 
 class TensorGrid:
-    """A grid of rectangles or bricks, of which each process builds its own strip only.
+    """A grid of rectangles or bricks, of which each process builds only its own strip.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class TensorGrid:
         return self._on(ticks)
 
     def _on(self, ticks: Sequence[NDArray[np.float64]]) -> Any:
-        """A mesh on some of the ticks, with the boundaries of the grid that it reaches."""
+        """A mesh on some of the ticks, with those named boundaries of the grid that it touches."""
         mesh = (MeshQuad if len(ticks) == 2 else MeshHex).init_tensor(*ticks)
         middle, found = mesh.p[:, mesh.facets].mean(axis=1), {}
         for name, (axis, end) in self.sides.items():
@@ -141,7 +141,7 @@ class TensorGrid:
 
 
 def whole_mesh(mesh: Any) -> Any:
-    """The mesh that a mesh, a function that makes one, or a `TensorGrid` stands for."""
+    """The mesh itself, or that made by a function or a `TensorGrid`."""
     if isinstance(mesh, TensorGrid):
         return mesh.mesh()
     return mesh if isinstance(mesh, Mesh) else mesh()
@@ -200,7 +200,7 @@ def own_piece(mesh: Mesh | TensorGrid | Callable[[], Mesh] | None, comm: Communi
 
 
 def _all_pieces(make: Callable[[], Mesh], size: int) -> list[Any]:
-    """The pieces, or what is wrong, for each process: all must come to know of an error."""
+    """The pieces, or the error, for each process: all processes must raise the same error."""
     try:
         whole = make()
         part = partition(whole, size)

@@ -75,7 +75,7 @@ def save_pvtu(
 
 
 def write_pieces(path: str | Path, comm: Any, make_grid: Callable[[], Any]) -> Path:
-    """Write a grid of each process to its file, and the index when all are there.
+    """Write a grid of each process to its file, and the index once all are written.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def write_pieces(path: str | Path, comm: Any, make_grid: Callable[[], Any]) -> P
     if comm.rank == 0 and grid is not None:
         with complete_file(path) as file:
             _index(grid, path.stem, comm.size).write(file, xml_declaration=True, encoding="utf-8")
-    comm.allgather(None)  # no process goes on before the index is there
+    comm.allgather(None)  # all processes wait until the index is written
     return path
 
 

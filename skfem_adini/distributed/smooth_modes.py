@@ -1,4 +1,4 @@
-"""Functions of little energy on a distributed space, which multigrid needs."""
+"""Functions of low energy on a distributed space, for multigrid."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def smooth_modes(space: DistributedBasis) -> Array:
 
 
 def _kinds(space: DistributedBasis) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Component of each dof, and along which axis it is a derivative: -1 a value, 9 a higher."""
+    """Component of each dof, and the axis of its derivative: -1 a value, 9 a higher derivative."""
     dofs, names = space.basis.dofs, list(space.basis.elem.dofnames)
     component = np.zeros(space.basis.N, dtype=np.int64)
     derivative = np.full(space.basis.N, -1, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""What the closed-form elements of this package share: the pull-back and the chain rule."""
+"""Base of the closed-form elements of this package: the pull-back and the chain rule."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ClosedFormElement(ElementH1):
         self.derivatives = int(derivatives)
 
     def _parameters(self) -> dict[str, Any]:
-        """Return what the element was made with."""
+        """Return the arguments that the element was made with."""
         return {"derivatives": self.derivatives}
 
     def __eq__(self, other: object) -> bool:
@@ -98,7 +98,7 @@ class ClosedFormElement(ElementH1):
     def _demanded(
         self, mapping: Any, X: Array, i: int, tind: NDArray[np.integer] | None, order: int
     ) -> Array:
-        """Return the derivatives of one order, if it is one of `derivatives`."""
+        """Return the derivatives of one order if requested in `derivatives`."""
         if order > self.derivatives:
             raise InputError(
                 f"derivatives: {DERIVATIVE_NAMES[order]} is not there, the element was made with "
@@ -134,7 +134,7 @@ class ClosedFormElement(ElementH1):
         return self.reference[1 : 1 + len(vertex)], [t[dof - 1, :, None] for t in tangents]
 
     def _locate(self, i: int) -> int:
-        """Return the place of function i among the dofs of its vertex."""
+        """Return the number of function i among the dofs of its vertex."""
         if not 0 <= i < len(self.doflocs):
             self._index_error()
         return i % self.nodal_dofs
@@ -201,13 +201,13 @@ def _twist_hessian(
 
 
 _logger = logging.getLogger(__name__)
-# The meshes that were spoken of, by their addresses.
+# The meshes for which a message was logged, by their addresses.
 _spoken_of: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
 
 
 def log_twist(twist: float, cells: Any, mapping: Any, X: NDArray[np.float64]) -> None:
     """Log, once for a mesh, that the largest twist of its cells over their sides is not negligible.
-    Points X with an axis of cells belong to facets or probes, for which nothing is logged."""
+    Points X with a cell axis belong to facets or probes, for which nothing is logged."""
     mesh = getattr(mapping.mesh, "part_of", mapping.mesh)
     if twist <= GEOMETRY.twist or X.ndim > 2 or _spoken_of.get(id(mesh)) is mesh:
         return

@@ -15,11 +15,11 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 
 
-class _Geometry(NamedTuple):  # what counts as straight, parallel or degenerate
-    node: float = 1e-10  # its distance from the middle, in sizes of a cell: above rounding in files
-    slant: float = 1e-10  # in lengths of a side: above that of rounded coordinates
-    twist: float = 1e-3  # in longest sides: noise of coordinates in files is far below
-    sine: float = 1e-12  # of the angle of two sides: a smaller one leaves less than four digits
+class _Geometry(NamedTuple):  # tolerances for straight, parallel or degenerate cells
+    node: float = 1e-10  # distance from the middle over the size of a cell: above rounding in files
+    slant: float = 1e-10  # over the length of a side: above the rounding of coordinates
+    twist: float = 1e-3  # over the longest side: noise of coordinates in files is far below
+    sine: float = 1e-12  # of the angle of two sides: smaller ones leave less than four digits
 
 
 GEOMETRY = _Geometry()

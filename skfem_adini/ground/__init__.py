@@ -1,6 +1,6 @@
-"""What all four packages stand on; it knows NumPy and SciPy alone.
+"""The common base of all four packages; it needs only NumPy and SciPy.
 
 In: arguments of any kind, arrays of NumPy or CuPy, functions to compile, data for files.
-Out: numbers as NumPy wants them or an error that names the argument, machine code, complete files.
+Out: numbers for NumPy or an error that names the argument, machine code, complete files.
 Start: `errors`, then `arguments`.
 """

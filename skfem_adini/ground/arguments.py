@@ -1,4 +1,4 @@
-"""Readers of what a user may give: as NumPy wants it, or an `InputError` that names it."""
+"""Conversion of user arguments to NumPy types, or an `InputError` that names the argument."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Hidden = NDArray[np.bool_] | None
 
 
 def shown(value: Any) -> str:
-    """A value as a message shows it: of what is large its type."""
+    """A value as messages show it: for large values the type."""
     if isinstance(value, int) and abs(value) > 1e18:
         return "a whole number beyond 1e18"
     if isinstance(value, int | float | complex | np.number | str | None):
@@ -52,7 +52,7 @@ def integer(name: str, value: Any, least: float, most: float = np.inf) -> int:
 
 
 def real_number(name: str, value: Any) -> float:
-    """One real number, which may be infinite or NaN; True and False are none."""
+    """One real number, which may be infinite or NaN, but not True or False."""
     array = real_array(name, value)
     if array.dtype.kind == "b":
         raise InputError(f"{name}: expected a number, got {value!r}")
@@ -78,7 +78,7 @@ def positive_number(name: str, value: Any, most: float = np.inf) -> float:
 
 
 def is_finite_number(value: Any) -> bool:
-    """Whether a value is one number, real or complex, that double precision has."""
+    """Whether a value is one real or complex number that is finite in double precision."""
     if isinstance(value, bool) or not isinstance(value, int | float | complex | np.number):
         return False
     try:
@@ -113,12 +113,12 @@ def real_array(name: str, value: Any) -> Array:
 
 
 def own_array(name: str, value: Any) -> Array:
-    """The same as an array that nobody else has: what the caller does with his changes nothing."""
+    """The same as a copy, so that changes of the caller's array have no effect."""
     return np.array(real_array(name, value))
 
 
 def numbers(name: str, value: ArrayLike) -> Numbers:
-    """Real numbers as an array of floats that nobody else has."""
+    """Real numbers as a new array of floats."""
     try:
         return real_array("it", value).astype(np.float64)
     except InputError as error:
@@ -132,7 +132,7 @@ def masked_array(name: str, value: Any) -> tuple[Array, Hidden]:
         value, hidden = _uncovered(value)
         array = np.asanyarray(value)
         if isinstance(array, np.ma.MaskedArray) or array.dtype == object:
-            # It came out of another library's object.
+            # It was taken from another library's object.
             value, more = _uncovered(array)
             array, hidden = np.asarray(value), hidden if more is None else more
     except (TypeError, ValueError, RecursionError) as error:
@@ -177,7 +177,7 @@ def holds_masked(value: Any) -> bool:
 
 
 def unmasked(name: str, value: Any) -> None:
-    """Refuse arrays whose entries would be taken for others: masked ones, and sparse vectors."""
+    """Refuse arrays whose entries would be misread: masked ones, and sparse vectors."""
     if holds_masked(value):
         raise InputError(
             f"{name} has masked entries: fill them, or leave out their rows and columns"
@@ -248,7 +248,7 @@ def _check_real(name: str, values: Any) -> None:
 
 
 def dof_numbers(name: str, value: Any, size: int) -> NDArray[np.intp]:
-    """Numbers of dofs, from numbers, a mask (size,), or what ``basis.get_dofs`` gives."""
+    """Numbers of dofs, from numbers, a mask (size,), or the result of ``basis.get_dofs``."""
     dofs = np.asarray(value.flatten() if hasattr(value, "flatten") else value)
     if dofs.dtype == bool:
         if dofs.shape != (size,):
@@ -265,7 +265,7 @@ def dof_numbers(name: str, value: Any, size: int) -> NDArray[np.intp]:
 
 
 def function_of_places(name: str, function: Any) -> Callable[..., Any]:
-    """A caller's function of places x; `InputError` where it does not take one argument."""
+    """A caller's function of positions x; `InputError` unless it takes one argument."""
     try:
         if not callable(function):
             raise TypeError("it cannot be called")
@@ -282,7 +282,7 @@ def function_of_places(name: str, function: Any) -> Callable[..., Any]:
 
 
 def evaluated(name: str, value: Any, x: Numbers) -> Numbers:
-    """Numbers that a caller gives, or a function of the places x that returns them."""
+    """Numbers of the caller, or a function of the positions x that returns them."""
     return numbers(name, function_of_places(name, value)(x) if callable(value) else value)
 
 
@@ -304,7 +304,7 @@ def _check(name: str, function: Callable[[Array], Any], x: Array, value: Any) ->
         found = np.asarray(value)
     except ValueError:  # no array
         return
-    if found.dtype.kind not in "biuf":  # no real numbers: the caller says so
+    if found.dtype.kind not in "biuf":  # no real numbers: the caller raises the error
         return
     shape = x.shape[1:]
     if not x.size or not np.isfinite(found).all():
@@ -319,7 +319,7 @@ def _check(name: str, function: Callable[[Array], Any], x: Array, value: Any) ->
         except Exception as error:
             raise _refused(name, f"at one place alone it fails ({error!r})") from error
         if np.array_equal(alone, found):
-            continue  # numbers of its own, whatever the places
+            continue  # numbers that do not depend on the positions
         expected = found[..., *at] if field else found
         if alone.shape != expected.shape or not np.abs(alone - expected).max() <= limit:
             raise _refused(name, "at one place alone it gives another value than among others")

@@ -1,8 +1,8 @@
-"""Arrays of NumPy and CuPy: their module, the way to the host, and factors of symmetric matrices.
+"""Arrays of NumPy and CuPy: their module, copies to the host, and factors of symmetric matrices.
 
-NumPy has a BLAS of its own beside SciPy's. If calls alternate between the two, their thread pools
-wait for each other, which costs more than a product with a matrix of a thousand rows: so dense
-algebra takes the BLAS and LAPACK of SciPy.
+NumPy and SciPy each bring a BLAS. If calls alternate between the two, their thread pools wait for
+each other, which costs more than a product with a matrix of a thousand rows: so dense algebra uses
+the BLAS and LAPACK of SciPy.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ def cupy() -> Any:
 
 
 def host(array: Any) -> Any:
-    """The array in the memory of the host, as it is if it lies there."""
+    """The array in host memory; the same object if it is there."""
     return array.get() if hasattr(array, "get") else np.asarray(array)
 
 
 def to_host(array: Any) -> np.ndarray:
-    """The array in the memory of the host, which nobody else has."""
+    """A new array in host memory."""
     return array.get() if on_device(array) else np.array(array)
 
 

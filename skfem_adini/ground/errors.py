@@ -26,7 +26,7 @@ class AdiniError(Exception):
     """
 
     def __str__(self) -> str:
-        # Numbers alone, without NumPy's names of their types.
+        # Plain numbers, without NumPy's names of their types.
         scalar = r"(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)"
         shown = str(self.args[0]) if self.args else ""
         return re.sub(rf"\bnp\.(?:{scalar}|(True|False)_)", r"\1\2", shown)
@@ -36,7 +36,7 @@ class AdiniError(Exception):
 
 
 def _restored(kind: type[AdiniError], args: tuple[Any, ...], state: dict[str, Any]) -> AdiniError:
-    """Without the constructor, which asks for more than the message."""
+    """Restore an error without its constructor, which requires more than the message."""
     error = kind.__new__(kind, *args)
     error.__dict__.update(state)
     return error

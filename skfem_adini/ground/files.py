@@ -20,11 +20,11 @@ except ImportError:  # not a POSIX system
 
 @contextmanager
 def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]:
-    """Open a temporary file beside `path` and move it to `path` when everything is on the disk.
-    After an error an existing file is unchanged; with `exclusive` one raises `FileExistsError`.
-    A killed process leaves the temporary file, of random name, for `remove_unfinished`."""
+    """Open a temporary file beside `path` and move it to `path` once all is on the disk. After
+    an error an existing file is unchanged; with `exclusive` one raises `FileExistsError`. A killed
+    process leaves the temporary file, of random name, for `remove_unfinished`."""
     temporary, descriptor = _beside(path), None
-    try:  # begins before the file is there: an interruption may come between
+    try:  # begins before the file exists: an interruption may come between
         while (descriptor := _locked(temporary)) is None:
             temporary = _beside(path)
         with os.fdopen(descriptor, "wb") as file:
@@ -33,10 +33,10 @@ def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]
             os.fsync(descriptor)  # a full disk may be reported only here
             if os.name == "posix":  # the lock holds until the file has its name
                 _move(temporary, path, exclusive)
-        if os.name != "posix":  # no open file can be moved there
+        if os.name != "posix":  # an open file cannot be replaced there
             _move(temporary, path, exclusive)
     except BaseException as error:
-        if descriptor is not None or not isinstance(error, OSError):  # else it was not made
+        if descriptor is not None or not isinstance(error, OSError):  # else it was not created
             temporary.unlink(missing_ok=True)
         raise
     _sync_folder(path.parent)
@@ -57,7 +57,7 @@ def remove_unfinished(folder: Path) -> None:
         flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         try:
             descriptor = os.open(path, flags)
-        except OSError:  # renamed by now, or another user's
+        except OSError:  # renamed meanwhile, or another user's
             continue
         try:
             if try_lock(descriptor):

@@ -1,9 +1,9 @@
-"""The one door to numba: kernels are plain Python that this compiles when first used.
+"""The only interface to numba: kernels are plain Python and are compiled when first used.
 
 numba keeps machine code beside the package or in the user's folder and notices a change of the
-function itself, but none of what it calls. So the name under which code is kept tells the state of
-the whole package. Where no folder can be written, or what lies there cannot be used, every process
-compiles for itself.
+function itself, but none of what it calls. So the name of cached code contains the state of the
+whole package. Where no folder is writable, or its files cannot be used, every process compiles for
+itself.
 
 Kernels of `cip` use a small part of Python (numbers, flat arrays, if, for, tuples of results), so
 that the same functions can be translated to C for a device. Modules of kernels decorate theirs by
@@ -38,8 +38,8 @@ _ARITHMETIC = {"error_model": "numpy", "fastmath": {"contract"}}
 
 
 class _Generated(NamedTuple):  # kernels from generated source in the cache on disk
-    mark: str = "_generated_"  # part of their names
-    kept: int = 600  # newest files that stay: those of about a hundred formulas
+    mark: str = "_generated_"  # part of the names of these kernels
+    kept: int = 600  # newest files that are kept: those of about a hundred formulas
 
 
 GENERATED = _Generated()
@@ -48,7 +48,7 @@ GENERATED = _Generated()
 def compiled(
     function: Callable[..., Any], parts: Iterable[Callable[..., Any]] = (), **options: Any
 ) -> Callable[..., Any]:
-    """Compile a copy of a function without the interpreter lock; it is left as it is.
+    """Compile a copy of a function without the interpreter lock; the original is unchanged.
 
     `parts` are plain functions that it calls, to be compiled into it: a call counts the references
     to each array that is passed, which can take as long as the work of a small function. The
@@ -113,12 +113,12 @@ def generated(source: str, names: Sequence[str], namespace: dict[str, Any], home
 
 
 def _kept(function: Callable[..., Any], **options: Any) -> Any:
-    """Compile a function at its first call; keep the code on disk if possible."""
+    """Compile a function at its first call; cache the code on disk if possible."""
     import numba
 
     function.__qualname__ += f"_{state_of(function.__module__.partition('.')[0])}"
     result: Any = numba.njit(**options)(function)
-    # No folder to write to; or numba is told not to compile, and gave the function back.
+    # No folder is writable; or numba is disabled and returned the function itself.
     with suppress(RuntimeError, AttributeError):
         result.enable_caching()
         _forgive(result._cache)
@@ -129,7 +129,7 @@ def _kept(function: Callable[..., Any], **options: Any) -> Any:
 
 @cache
 def state_of(package: str) -> str:
-    """A hash of the code of one of our packages, of this one beside others, and of the ground."""
+    """A hash of the code of `ground` and of one of our packages, by default `skfem_adini`."""
     state = sha256()
     for name in (__package__, package if package in ("contact", "cip") else "skfem_adini"):
         for module in sorted(Path(str(sys.modules[name].__file__)).parent.glob("**/*.py")):
@@ -138,7 +138,7 @@ def state_of(package: str) -> str:
 
 
 def _forgive(kept: Any) -> None:
-    """Take a full disk, or files that cannot be read, for an empty folder."""
+    """Treat a full disk, or unreadable files, as an empty folder."""
     load, save, clear = kept.load_overload, kept.save_overload, kept.flush
 
     def load_or_compile(signature: Any, target: Any) -> Any:
@@ -148,7 +148,7 @@ def _forgive(kept: Any) -> None:
             with suppress(OSError):
                 clear()
             return None
-        # Two processes that start at one time may give two versions the same file.
+        # Two processes that start at the same time may give two versions the same file.
         own = tuple(getattr(signature, "args", signature))
         return found if found is None or tuple(found.signature.args) == own else None
 

@@ -214,7 +214,7 @@ def save(
 
 
 def _checked_steps(basis: Any, fields: Any) -> list[Any]:
-    """Return the steps of a series, all of them checked before the first file is written."""
+    """Return the steps of a series, all checked before the first file is written."""
     listed = isinstance(fields, Sequence) and not isinstance(fields, str)
     steps = list(fields) if listed else []
     if not steps or not all(
@@ -249,7 +249,7 @@ def _refuse_other_bases(basis: Any) -> None:
 
 
 def _pattern(basis: Any, subdivide: int | None) -> tuple[CellPattern, bool]:
-    """Choose the VTK cells, and say whether neighbours share points."""
+    """Return the VTK cells, and whether neighbours share points."""
     mesh, elem = basis.mesh, basis.elem
     degree = exact_degree(elem.elem if isinstance(elem, ElementVector) else elem)
     geometry = exact_degree(mesh.elem())
@@ -281,8 +281,8 @@ def _vertex_weights(basis: Any, X: Array) -> Array:
 def _number_points(
     pattern: CellPattern, cells: Indices, weights: Array, continuous: bool
 ) -> tuple[Indices, Indices]:
-    """Return kept positions in the flattened (cells, points), and every point's number.
-    If `continuous`, points of two cells are one when they have the same weights on the same
+    """Return the positions in the flattened (cells, points) that are kept, and every point's
+    number. If `continuous`, points of two cells are one when they have the same weights on the same
     vertices, by the sum of weight times a random 64-bit number of the vertex."""
     shape = weights.shape[1:]
     if not continuous:

@@ -35,13 +35,13 @@ Blocks = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]  # of a `Diss
 Order = ArrayLike | Blocks | Callable[[], Blocks | None] | None
 
 
-_TOGETHER = 32  # loads that are on the device at a time
+_TOGETHER = 32  # maximal number of loads on the device at a time
 
 
 class CudssMatrix:
     """One symmetric matrix and its factors in the memory of a CUDA device, freed with the object.
-    Threads take turns; a copy or pickle factors again; a forked process cannot use it. Ctrl-C
-    ends a call early, except on several devices; then `refactor` is needed."""
+    Threads use it one after another; a copy or pickle factors again; forked processes cannot use
+    it. Ctrl-C ends a call early, except on several devices; then `refactor` is needed."""
 
     def __init__(
         self, A: Any, definite: bool, deterministic: bool = True, order: Order = None,
@@ -92,7 +92,7 @@ class CudssMatrix:
         return [] if self._devices is None else free_memories(xp, self._devices) or []
 
     def _home(self) -> Any:
-        """Return the context of the device that holds the matrix."""
+        """Return the context of the device that stores the matrix."""
         return on_device(device_arrays(), self._devices)
 
     def _settings(self) -> dict[int, Any]:
@@ -103,7 +103,7 @@ class CudssMatrix:
         }
         if self._hybrid:
             settings[CODES.hybrid_memory] = ctypes.c_int(1)
-            # cuDSS takes the whole device for free unless it is told a limit.
+            # Without a limit cuDSS assumes that the whole device is free.
             free = free_memory(device_arrays())
             limit = self._hybrid if self._hybrid is not True else free and free - self._more_bytes()
             if limit is not None:
@@ -111,7 +111,7 @@ class CudssMatrix:
         return settings
 
     def _prepare(self, order: Any) -> None:
-        """Hand over what else the analysis needs, an order above all."""
+        """Pass the other data of the analysis to cuDSS, in particular an order."""
         if not isinstance(order, tuple):
             if order is not None:
                 self._cudss.put(CODES.order, order)
@@ -135,11 +135,11 @@ class CudssMatrix:
         self._factored = True
 
     def _more_bytes(self) -> int:
-        """Return the memory that results take beside the factors."""
+        """Return the memory that results take in addition to the factors."""
         return 0
 
     def _executed(self, phase: int, loads: Any, together: int) -> Any:
-        """Return what a phase makes of loads (count, n) on the device, so many at a time."""
+        """Return the result of a phase for loads (count, n) on the device, several at a time."""
         made = self._cudss.xp.empty_like(loads)
         with ExitStack() as columns:
             right, b, left, x = self._cudss.columns(columns, together)
@@ -152,7 +152,7 @@ class CudssMatrix:
 
     @contextmanager
     def _factors(self) -> Iterator[None]:
-        """Hold the factors, and make the device present on which they are."""
+        """Lock the factors, and make their device the current one."""
         self._cudss.here()
         with self._lock, self._home():
             if not self._factored:
@@ -188,11 +188,11 @@ class Cudss(CudssMatrix):
 
     def solve(self, b: Array) -> Array:
         """Return the solution for one load (n,) or several (n, loads)."""
-        # As many corrections as PARDISO makes; deterministic cuDSS makes none of its own.
+        # As many corrections as PARDISO makes; deterministic cuDSS makes none.
         return self._solutions(b, 2)
 
     def once(self, b: Array) -> Array:
-        """Return what the factors alone make of loads (n,) or (n, loads), without corrections."""
+        """Return the solution without corrections for loads (n,) or (n, loads)."""
         return self._solutions(b, 0)
 
     def at(self, places: Any, loads: Array, corrected: bool = True) -> Array:
@@ -276,7 +276,7 @@ class DissectionTree(NamedTuple):
     def separates(self, xp: Any, starts: Any, columns: Any) -> bool:
         """Whether each upper entry joins unknowns of one block, or of a block and one above it.
         cuDSS trusts a tree, and writes outside its memory if this does not hold."""
-        # Blocks from the last to the first are numbered 1, 2, ...: block h is below block h // 2.
+        # Blocks are numbered 1, 2, ... from the last to the first: block h is below block h // 2.
         number = np.empty(self.order.size, dtype=np.int32)
         number[self.order] = np.repeat(np.arange(self.sizes.size, 0, -1), self.sizes)
         level = np.frexp(np.arange(self.sizes.size + 1))[1].astype(np.int32)
@@ -383,7 +383,7 @@ def free_memories(xp: Any, devices: tuple[int, ...] | None) -> list[int] | None:
 
 
 def free_memory(xp: Any) -> int | None:
-    """Bytes of the device that are free, those that CuPy keeps for later among them."""
+    """Free bytes of the device, including those in CuPy's pool."""
     if not hasattr(xp, "cuda"):
         return None
     xp.get_default_memory_pool().free_all_blocks()
@@ -423,7 +423,7 @@ class CudssSchur(CudssMatrix):
         return self._one(CODES.backward, halfway)
 
     def _one(self, phase: int, load: Any) -> Any:
-        """Return what a phase makes of one load (n,)."""
+        """Return the result of a phase for one load (n,)."""
         with self._factors():
             return self._executed(phase, self._cudss.xp.asarray(load)[None], 1)[0]
 

@@ -1,4 +1,4 @@
-"""The handles of one matrix in cuDSS, and the calls that go through them."""
+"""The handles of one matrix in cuDSS, and the calls that use them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class CudssHandles:
         self.library, self.xp = load_cudss(), device_arrays()
         self._process, self._flag = os.getpid(), np.zeros(1, dtype=np.int32)
         self._device = on_device(self.xp, devices)
-        self._kept: list[Any] = [arrays]  # what cuDSS holds by its address
+        self._kept: list[Any] = [arrays]  # objects that cuDSS refers to by address
         indptr, indices, data = arrays
         self.n = len(indptr) - 1
         create: str = "cudssCreate"
@@ -61,11 +61,11 @@ class CudssHandles:
         self._matrix = self.create(
             opened, "cudssMatrixCreateCsr", "cudssMatrixDestroy", n, n, nnz, *pointers, *types
         )
-        if devices is None:  # cuDSS supports no interrupt of several devices
+        if devices is None:  # cuDSS does not support interrupts on several devices
             self.put(CODES.interrupt, self._flag)
 
     def here(self) -> None:
-        """Raise in a forked process, which has no device."""
+        """Raise an error in a forked process, which has no device."""
         if os.getpid() != self._process:
             raise AdiniError("cuDSS: a forked process cannot use the device; factor in the child")
 
@@ -100,7 +100,7 @@ class CudssHandles:
         return self.create(opened, "cudssMatrixCreateDn", "cudssMatrixDestroy", *layout)
 
     def create(self, opened: ExitStack, create: str, destroy: str, *data: Any) -> Any:
-        """Return a new handle, which `opened` destroys, also one that comes with an error."""
+        """Return a new handle, which `opened` destroys, also if its creation returns an error."""
         handle = ctypes.c_void_p()
         try:
             self._call(create, ctypes.byref(handle), *data)
@@ -110,7 +110,7 @@ class CudssHandles:
         return handle
 
     def put(self, key: int, array: Any) -> None:
-        """Hand over an array of the host, which is kept."""
+        """Pass an array of the host, which is kept alive."""
         self._kept.append(array)
         size = ctypes.c_size_t(array.nbytes)
         self._call("cudssDataSet", self._handle, self._data, key, pointer(array), size)
@@ -122,7 +122,7 @@ class CudssHandles:
         return out
 
     def set_values(self, data: Any) -> None:
-        """Take other values for the same pattern."""
+        """Replace the values, for the same pattern."""
         self._call("cudssMatrixSetValues", self._matrix, pointer(data))
         self._kept[0] = (*self._kept[0][:2], data)
 
@@ -140,7 +140,7 @@ class CudssHandles:
             work()
 
     def _interrupt(self, on: bool) -> None:
-        """Tell cuDSS, which looks at this number while it works."""
+        """Set the number that cuDSS polls, to interrupt it."""
         self._flag[0] = on
 
     def _call(self, name: str, *arguments: Any) -> None:
@@ -150,8 +150,8 @@ class CudssHandles:
 
 
 def in_a_thread(work: Callable[[], None], interrupt: Callable[[bool], None]) -> None:
-    """Run long work of a library so that Python handles signals meanwhile.
-    At Ctrl-C the work is told to end, and has ended when KeyboardInterrupt leaves this function."""
+    """Run long work of a library so that Python handles signals meanwhile. At Ctrl-C the work is
+    interrupted, and has ended when KeyboardInterrupt leaves this function."""
     result: Future[None] = Future()
     begin = threading.Event()
     dropped = False
@@ -200,7 +200,7 @@ def _numbers(devices: tuple[int, ...]) -> Any:
 
 
 def permutation(order: ArrayLike, n: int) -> NDArray[np.int32]:
-    """Return an order as cuDSS takes it."""
+    """Return an order in cuDSS's format."""
     given, seen = np.asarray(order), np.zeros(n, dtype=bool)
     if given.shape == (n,) and np.all((given >= 0) & (given < n)):
         numbers = np.ascontiguousarray(given, dtype=np.int32)

@@ -1,4 +1,4 @@
-"""The shared library of NVIDIA's cuDSS: where it lies, its version, its errors."""
+"""The shared library of NVIDIA's cuDSS: its location, version and errors."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from skfem_adini.ground.errors import optional
 
 CODES = SimpleNamespace(  # of cuDSS 1.0 (cudss_data_types.h); those of 0.x differ
     version=1, allocation_failed=2, int32=10, float64=1,
-    # Kinds of matrices: both triangles are equal, or also definite; the upper one is given.
+    # Kinds of matrices, given by the upper triangle: symmetric, or also definite.
     symmetric=1, definite=3, upper=2, zero_based=0, column_major=0,
     # Settings.
     refinements=5, hybrid_memory=11, memory_limit=12, levels=17, devices=21, device_numbers=22,
     schur_mode=23, deterministic=24,
-    # Data, and which of the 16 estimates are the peak on the device, that on the host, and the
-    # least use of the device in hybrid mode.
+    # Data, and the indices of those of the 16 estimates for the peak on the device, the peak on the
+    # host, and the least use of the device in hybrid mode.
     info=0, fill=1, order=9, estimates=13, chosen=18, schur_shape=19, schur=20, tree=21,
     interrupt=23, peak=1, host_peak=3, hybrid_least=4,
     # Phases.
@@ -49,10 +49,10 @@ def failed(call: str, status: int, pivot: bool = False) -> SolverError:
 
 
 def too_large(estimate: int, free: int, hybrid: int | None, kept: int) -> SolverError:
-    """The error of factors that will not fit into a device, by the analysis.
+    """The error of factors that, by the analysis, do not fit into a device.
 
-    In bytes: what the factorisation needs at its peak, what is free, with what of the device
-    `hybrid_memory` would do, and what of the estimate the dense complement of kept unknowns takes.
+    In bytes: the peak of the factorisation, the free memory, the device memory with which
+    `hybrid_memory` would work, and the part of the dense complement of kept unknowns.
     """
     remedies = [f"fewer kept unknowns, whose complement takes {_gib(kept)}"] if kept else []
     if hybrid is not None:
@@ -94,7 +94,7 @@ def chosen_devices(xp: Any, devices: Any) -> tuple[int, ...] | None:
 
 
 def device_count(xp: Any) -> int | None:
-    """Return how many CUDA devices answer; None for NumPy, which has none."""
+    """Return the number of CUDA devices that respond; None for NumPy, which has none."""
     return int(xp.cuda.runtime.getDeviceCount()) if hasattr(xp, "cuda") else None
 
 
@@ -124,7 +124,7 @@ def threading_layer() -> Path | None:
 
 @functools.cache
 def load_cudss() -> Any:
-    """Load cuDSS, after the libraries that it needs and that may lie beside it."""
+    """Load cuDSS, after the libraries that it needs, which may be in the same folder."""
     folders = _folders()
     for name in ("libcublasLt.so.*", "libcublas.so.*", "libnvrtc.so.*"):
         for path in (p for folder in folders for p in sorted(folder.glob(name))):

@@ -1,4 +1,4 @@
-"""The upper triangle of a sparse matrix, taken where the device's arrays lie."""
+"""The upper triangle of a sparse matrix, extracted where its arrays are stored."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ class Restricted:
         return sparse.csr_array(D @ self.whole[self.free][:, self.free] @ D)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what a copy is made of, on the host alone."""
+        """Return the data of a copy, on the host only."""
         return type(self), (self.whole, self.free, self.scale)
 
 
 class DeviceTriangle:
-    """Which entries of a matrix form its upper triangle, columns ascending, all of the diagonal.
-    At most as many entries as 32 bits count."""
+    """Entries of a matrix that form its upper triangle, columns ascending, with the whole diagonal.
+    Their number must fit into 32 bits."""
 
     def __init__(self, xp: Any, A: Any) -> None:
         self._xp, (whole, self._free, _) = xp, _parts(A)
-        # To know the pattern again. What lies on the device stays with those who placed it there.
+        # To recognise the pattern. Arrays on the device belong to the caller.
         host = None if isinstance(whole, _Placed) else (whole.indptr, whole.indices)
         self._pattern = partial(_pattern, host or on_host_alone(A))
         self._taken: Any = None
@@ -126,7 +126,7 @@ class _Placed(NamedTuple):
 
 
 def _parts(A: Any) -> tuple[Any, Any, Any]:
-    """Return the whole matrix by rows, what remains of it, and the scale; None for all and 1."""
+    """Return the whole matrix by rows, its free indices, and the scale; None for all and 1."""
     if isinstance(A, Restricted) and A.placed is not None:
         return _Placed(*A.placed), A.free, A.scale
     whole = A.whole if isinstance(A, Restricted) else A

@@ -18,8 +18,8 @@ _DENOMINATOR = 420  # least common multiple of 1, ..., 7: the factors are cubics
 class ExactMatrix(NamedTuple):
     """A matrix of fractions with one denominator."""
 
-    numerators: Integers  # whole numbers, shape (functions, functions)
-    denominator: int  # has no factor in common with all numerators
+    numerators: Integers  # integers, shape (functions, functions)
+    denominator: int  # coprime to the numerators
 
 
 @lru_cache

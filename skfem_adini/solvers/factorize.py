@@ -22,7 +22,7 @@ Solver = Literal["auto", "pardiso", "superlu", "amg", "cudss"]
 
 
 class Factorization(Protocol):
-    """What `factorize` returns."""
+    """The common interface of the results of `factorize`."""
 
     @property
     def iterations(self) -> int:
@@ -170,7 +170,7 @@ def _scaled(A: Any, scale: Array) -> Any:
     """Return D A D, where D is the diagonal matrix `scale`, if it is symmetric."""
     data = np.repeat(scale, np.diff(A.indptr)) * A.data * scale[A.indices]
     scaled = sparse.csr_array((data, A.indices, A.indptr), shape=A.shape)
-    if not np.abs(scaled - scaled.T).max() <= 1e-12:  # over the diagonal: thousands of roundings
+    if not np.abs(scaled - scaled.T).max() <= 1e-12:  # of the diagonal: thousands of roundings
         raise InputError("A: the matrix is not symmetric")
     return scaled
 
@@ -223,7 +223,7 @@ def _scaled_modes(near_null: NearNullSpace | None, scale: Array, definite: bool)
 
 
 def require_definite(factors: Factorization) -> None:
-    """Raise if a pivot is negative: PARDISO and cuDSS find them, SuperLU goes on."""
+    """Raise if a pivot is negative: PARDISO and cuDSS report them, SuperLU continues."""
     inner = getattr(factors, "_factors", None)
     if isinstance(inner, _SuperLU) and not inner.definite():
         raise _singular(definite=True)
@@ -340,7 +340,7 @@ class _Cudss:
 
     @contextmanager
     def _typed(self) -> Iterator[None]:
-        """Raise the error of a pivot as one of the argument."""
+        """Raise a pivot's error as one of the argument."""
         try:
             yield
         except SolverError as error:

@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):  # shifts of the pencil scaled to a unit diagonal of M, and tolerances
-    zero: float = 1e-9  # relative to the largest eigenvalue: below a fine mesh's lowest
+    zero: float = 1e-9  # first shift over the largest eigenvalue: below a fine mesh's lowest
     step: float = 100.0  # factor from one trial shift to the next: five pass the largest eigenvalue
     spread: float = 1e3  # ratio of distances from the shift up to which the mesh costs more digits
-    rounding: float = 1e-11  # negative eigenvalue of M that slivers of cells have by rounding
+    rounding: float = 1e-11  # negative eigenvalue of M that rounding may cause in slivers of cells
     residual: float = 1e-6  # of a recomputed pair, relative to lambda M x
     noise: float = 1e4 * np.finfo(float).eps  # residual by rounding, relative to K x
 
@@ -117,7 +117,7 @@ def lowest_eigenpairs(
     diagonal = M.diagonal()
     if not (diagonal > 0).all():
         raise InputError("M: the matrix is not positive definite")
-    lumped = bool((abs(M).sum(axis=1) <= (2 + LIMITS.rounding) * diagonal).all())  # or as P1's
+    lumped = bool((abs(M).sum(axis=1) <= (2 + LIMITS.rounding) * diagonal).all())  # or as for P1
     scale = 1 / np.sqrt(diagonal)
     K, M = _scaled(K, scale), _scaled(M, scale)
     # In units in which the largest eigenvalue is about 1, whatever the unit of length.
@@ -203,7 +203,7 @@ class _Pencil:
         return values, z
 
     def improved(self, z: Array, sigma: float) -> tuple[Array, Array]:
-        """Return the pairs after a step of subspace iteration, which damps what is far away."""
+        """Return the pairs after a step of subspace iteration, which damps distant eigenvectors."""
         z = self.factors(sigma).solve(self.M @ z)
         z = z / np.linalg.norm(z, axis=0)
         values, y = linalg.eigh(z.T @ (self.K @ z), z.T @ (self.M @ z))
@@ -248,8 +248,8 @@ def _first_shift(pencil: _Pencil) -> float:
 
 
 def _check_pairs(K: Any, M: Any, values: Array, z: Array) -> None:
-    """Raise unless K z = lambda M z, up to the rounding of K, whose norm is at most one.
-    Not the residual of the inverse: next to a shift its rounding is amplified."""
+    """Raise unless K z = lambda M z, up to the rounding of K, whose norm is at most one. Residuals
+    of the inverse are not used: near a shift their rounding is amplified."""
     Mz = M @ z
     residuals = np.linalg.norm(K @ z - Mz * values, axis=0)
     sizes = np.linalg.norm(Mz, axis=0)

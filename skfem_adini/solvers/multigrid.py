@@ -62,7 +62,7 @@ class Multigrid:
         self.iterations = 0
         self._place, block, vertices = _slots(near_null.vertex)
         size = block * vertices
-        # Slots that no unknown fills keep a one on the diagonal and have no part in the modes.
+        # Slots without an unknown get a one on the diagonal and zeros in the modes.
         filled = sparse.csr_array(
             (np.ones(len(self._place)), self._place, np.arange(len(self._place) + 1)),
             shape=(len(self._place), size),
@@ -83,7 +83,7 @@ class Multigrid:
                 improve_candidates=None,
                 presmoother=smoother,
                 postsmoother=smoother,
-                max_coarse=20,  # blocks of the matrix that is solved as a dense one
+                max_coarse=20,  # most blocks of a matrix that is solved as a dense one
             )
         cycle = hierarchy.aspreconditioner()
 
@@ -95,7 +95,7 @@ class Multigrid:
         self._inverse = LinearOperator(A.shape, matvec=precondition, dtype=np.float64)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the data to set up a copy, which is the same because nothing is random."""
+        """Return the arguments of a copy, which is the same because nothing is random."""
         return type(self), self._given
 
     def solve(self, b: Array) -> Array:
@@ -127,7 +127,7 @@ class Multigrid:
             if np.linalg.norm(residual) <= bound or steps >= self._most:
                 break
         reached = np.linalg.norm(residual)
-        # Without supports x may be so large that any residual would pass for rounding.
+        # Without supports x may be so large that any residual would count as rounding.
         rounding = min(self._rounding(x), 1e-6 * float(np.linalg.norm(b)))
         if not reached <= bound + rounding:
             raise NotConverged(
@@ -138,13 +138,13 @@ class Multigrid:
         return x, steps
 
     def _rounding(self, x: Array) -> float:
-        """Return the norm of b - A x that rounding causes, with a direct solver as well."""
+        """Return the norm of b - A x due to rounding, also present with a direct solver."""
         return float(np.finfo(float).eps * np.linalg.norm(abs(self._A) @ np.abs(x)))
 
 
 def _slots(vertex: Indices) -> tuple[Indices, int, int]:
-    """Return a place for each unknown, the size of a block and the number of blocks.
-    The places of the unknowns of a vertex are consecutive, in one block."""
+    """Return a slot for each unknown, the size of a block and the number of blocks.
+    The slots of the unknowns of a vertex are consecutive, in one block."""
     _, block_of, count = np.unique(vertex, return_inverse=True, return_counts=True)
     order = np.argsort(block_of, kind="stable")
     first = np.cumsum(count) - count

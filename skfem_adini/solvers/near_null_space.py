@@ -1,4 +1,4 @@
-"""The near-null space that multigrid needs: the functions of almost no energy."""
+"""The near-null space for multigrid: functions of nearly zero energy."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def near_null_space(basis: Any, dofs: Any = None) -> NearNullSpace:
 
 
 def _restricted(modes: Array, vertex: Indices, dofs: Any) -> NearNullSpace:
-    """Return the space in the unknowns of the system."""
+    """Return the functions in the unknowns of the system."""
     if dofs is None:
         return NearNullSpace(modes, vertex)
     if sparse.issparse(dofs):

@@ -1,4 +1,4 @@
-"""MKL's PARDISO: one handle for each matrix, and one call.
+"""MKL's PARDISO: a handle for each matrix, and one call for all phases.
 
 Source: Intel oneMKL developer reference, ``pardiso`` and its parameter table ``iparm``.
 """
@@ -39,13 +39,13 @@ PHASES = _Phases()
 
 
 def has_pardiso() -> bool:
-    """Return whether pypardiso, which brings MKL, can be imported."""
+    """Return whether pypardiso, which includes MKL, can be imported."""
     return importlib.util.find_spec("pypardiso") is not None
 
 
 class Pardiso:
-    """One matrix in PARDISO's memory, released with the object; threads that share it take turns.
-    A copy or pickle factors again when used. A forked process inherits the factors and has one
+    """One matrix in PARDISO's memory, released with the object; threads use it one after another. A
+    copy or pickle factors again when used. A forked process inherits the factors and has one
     thread, as libgomp's do not survive; two-level factors are computed again."""
 
     def __init__(
@@ -64,8 +64,8 @@ class Pardiso:
             raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
         self._kind, self._factored = kind, False
         self._threads = 1  # of the analysis, and so of all later phases
-        self._phases: tuple[int, ...] = ()  # the calls that led to the factors
-        self._anew: tuple[int, ...] = ()  # the calls that a copy has still to repeat
+        self._phases: tuple[int, ...] = ()  # the calls that made the factors
+        self._anew: tuple[int, ...] = ()  # the calls that a copy must still repeat
         self._lock = threading.Lock()
         self._data = np.ascontiguousarray(upper.data, dtype=np.float64)
         self._ia = (upper.indptr + 1).astype(np.int32)
@@ -94,11 +94,11 @@ class Pardiso:
 
     @property
     def pending(self) -> bool:
-        """Whether the factors are still to be computed anew; partial solutions then do not fit."""
+        """Whether the factors must be recomputed; partial solutions then do not match."""
         return bool(self._anew)
 
     def _repeat(self) -> None:
-        """Factor the matrix of the object that this is a copy of."""
+        """Factor the matrix of the object that was copied."""
         for phase in self._anew:
             # If a Schur complement was requested, PARDISO writes its matrix again.
             block = np.zeros((self._chosen, self._chosen)) if self._given_iparm[35] else None
@@ -106,7 +106,7 @@ class Pardiso:
         self._anew = ()
 
     def _check(self, phase: int, b: Array | None, x: Array | None) -> None:
-        """Raise for wrong calls that PARDISO does not check: they would crash the process."""
+        """Raise on wrong calls that PARDISO does not check: they would crash the process."""
         if phase in PHASES.solutions:
             if not self._factored:
                 raise AdiniError(f"PARDISO: phase {phase} needs a factorisation, phase 22, before")
@@ -210,8 +210,8 @@ class Pardiso:
                 self._run(PHASES.release)
 
 
-# A fork copies PARDISO's memory but not the threads that work in it, so no call may be running: the
-# hooks below hold all locks during a fork. Starting another program does not run these hooks.
+# A fork copies PARDISO's memory but not its threads, so no call may be running: the hooks below
+# hold all locks during a fork. Starting another program does not run these hooks.
 _alive: weakref.WeakSet[Pardiso] = weakref.WeakSet()
 _registering = threading.Lock()
 _held: list[Pardiso] = []
@@ -274,8 +274,8 @@ def _threads() -> int:
 
 @contextmanager
 def _held_to(threads: int) -> Iterator[None]:
-    """Set MKL's number of threads, within the block, to that of the factors' layout.
-    With another number of threads PARDISO misreads two-level factors and returns no error."""
+    """Set MKL's number of threads, inside the context, to that of the factors' layout. With another
+    number of threads PARDISO misreads two-level factors and returns no error."""
     set_threads = _mkl()["MKL_Set_Num_Threads_Local"]
     before = set_threads(ctypes.c_int(threads))
     try:

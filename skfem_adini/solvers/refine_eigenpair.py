@@ -20,7 +20,7 @@ LongArray = NDArray[np.longdouble]
 
 @dataclass(frozen=True, eq=False)
 class RefinedEigenpair:
-    r"""An eigenpair and what it leaves of the equation.
+    r"""An eigenpair and its residual.
 
     Attributes
     ----------

@@ -478,7 +478,7 @@ class BlockDiagonalGrid:
         return (p == direction + 1) != self._dirichlet
 
     def _inside(self, p: int) -> tuple[slice, ...]:
-        """Return the places, and also the modes, at which the sines of a dof do not vanish."""
+        """Return the positions, and also the modes, at which the sines of a dof do not vanish."""
         return tuple(
             slice(1, -1) if self._has_sine(p, i) else slice(None) for i in range(self._dim)
         )
@@ -506,7 +506,7 @@ class BlockDiagonalGrid:
         """Return the entries below the diagonal of L, row by row, and the diagonal D."""
         size = self._dim + 1
         blocks = {(p, q): self._entry(p, q) for p in range(size) for q in range(p + 1)}
-        if self.singular or self._dirichlet:  # no zero pivot for constants or a mode u lacks
+        if self.singular or self._dirichlet:  # no zero pivot for constants or for modes without u
             blocks[0, 0][(0,) * self._dim] = 1.0
         lower: dict[tuple[int, int], Array] = {}
         pivots = np.empty(self.shape)

@@ -124,7 +124,7 @@ def continuous_eigenvalue(
 
 
 def _is_active(p: int, modes: Sequence[int], cells: Sequence[int], dirichlet: bool) -> bool:
-    """Return whether a dof takes part in a mode: no sine of it vanishes on the grid."""
+    """Return whether a dof occurs in a mode: none of its sines vanishes on the grid."""
     has_sine = [(i + 1 == p) != dirichlet for i in range(len(modes))]
     return all(0 < k < n for k, n, sine in zip(modes, cells, has_sine, strict=True) if sine)
 

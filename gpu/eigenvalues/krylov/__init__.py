@@ -1,4 +1,4 @@
-"""Krylov-Schur iteration, and the challenge: a search for eigenvalues that it missed.
+"""Krylov-Schur iteration, and the challenge: a search for missed eigenvalues.
 
 In: an operator and a first vector.
 Out: a partial Schur form.

@@ -1,4 +1,4 @@
-"""Orthonormal Krylov basis that grows by Arnoldi steps, on either array module."""
+"""Orthonormal Krylov basis that grows by Arnoldi steps, with NumPy or CuPy."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from skfem_adini.ground.arrays import to_host
 
 class _Device(NamedTuple):  # sizes of the launches of `FusedSteps`
     threads: int = 1024
-    rows: int = 8  # least of a block: with fewer, blocks wait longer than they compute
+    rows: int = 8  # least rows of a block: with fewer, blocks wait longer than they compute
     line: int = 16  # numbers in a cache line of 128 bytes
     shared: int = 48 * 1024  # bytes of shared memory of a block without a special request
     sums: int = 2048  # numbers that `gpu.cuda.gram_schmidt` keeps in shared memory for its sums
-    own: int = sums // 2 - threads // 32  # most rows of a block whose sums fit there
-    cached: float = 0.5  # of the second-level cache for columns of A; the rest for vectors
-    scarce: float = 0.1  # if a lesser part of the columns fits, none is kept in shared memory
+    own: int = sums // 2 - threads // 32  # most rows of a block for which the sums fit there
+    cached: float = 0.5  # part of the second-level cache for columns of A; the rest is for vectors
+    scarce: float = 0.1  # least part of the columns that is worth keeping in shared memory
 
 
 DEVICE = _Device()
 
 
-class _Limits(NamedTuple):  # limits of Arnoldi steps on either side
+class _Limits(NamedTuple):  # limits of Arnoldi steps on the host and on a device
     one_launch: int = 10_000  # up to this order a sweep is faster than library products
     tiny: float = float(np.finfo(float).tiny)  # avoids division by zero where a norm is zero
     salt: int = 0x6A09E667F3BCC908  # mixed into seeds: no caller's generator gives the same numbers
-    slight: float = 1e-9  # entries of R below: I - R inverts I + R; a library would start threads
-    breakdown: float = 20 * float(np.finfo(float).eps)  # over |A v|: a lesser beta is rounding
+    slight: float = 1e-9  # entries of R below which I - R inverts I + R without library threads
+    breakdown: float = 20 * float(np.finfo(float).eps)  # over |A v|: a smaller beta is rounding
 
 
 LIMITS = _Limits()
@@ -211,8 +211,8 @@ class ArnoldiSteps:
 
     def project(self, S: np.ndarray, first: int, last: int, locked: int = 0) -> None:
         """Write columns `first` to `last` of the projected matrix S, shape (m, m), in place. Its
-        earlier columns, and the entry left of the diagonal in row `first`, are known; the first
-        `locked` basis vectors are left out of S."""
+        earlier columns, and the entry left of the diagonal in row `first`, are known; S excludes
+        the first `locked` basis vectors."""
         count = last - first
         rows = slice(locked, locked + last)
         block = self.coefficients[:count, rows].copy().T

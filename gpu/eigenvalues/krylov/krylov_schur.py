@@ -1,4 +1,4 @@
-"""Krylov-Schur iteration with a challenge that looks for eigenvalues it may have missed."""
+"""Krylov-Schur iteration with a challenge: a search for missed eigenvalues."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from gpu.eigenvalues.schur import Edge, Rank, ordered_schur, whole
 
 
 class _Limits(NamedTuple):  # tolerances of the iteration and of the challenge
-    residual: float = 100 * float(np.finfo(float).eps)  # over |A|, at a hundred vectors
-    aside: float = 1e-2  # residual over the gap of ranks of vectors a challenge leaves aside
-    restarts: int = 6  # before the space grows, if it may
-    inside: float = 0.03  # residual over the gap of ranks: a newcomer then counts as below
+    residual: float = 100 * float(np.finfo(float).eps)  # over |A|, for a hundred vectors
+    aside: float = 1e-2  # residual over the gap of ranks, for vectors that a challenge excludes
+    restarts: int = 6  # number of restarts before the space grows, if it may
+    inside: float = 0.03  # residual over the gap of ranks at which a newcomer counts as worse
     thick: float = 0.5  # fraction of the vectors of the search that is kept at a restart
     first: int = 3  # products before the first test: few are enough for separated eigenvalues
-    sure: float = 0.01  # t: an eigenvalue is missed with a probability of at most .8 t
-    likely: float = 0.1  # t that is enough if the newcomer ranks below the wanted as well
+    sure: float = 0.01  # t: the probability of a missed eigenvalue is at most .8 t
+    likely: float = 0.1  # t that suffices if the found eigenvalue is also worse than the wanted
 
 
 LIMITS = _Limits()
@@ -38,7 +38,7 @@ class PartialSchur:
     scale: float  # largest column norm of the projected matrices: a lower bound of |A|
     restarts: int
     matvecs: int
-    complete: bool  # all wanted eigenvalues converged, and a challenge found no better
+    complete: bool  # whether all wanted eigenvalues converged and no better one was found
 
 
 def krylov_schur(
@@ -86,14 +86,14 @@ class _Iteration:
         self.basis = space(self.most_room)
         self.S = np.zeros((self.most_room, self.most_room), dtype=self.basis.V.dtype)
         self.kept, self.scale, self.count = 0, 0.0, 1
-        self.locked = 0  # rows kept when the iteration last began again from a new vector
+        self.locked = 0  # rows kept when the iteration last restarted from a new vector
         self.hessenberg = limits.restart == "implicit"
         # Ranks of the wanted eigenvalues at the last challenge.
         self.champions: np.ndarray | None = None
-        # Number of rows left aside in a challenge that has just been lost, else None.
+        # Number of rows excluded in a challenge that has just found a better eigenvalue, else None.
         self.aside: int | None = None
-        # Products, and residual of the wanted relative to |A|, at the last look: from these the end
-        # of the next sweep is predicted.
+        # Products, and residual of the wanted over |A|, at the last test: they predict the end of
+        # the next sweep.
         self.past = (0, 1.0)
 
     def _most_room(self) -> int:
@@ -102,11 +102,11 @@ class _Iteration:
         return min(self.n - 1, room_for(self.wanted.k, self.ncv))
 
     def _most_leading(self, size: int) -> int:
-        """Number of Schur vectors to be ordered: the wanted, and those a restart may keep."""
+        """Number of Schur vectors to be ordered: the wanted, and those that a restart may keep."""
         return min(size, max(self.wanted.k, self.locked) + self.ncv // 2 + 3)
 
     def look(self) -> Look:
-        """Fill the space up to `goal`, and bring the projected matrix to ordered Schur form."""
+        """Expand the space up to `goal`, and bring the projected matrix to ordered Schur form."""
         wanted, basis, S = self.wanted, self.basis, self.S
         steps = basis.sweep(self.kept, self.goal)
         if not steps.finite:
@@ -122,7 +122,7 @@ class _Iteration:
             spike = beta * Q[size - 1]
             moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))
             converged = _leading(T, values, moved, wanted.tol, LIMITS.residual * self.scale)
-            if self.limits.challenge:  # leave room for the vectors of a challenge
+            if self.limits.challenge:  # reserve rows for the vectors of a challenge
                 converged = whole(T, min(converged, self.most_room - max(self.ncv // 2, 4)))
             if converged + 2 < leading:
                 break
@@ -154,7 +154,7 @@ class _Iteration:
         return True
 
     def _challenged(self, look: Look, worst: float, meanwhile: Callable[..., Any] | None) -> bool:
-        """Search from random vectors for an eigenvalue better than `worst`; True if there is
+        """Search again from random vectors for a missed eigenvalue better than `worst`; True if
         none.
         """
         wanted, basis, aside = self.wanted, self.basis, look.converged
@@ -185,7 +185,7 @@ class _Iteration:
         """Shrink the space, unless it has not been filled yet."""
         basis, size, lost = self.basis, look.size, self.aside is not None
         if not lost and not look.ended and size < self.room:
-            # Not converged at a partial size: continue growing instead of restarting.
+            # Not converged with a partly filled space: continue to expand it instead of restarting.
             self.S[size, size - 1] = look.beta
             self.kept, self.goal = size, self.room
             return
@@ -196,7 +196,7 @@ class _Iteration:
         if lost or look.ended:
             vector = None
             if self.aside is not None:
-                # These rows contain the newcomer and the nearly converged vectors left aside.
+                # These rows contain the newcomer and the nearly converged vectors excluded.
                 vector = basis.V[keep : self.aside + 2].sum(axis=0)
             else:
                 basis.rotate(look.Q[:, :keep], size)
@@ -227,7 +227,7 @@ class _Iteration:
         self.S = np.zeros((self.most_room, self.most_room), dtype=self.S.dtype)
 
     def outcome(self, look: Look, converged: int, T: np.ndarray, *, complete: bool) -> PartialSchur:
-        """The result; if it is not complete, its number of restarts is the limit."""
+        """The result; if the iteration is not complete, its number of restarts is the limit."""
         values, basis = look.values[:converged], self.basis
         count = self.count if complete else self.limits.maxiter
         return PartialSchur(T, values, basis, self.scale, count, basis.matvecs, complete)
@@ -243,8 +243,8 @@ def _leading(T: np.ndarray, values: np.ndarray, moved: np.ndarray, tol: float, f
 def _aside(
     T: np.ndarray, ranks: np.ndarray, worst: float, moved: np.ndarray, converged: int, most: int
 ) -> int:
-    """Number of leading Schur vectors that a challenge leaves aside: the converged ones and
-    following ones that are nearly invariant, at most `most`.
+    """Number of leading Schur vectors that a challenge excludes: the converged ones and following
+    ones that are nearly invariant, at most `most`.
     """
     last = min(most, len(ranks) - 1) - 1
     if last <= converged:
@@ -257,7 +257,7 @@ def _aside(
 
 
 def _products_left(past: tuple[int, float], now: tuple[int, float], limit: float) -> int:
-    """Products until the wanted converge if the residual continues to decrease at its last rate."""
+    """Estimated products until the wanted eigenvalues converge at the last rate."""
     (before, large), (products, small) = past, now
     if not limit < small < large:
         return 1 << 30
@@ -309,8 +309,8 @@ def _unbeaten(
     locked: int,
     worst: float,
 ) -> bool:
-    """Whether the best eigenvalue not yet converged ranks below the wanted, by a gap that is far
-    larger than its residual (`LIMITS.inside` of the challenge is the ratio).
+    """Whether the best eigenvalue that has not converged is worse than the wanted, by a gap that is
+    far larger than its residual (by the ratio `LIMITS.inside`).
     """
     if converged > locked or converged == len(values):
         return True
@@ -360,7 +360,7 @@ def unbeaten(
     patience: float,
     meanwhile: Callable[[], Any] | None = None,
 ) -> tuple[bool, int]:
-    r"""Whether no eigenvalue outside the `locked` rows ranks above `worst`; number of restarts.
+    r"""Whether no eigenvalue outside the `locked` rows beats `worst`; number of restarts.
 
     If a better one is found, row `locked` (and for a pair the next) spans its space; rows beyond
     are overwritten. A newcomer that has converged (residual below `tol` times its modulus, or
@@ -423,7 +423,7 @@ def unbeaten(
             basis.V[first : first + best] = basis.V[locked : locked + best]
             return False, made
         if inside and converged and evidence <= 0.0 and 2 * (room - best) > basis.size - first:
-            # Converged below the wanted, without evidence on the rest: lock it and begin again.
+            # Converged and worse than the wanted, without evidence on the rest: lock it, restart.
             basis.rotate(Q[:, :best], size, locked)
             locked, room = locked + best, room - best
             basis.start(locked)
@@ -446,7 +446,7 @@ def unbeaten(
 
 
 def _evidence(worst: float, roots: np.ndarray, edge: Edge | None) -> float:
-    r"""Logarithm of the least \|p\| on the edge of the wanted part of the plane."""
+    r"""Logarithm of the least \|p\| on the boundary of the wanted part of the plane."""
     if edge is None:
         return np.inf
     apart = np.abs(edge(worst, roots)[:, None] - roots)
@@ -476,12 +476,12 @@ def _search_products_left(
 class Wanted:
     """Which eigenvalues are wanted. Ranks change by at most |d| if the eigenvalue changes by d;
     with `edge` a challenge ends as soon as a missed eigenvalue is improbable (see
-    `challenge.unbeaten`)."""
+    `unbeaten`)."""
 
     k: int
-    rank: Rank  # the larger, the more wanted
+    rank: Rank  # rank of eigenvalues: the larger, the more wanted
     tol: float = 0.0  # residual relative to the modulus of the eigenvalue
-    edge: Edge | None = None  # of the wanted part of the plane, see `order.edge_of`
+    edge: Edge | None = None  # boundary of the wanted part of the plane, see `schur.edge_of`
     inner: bool = False  # inside the spectrum too, where only probability ends a challenge
 
 
@@ -489,7 +489,7 @@ class Wanted:
 class Limits:
     """Limits of the dimension of the space and of the number of restarts, and their kind."""
 
-    ncv: int  # dimension, k + 3 to n - 1; after a challenge beside the vectors kept
+    ncv: int  # dimension, k + 3 to n - 1; after a challenge, in addition to the vectors kept
     grown: int = 0  # dimension after several restarts in which fewer than k have converged
     maxiter: int = 1000  # most restarts
     restart: str = "krylov-schur"  # or "implicit", before the first challenge
@@ -509,7 +509,7 @@ class Look:
     settled: np.ndarray  # their block of T
     beta: float  # norm of the residual vector before the rotation by Q
     ended: bool  # the space is invariant
-    products_left: int  # estimate until the wanted converge, from the last rate
+    products_left: int  # estimated products until the wanted converge, from the last rate
 
     @property
     def size(self) -> int:
@@ -523,16 +523,16 @@ class Standing:
 
     k: int
     ncv: int
-    room: int  # present limit of the number of vectors
-    locked: int  # vectors kept at the last new start (lost challenge, invariant space)
-    challenged: bool  # there has been a challenge
-    lost: bool  # a challenge has just found a better eigenvalue
+    room: int  # current limit of the number of vectors
+    locked: int  # vectors kept at the last new start (better eigenvalue, invariant space)
+    challenged: bool  # whether there has been a challenge
+    lost: bool  # whether a challenge has just found a better eigenvalue
 
 
 def vectors_kept(look: Look, standing: Standing) -> int:
-    """How many leading Schur vectors are kept at a restart; conjugate pairs stay together. Of the
-    vectors not wanted half are kept, more as more have converged, but a third makes room; of an
-    invariant space, which says nothing of the rest of the spectrum, all are kept."""
+    """How many leading Schur vectors are kept at a restart; conjugate pairs stay together. Half of
+    the unwanted vectors are kept, more as more have converged, but at most two thirds; all are kept
+    of an invariant space, which has no information on the rest of the spectrum."""
     k, ncv, room, converged = standing.k, standing.ncv, standing.room, look.converged
     if standing.lost:
         keep = min(converged, max(whole(look.T, k), ncv // 2))

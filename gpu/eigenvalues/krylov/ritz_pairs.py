@@ -12,16 +12,16 @@ from gpu.cuda.catalogue import OPTIONS, SOURCES
 
 
 class _Turn(NamedTuple):  # sizes of a launch of `ritz_rotate`
-    threads: int = 256  # of a block
-    columns: int = 32  # that a block rotates
-    vectors: int = 192  # most whose columns fit into the 48 KiB that every block may use
+    threads: int = 256  # threads of a block
+    columns: int = 32  # vectors that a block rotates
+    vectors: int = 192  # most vectors whose columns fit into the 48 KiB that every block may use
 
 
 TURN = _Turn()
 
 
 def turns(count: int) -> bool:
-    """Whether `rotate` can take so many vectors."""
+    """Whether `rotate` accepts this number of vectors."""
     return count <= TURN.vectors
 
 

@@ -1,14 +1,14 @@
 r"""Primal-dual active sets for a strictly convex QP with bounds and a few equality rows.
 
-The state of a variable is -1 (held at its lower bound), 0 (free) or +1 (held at its upper bound).
-A state determines x and the multipliers by one linear system. Violated are a free variable
-outside its bounds and a held one whose multiplier has the wrong sign; they change their state, all
-at once. This full exchange ([1]_, [2]_; as a semismooth Newton method [3]_) takes few steps but may
-cycle. When the number of violated indices has not fallen below its best value in
-`LIMITS.stalled` steps (the count of [4]_), the rest of the way is a path [5]_: bounds and
-multipliers are shifted until the best state so far solves the problem, and the shift is taken back
-continuously. On it x is continuous and piecewise linear, one variable changes its state at each
-kink, and as P is positive definite no state returns, so that it ends (ties go to the last index).
+The state of a variable is -1 (fixed at its lower bound), 0 (free) or +1 (fixed at its upper bound).
+A state determines x and the multipliers by one linear system. Free variables outside their bounds
+and fixed ones with a multiplier of the wrong sign are violated and change their state, all at once.
+This full exchange ([1]_, [2]_; as a semismooth Newton method [3]_) takes few steps but may cycle.
+When the number of violated indices has not fallen below its best value in `LIMITS.stalled` steps
+(the count of [4]_), the method follows a path [5]_: bounds and multipliers are shifted until the
+best state so far solves the problem, and the shift is continuously reduced to zero. On it x is
+continuous and piecewise linear, one variable changes its state at each kink, and as P is positive
+definite no state returns, so that it ends (ties go to the last index).
 
 Equality rows enter by proximal steps in their multiplier [6]_: for a centre y_c
 
@@ -56,11 +56,11 @@ from gpu.qp.data.qp_result import Step
 
 
 class _Limits(NamedTuple):  # limits of the exchange
-    stalled: int = 5  # steps without fewer violations: an exchange may cycle, no path
-    centres: int = 100  # proximal points of equality rows: two or three unless rows almost depend
-    rounding: float = 64 * float(np.finfo(float).eps)  # violation over the moduli of terms
+    stalled: int = 5  # steps without fewer violations that count as a cycle, except on a path
+    centres: int = 100  # most proximal points of equality rows: usually two or three
+    rounding: float = 64 * float(np.finfo(float).eps)  # allowed violation over the moduli of terms
     rho: float = 1e-8  # over the largest a'P^-1 a of a row: far below that of free variables
-    least_rho: float = 1e-13  # the same: far above the rounding of the Schur complement
+    least_rho: float = 1e-13  # the same, far above the rounding of the Schur complement
 
 
 LIMITS = _Limits()
@@ -88,12 +88,12 @@ class BoxQP:
         )
 
     def hold(self, x: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """`x` with the held variables at their bounds."""
+        """`x` with the fixed variables at their bounds."""
         return np.where(state < 0, self.lb, np.where(state > 0, self.ub, x))
 
     def slack(self, state: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """What must not be negative, shape (2, n): of free variables the distances to both bounds,
-        of held ones the multiplier towards the bound, then infinity.
+        """Quantities that must not be negative, shape (2, n): of free variables the distances to
+        both bounds, of fixed ones the multiplier towards the bound, then infinity.
         """
         held = state != 0
         pressure = np.where(self.lb < self.ub, -state * self.gradient(x, y), np.inf)
@@ -115,7 +115,7 @@ class BoxQP:
 
     def separator(self, state: np.ndarray, y: np.ndarray, tol: float) -> np.ndarray | None:
         """A y with ``max (A'y)'x < y'b`` over the box, by more than `tol` times the terms. It is
-        sought next to the given y, where ``A'y`` vanishes on the free variables.
+        searched for near the given y, where ``A'y`` vanishes on the free variables.
         """
         U, size, _ = np.linalg.svd(self.A[:, state == 0], full_matrices=False)
         U = U[:, size > LIMITS.rounding * size.max(initial=0.0)]
@@ -128,7 +128,7 @@ class BoxQP:
         return y if margin > tol * terms + np.abs(y) @ self.row_rounding() else None
 
     def guess(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """State in which each variable alone, the others kept, would be optimal."""
+        """State in which each variable alone, with the others fixed, would be optimal."""
         t = x - self.gradient(x, y) / self.P.diagonal()
         return (t > self.ub).astype(np.int8) - (t < self.lb).astype(np.int8)
 
@@ -151,7 +151,7 @@ class FreeBlock:
 
 
 class ActiveSet:
-    """Iterate of the method: state, x, y and the factor they were computed with."""
+    """Iterate of the method: state, x, y and the factor from which they were computed."""
 
     def __init__(
         self, problem: BoxQP, state: np.ndarray, x: np.ndarray, y: np.ndarray, L: np.ndarray
@@ -166,7 +166,7 @@ class ActiveSet:
         self.block: FreeBlock | None = None
 
     def point(self, problem: BoxQP, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The x and y that the present state gives in `problem`, by one correction of x."""
+        """The x and y of the current state in `problem`, by one correction of x."""
         if self.block is None or not np.array_equal(self.block.state, self.state):
             self.block = FreeBlock(self.problem, self.state, self.rho)
         x = problem.hold(self.x, self.state)
@@ -179,19 +179,19 @@ class ActiveSet:
         """Indices whose slack is negative by more than `allowance` times the terms of a row."""
         p = self.problem
         violation = -slack.min(axis=0)
-        # 2|x|_1 bounds |P||x|, entries being at most 2: only what may be small is compared exactly.
+        # 2|x|_1 bounds |P||x|, as entries are at most 2: only doubtful cases are compared exactly.
         bound = 2 * np.abs(self.x).sum() + np.abs(p.q) + np.abs(self.y).sum()
         i = np.flatnonzero((violation > 0) & (violation <= allowance * bound))
         violation[i[violation[i] <= allowance * p.terms(i, self.x, self.y)]] = 0.0
         return np.flatnonzero(violation > 0)
 
     def exchange(self, i: np.ndarray, order: np.ndarray) -> None:
-        """Free the held variables of i; hold the free ones at the bound with the lower `order`."""
+        """Free the fixed variables of i; fix the free ones at the bound with the lower `order`."""
         side = np.where(order[0] < order[1], -1, 1)
         self.state[i] = np.where(self.state[i] == 0, side, 0)
 
     def settle(self, tol: float, max_steps: int) -> None:
-        """Full exchanges until nothing is violated, or until they stall; then single ones."""
+        """Full exchanges until nothing is violated or progress stalls; then single ones."""
         centre = self.y
         fewest, stalled = self.state.size + 1, 0
         while stalled < LIMITS.stalled:
@@ -209,7 +209,7 @@ class ActiveSet:
         self.follow_path(centre, tol, max_steps)
 
     def follow_path(self, centre: np.ndarray, tol: float, max_steps: int) -> None:
-        """Single exchanges along the path from a problem that the present state solves."""
+        """Single exchanges along the path from a problem that the current state solves."""
         p = self.problem
         self.x, self.y = self.point(p, centre)
         slack = p.slack(self.state, self.x, self.y)
@@ -239,7 +239,7 @@ class ActiveSet:
             self.exchange(wrong[last], reach[:, last])
 
     def record(self, wrong: np.ndarray, max_steps: int) -> None:
-        """Note a step; `NotConverged` at the limit of steps."""
+        """Count a step; raise `NotConverged` at the limit of steps."""
         self.history.append(Step(int(np.count_nonzero(self.state)), wrong.size))
         if wrong.size and len(self.history) >= max_steps:
             raise NotConverged(
@@ -260,7 +260,7 @@ class ActiveSet:
             self.settle(tol, max_steps)
             before, (whole, error) = error, p.row_errors(self.x)
             if error <= LIMITS.rounding / 16:
-                # A bound of rounding may hide what one more centre removes.
+                # A bound on rounding may hide a violation that one more centre removes.
                 if refined or whole <= LIMITS.rounding / 16:
                     return
                 refined = True

@@ -6,12 +6,12 @@ With :math:`P = LL^T`, a row b of the constraints is whitened once it becomes ac
 .. math:: W\mu = Yt_0 - h, \quad W = YY^T, \quad t_0 = -L^{-1}q, \quad
           x = L^{-T}(t_0 - Y^T\mu),
 
-so that an iteration costs a factorisation of the small matrix W and the whitening of rows that
-were never active before; P is factored once, and inactive rows only enter through Bx. A row with
-two sides, or a bound, has one signed state. Violated rows are added and rows with a multiplier of
-the wrong sign dropped, all at once ([1]_; for this form [2]_, algorithm 4). The full exchange may
+so that an iteration costs a factorisation of the small matrix W and the whitening of rows that were
+never active before; P is factored once, and inactive rows only enter through Bx. A row with two
+sides, or a bound, has one signed state. Violated rows are added and rows with a multiplier of the
+wrong sign dropped, all at once ([1]_; for this form [2]_, algorithm 4). The full exchange may
 cycle: where the number of violations has not fallen for some steps, or more rows than unknowns
-would be active, the method gives up and says so.
+would be active, the method fails with an error.
 
 References
 ----------
@@ -40,10 +40,10 @@ from skfem_adini.ground.arrays import to_host
 class _Limits(NamedTuple):  # limits of the exchange
     hopeless: int = 3  # steps without fewer violations before the interior point
     most: int = 60  # all steps; an interior point costs fifteen factorisations of n x n
-    rounding: float = 64 * float(np.finfo(float).eps)  # violation over the moduli of terms
-    origin: float = 1e-10  # over the forces, with diag(P) = 1: a smaller x may be rounding
-    softness: float = 1e-12  # over the largest W_ii, added to W: dependent rows share multipliers
-    room: float = 0.9  # most active rows over the unknowns: W is singular with as many
+    rounding: float = 64 * float(np.finfo(float).eps)  # allowed violation over the moduli of terms
+    origin: float = 1e-10  # relative to the forces, with diag(P) = 1: a smaller x may be rounding
+    softness: float = 1e-12  # of the largest W_ii, added to W: dependent rows share multipliers
+    room: float = 0.9  # most active rows over the number of unknowns, with which W is singular
 
 
 LIMITS = _Limits()
@@ -145,7 +145,7 @@ class WhitenedActiveSet:
         return self.solve(self.t0 - self._spread(mu), transposed=True), mu
 
     def refine(self, x: Array, mu: Array) -> tuple[Array, Array]:
-        """One step of refinement against P itself."""
+        """One step of refinement with P itself."""
         p, xp = self.p, self.xp
         active = xp.asarray(self.active)
         whole = xp.zeros(self.m + self.n)
@@ -173,7 +173,7 @@ class WhitenedActiveSet:
             multiplier = np.zeros(self.m + self.n)
             multiplier[self.active] = self.to_host(mu)
             length = float(np.abs(value[self.m :]).max())
-            # Where x is nothing but rounding of the forces, it has their size: P has a diagonal one
+            # Where x is rounding of the forces, it has their size: P has a diagonal of ones.
             unit = self.force if length <= LIMITS.origin * self.force else min(1.0, self.force)
             size = LIMITS.rounding * (unit + np.abs(value) + length)
             below, above = self.low - value, value - self.high

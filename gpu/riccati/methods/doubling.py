@@ -22,7 +22,7 @@ from skfem_adini.ground.arrays import namespace, to_host
 
 
 class _Limits(NamedTuple):  # limits of the method
-    iterations: int = 60  # doublings: 2^60 steps of the transformed loop
+    iterations: int = 60  # most doublings: 2^60 steps of the transformed loop
     best_shift: int = 100  # order up to which the shift is chosen from all eigenvalues
     qz: int = 600  # order up to which QZ is tried if doubling fails
 
@@ -74,8 +74,8 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
 def _by_doubling(
     problem: LQRProblem, standard: DenseProblem, moved: bool = False
 ) -> tuple[Any, dict[str, Any]]:
-    """By `double`; if `moved`, for ``X - X_0``, where the feedback of X_0 stabilises: unstable
-    modes with a very small weight in Q would make the G_k grow without bound."""
+    """Solve by `double`; if `moved`, for ``X - X_0``, where the feedback of X_0 stabilises:
+    unstable modes with a very small weight in Q would make the G_k grow without bound."""
     A, G, Q = scaled_hamiltonian(standard, problem.unit)
     X0 = 0.0
     if moved:

@@ -22,12 +22,12 @@ from skfem_adini.ground.arrays import namespace, to_host
 
 
 class _Limits(NamedTuple):  # limits of the method
-    copies: int = 100  # most eigenvalues computed in place of ones that no input reaches
-    extra: int = 6  # eigenvalues beyond those wanted: no +- or conjugate pair is cut
-    all: int = 128  # order of the Hamiltonian up to which all are computed
-    restarts: int = 300  # of Krylov-Schur; if it converges, it takes a few dozen
-    unreached: float = 1e-8  # |B^T y| / (|B| |y|) below: y has no part in the gain
-    same: float = 1e-6  # relative: eigenvalues of nearer moduli are taken together
+    copies: int = 100  # most eigenvalues computed instead of those that no input reaches
+    extra: int = 6  # eigenvalues beyond those wanted, so that no +- or conjugate pair is split
+    all: int = 128  # order of the Hamiltonian up to which all eigenvalues are computed
+    restarts: int = 300  # most restarts of Krylov-Schur; usually a few dozen suffice
+    unreached: float = 1e-8  # least |B^T y| / (|B| |y|) of a vector that contributes to the gain
+    same: float = 1e-6  # relative difference of moduli up to which eigenvalues are grouped
 
 
 LIMITS = _Limits()
@@ -67,7 +67,7 @@ def solve(
     xp = state.xp
     info = {"rank": int(V.shape[1]), "solves": solves}
     if pi == "printed":
-        # With V = U T: the condition number of V^T M V would be the square of that of V.
+        # With V = U T: otherwise the condition number of V^T M V would be the square of that of V.
         U, T = xp.linalg.qr(V)
         MU = U if inner is None else Weight(state, inner).apply(U)
         gram = to_host(U.T @ MU)
@@ -94,7 +94,7 @@ def stable_subspace(
 ) -> tuple[Any, Any, int]:
     """V and Y, shapes (n, r), of the stable ones among the wanted eigenvalues; number of solves."""
     # rho makes the off-diagonal blocks equally large. Otherwise x or y would be so small in every
-    # vector (x, y) that only rounding is left of it.
+    # vector (x, y) that it would consist of rounding.
     cost = weight.scale()
     reach = float((B * B).sum()) ** 0.5
     rho = cost**0.5 / reach if cost > 0.0 and reach > 0.0 else 1.0
@@ -111,7 +111,7 @@ def stable_subspace(
         counted = int(reached.sum())
         if counted >= modes or wanted >= limit or len(w) >= 2 * n:
             break
-        # Rounding brings in eigenvectors that no input reaches: they are kept, but not counted.
+        # Rounding adds eigenvectors that no input reaches: they are kept, but not counted.
         more = wanted * (modes / max(counted, 1)) ** 1.5
         wanted = min(limit, int(max(more, wanted)) + LIMITS.extra)
     size = np.abs(w)
@@ -145,7 +145,7 @@ def stable_subspace(
 
 
 def _reached(B: Any, Y: Any) -> np.ndarray:
-    """A mask of the columns of Y that have a part in the gain ``B^T Y``."""
+    """A mask of the columns of Y that contribute to the gain ``B^T Y``."""
     norm = namespace(B).linalg.norm
     seen, size = norm(B.T @ Y, axis=0), float(norm(B)) * norm(Y, axis=0)
     return np.asarray(to_host(seen > LIMITS.unreached * size))

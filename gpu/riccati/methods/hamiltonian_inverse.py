@@ -15,7 +15,7 @@ from skfem_adini.ground.arguments import is_finite_number
 from skfem_adini.ground.arrays import to_host
 
 
-class _Limits(NamedTuple):  # relative residuals of the inverse above which more is done
+class _Limits(NamedTuple):  # relative residuals of the inverse, and the action above each
     rounded: float = 4e-13  # refine by two more solves
     few_digits: float = 1e-9  # factor the whole Hamiltonian
     several_digits: float = 1e-6  # report a mode at zero that no feedback moves
@@ -102,7 +102,7 @@ def hamiltonian_inverse(
 class InverseHamiltonian:
     """The operator of `hamiltonian_inverse`, from checked arguments; `solves` counts solves with A
     and its transpose. It uses `factors` of A, or of ``A - B B^T X0 E`` if A is singular; they are
-    None if the null vectors of A are unknown, and the Hamiltonian is factored as a whole."""
+    None if the null vectors of A are unknown; then the Hamiltonian is factored as a whole."""
 
     def __init__(self, state: StateMatrix, B: Any, weight: Weight, scale: float = 1.0) -> None:
         if not is_finite_number(scale) or np.iscomplexobj(scale) or not scale > 0.0:
@@ -135,7 +135,7 @@ class InverseHamiltonian:
                     self.__dict__.update(kept)
         lost = np.inf if self.factors is None else self._probe()
         if not lost < LIMITS.few_digits and state.xp is np:
-            # Without null vectors that can be told apart, factor the whole Hamiltonian.
+            # Without distinguishable null vectors, factor the whole Hamiltonian.
             self._whole = _factor_whole(state, self._B, weight, scale)
             if self._whole is not None and not self._probe() < lost:
                 self._whole = None
@@ -163,7 +163,7 @@ class InverseHamiltonian:
 
     @property
     def moved(self) -> list[Any]:
-        """A list with the Z of the feedback that makes A regular; empty if there is none."""
+        """A list with the matrix Z of the feedback that makes A regular; empty if there is none."""
         return [] if self._feedback is None else [self._feedback.Z]
 
     def _feed_back(self) -> None:
@@ -315,7 +315,7 @@ class _Feedback:
         return self.Z @ (self.S @ (self.EZ.T @ x))
 
     def weigh(self, x: Any, Qx: Any) -> Any:
-        """The new weight applied to x, given ``Qx = Q x``."""
+        """The new weight times x, given ``Qx = Q x``."""
         return Qx + self._sides @ (self._core @ (self._sides.T @ x))
 
 

@@ -72,7 +72,7 @@ def stabilising_value(problem: DenseProblem) -> Any:
     places = xp.arange(len(F))
     # Trial values of beta; Bass needs F + beta I to have its spectrum in the right half plane.
     for factor in (0.3, 1.0, 0.1, 0.03, 3.0) if len(F) < len(A) else (1.0, 1.1, 0.3, 0.1):
-        # The Lyapunov solver needs a stable matrix: -(F + beta I)^T.
+        # The Lyapunov solver requires a stable matrix: -(F + beta I)^T.
         moved = -F.T.copy()
         moved[places, places] -= factor * size
         try:
@@ -82,8 +82,8 @@ def stabilising_value(problem: DenseProblem) -> Any:
         if not np.isfinite(Y).all():
             continue
         values, vectors = np.linalg.eigh(Y)
-        # Eigenvalues of Y near rounding are cut off, at several thresholds: their inverses in X
-        # would be wrong.
+        # Truncate eigenvalues of Y near rounding, at several thresholds: their inverses in X would
+        # be wrong.
         for cut in (1e-14, 1e-11, 1e-8):
             kept = values > cut * values[-1]
             left = U @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))

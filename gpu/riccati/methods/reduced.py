@@ -36,13 +36,13 @@ from skfem_adini.ground.arrays import namespace, to_host
 class _Limits(NamedTuple):  # limits of the method
     start: int = 8  # blocks in the basis before the first Newton step
     steps: int = 30  # most Newton steps on the gain, which converge quadratically
-    misses: int = 16  # most successive bases on which there is no stabilising solution
+    misses: int = 16  # most successive bases without a stabilising solution
     stride: int = 2  # blocks added between two solutions of the projected equation
     shifts: int = 6  # of the Krylov space for values of low rank; each is factored once
-    quadratic: float = 1e-6  # relative size of a Newton step whose error is its square
-    condition: float = 1e8  # from here on half of the digits or more are lost
-    drop: float = 1e-11  # part of a unit vector outside the space: less is rounding
-    margin: float = 1e-2  # least eigenvalue in `proves_stable`, one for the exact P
+    quadratic: float = 1e-6  # relative size of a Newton step after which the error is its square
+    condition: float = 1e8  # condition above which half of the digits or more are lost
+    drop: float = 1e-11  # least part of a unit vector outside the space that is not rounding
+    margin: float = 1e-2  # least eigenvalue in `proves_stable`, which is one for the exact P
 
 
 LIMITS = _Limits()
@@ -57,7 +57,7 @@ def solve(
     rank: int | None = None,
     refine: bool | None = None,
 ) -> Found:
-    """The gain :math:`K = R^{-1} B^T W P W^T E` on a basis W, given or grown, P of the projection.
+    """The gain :math:`K = R^{-1} B^T W P W^T E` on a basis W, given or grown; P solves it there.
 
     For Q of low rank W spans the space of :math:`A^T` and the factor of Q, up to a residual of
     `tol`; for full rank that of A and B, until the gain changes by less than `tol`, and unless A is
@@ -112,7 +112,7 @@ def _prescribed(problem: LQRProblem, basis: Any, compression: str) -> Found:
 
 
 def _printed(problem: LQRProblem, W: Any) -> Found:
-    """The gain from the stable invariant subspace of the compressed inverse Hamiltonian."""
+    """The gain from the stable invariant subspace of the projected inverse Hamiltonian."""
     state, xp, r = problem.state, problem.xp, W.shape[1]
     inverse = InverseHamiltonian(state, problem.input, problem.weight)
     zero = xp.zeros_like(W)
@@ -283,7 +283,7 @@ def _difference(new: Any, old: Any) -> float:
 
 
 def _multiple(problem: LQRProblem) -> float | None:
-    """q if A and E are symmetric and ``Q = q E``: the space of A and B suffices then. Else None."""
+    """q if A and E are symmetric and ``Q = q E``, so the space of A and B suffices; else None."""
     state, Q = problem.state, problem.weight.entries
     n, xp = state.n, state.xp
     probe = xp.asarray(np.random.default_rng(4).standard_normal((n, 2)))
@@ -320,7 +320,7 @@ def _shifts(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], 
         x = x / xp.linalg.norm(x)
         y = slow_factors.solve(state.mass(x))
         slow, x = 1.0 / max(float(xp.linalg.norm(y)), 1e-300), y
-    # Discontinuous seeds excite modes that are faster than the average `fast` of the seed.
+    # A discontinuous seed contains modes that are faster than its average rate `fast`.
     top = 10.0 * fast
     ladder = slow * (top / slow) ** (np.arange(1, count) / (count - 1))
     if count == 2:
@@ -376,7 +376,7 @@ def _solve(state: StateMatrix, shift: complex, B: Any, Kt: Any, right: Any) -> A
         small = np.eye(B.shape[1]) - to_host(B.T @ G)
         if np.isfinite(small).all() and np.linalg.cond(small) < LIMITS.condition:
             return u + G @ xp.asarray(np.linalg.solve(small, to_host(B.T @ u)))
-    # The optimal feedback mirrors an unstable mode of A without cost at the imaginary axis; then
+    # The optimal feedback reflects an unstable mode of A without cost at the imaginary axis; then
     # the shift is an eigenvalue of A itself.
     moved = copy(state)
     moved.A = state.shifted(shift)
@@ -430,7 +430,7 @@ class RationalKrylov:
         size = xp.linalg.norm(block, axis=0)
         moving = xp.flatnonzero(size > 0.0)
         block = self._projected(block[:, moving] / size[moving])
-        # Columns that are nearly parallel among themselves or to the space are left out.
+        # Columns that are nearly parallel to each other or to the space are omitted.
         if block.shape[1]:
             gram = to_host(block.T @ block)
             values, vectors = np.linalg.eigh((gram + gram.T) / 2)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 
 class Found(NamedTuple):
-    """The result of a method of `gpu.lqr`, to be certified."""
+    """The result of a method of `gpu.lqr`, before certification."""
 
     gain: Any  # shape (m, n)
     value: Any  # shape (n, n), or a LowRankValue, or None
@@ -18,7 +18,7 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class LowRankValue:
-    """``S = Z M Z^T``, never formed unless asked for.
+    """``S = Z M Z^T``, formed only on request.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class UpdatedMatrix(StateMatrix):
         return factor_bordered(self.shifted(shift), self.U, self.V)
 
     def factor_updated(self, U: Any, V: Any) -> Factors | None:
-        """Solves with a further update subtracted: this matrix minus ``U V^T``."""
+        """Solves with this matrix minus ``U V^T``."""
         join = self.xp.concatenate
         return factor_bordered(self.A, join([self.U, U], axis=1), join([self.V, V], axis=1))
 

@@ -19,9 +19,9 @@ from skfem_adini.ground.arrays import namespace, to_host
 
 
 class _Limits(NamedTuple):  # tolerances of the arguments
-    asymmetry: float = 1e-12  # of R or Q, over the largest entry: rounding
-    definiteness: float = 1e-12  # shift over the diagonal that makes Q definite
-    largest: float = 1e150  # squares of larger entries, and sums, leave the range
+    asymmetry: float = 1e-12  # of R or Q, relative to the largest entry: rounding
+    definiteness: float = 1e-12  # shift relative to the diagonal that makes Q definite
+    largest: float = 1e150  # larger entries have squares or sums that overflow
 
 
 LIMITS = _Limits()
@@ -46,7 +46,7 @@ class LQRProblem:
     weight: Weight  # Q
     N: Any  # (n, m) or None
     R: np.ndarray  # (m, m)
-    units: Any = None  # `Units` of the numbers, if not those of the arguments
+    units: Any = None  # `Units` of the numbers, if different from the arguments'
 
     @property
     def n(self) -> int:
@@ -87,7 +87,7 @@ class LQRProblem:
         return self.gain(self.state.mass_transposed(value.T @ self.input).T)
 
     def of_unit_cost(self, gain: Any) -> Any:
-        """The gain K~ for inputs of unit cost, where the standard form has fed R^-1 N^T back."""
+        """The gain K~ for inputs of unit cost, after the feedback R^-1 N^T of the standard form."""
         gain = self.xp.asarray(self.root.T) @ gain
         if self.N is not None:
             gain = gain - self.xp.asarray(np.linalg.inv(self.root)) @ self.N.T
@@ -327,8 +327,8 @@ def _check_symmetric(name: str, M: Any) -> None:
 
 
 def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
-    """Whether no state and input has a negative cost, as far as stored entries tell. If `always`,
-    raise `InputError` where some have.
+    """Whether the cost of every state and input is nonnegative, as far as entries are stored. If
+    `always`, raise `InputError` if not.
     """
     Q, xp = problem.weight.entries, problem.xp
     good = True

@@ -29,8 +29,8 @@ class Factors:
 
 class StateMatrix:
     """A pencil :math:`A - s E`, A a diagonal (1-D, as then E may be), dense, sparse, or an operator
-    with its `inverse`. `explicit` keeps the inverse of a dense A on a device: a solve is one
-    product then, not two sequences of small kernels."""
+    with its `inverse`. `explicit` stores the inverse of a dense A on a device, so that a solve is
+    one product instead of two sequences of small kernels."""
 
     def __init__(self, A: Any, E: Any = None, inverse: Any = None, explicit: bool = False) -> None:
         self.inverse, self.explicit = inverse, explicit
@@ -133,7 +133,7 @@ class StateMatrix:
         return woodbury(Factors(*(lambda x: x / (D if x.ndim == 1 else D[:, None]),) * 2), U, V)
 
     def shifted(self, shift: complex) -> Any:
-        """``A - shift E``, stored as A is."""
+        """``A - shift E``, stored in the format of A."""
         if shift == 0.0:
             return self.A
         if self.kind == "diagonal":

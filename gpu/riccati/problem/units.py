@@ -21,7 +21,7 @@ from gpu.riccati.problem.state_matrix import StateMatrix
 from gpu.riccati.problem.weights import Weight
 from skfem_adini.ground.arrays import namespace
 
-# Largest exponent of two of a moderate number: its square is far from overflow and underflow.
+# Largest exponent of two of a moderate number, whose square is far from overflow and underflow.
 MODERATE = 150
 
 
@@ -51,7 +51,7 @@ class Units:
 
 
 def in_moderate_units(problem: LQRProblem) -> LQRProblem:
-    """The problem in units where no square overflows; itself where none does, or not dense."""
+    """The problem in units where no square overflows; unchanged if none does or it is not dense."""
     if problem.units is not None or not problem.dense or hasattr(problem.weight.Q, "matvec"):
         return problem
     state, B, R = problem.state, problem.B, problem.R
@@ -103,7 +103,7 @@ def _units(
     elif Q is None:
         q = 2 * rate - effect
     else:
-        # Both terms as large as each other, but the quadratic one not too small.
+        # Make both terms equal in size, but the quadratic one not too small.
         q = max(rate + (Q - effect) // 2, 2 * rate - effect - 2 * MODERATE)
     return Units(rate + e, e, b, 2 * (q // 2))
 

@@ -41,16 +41,16 @@ class Weight:
 
     @property
     def C(self) -> Any:
-        """The factor C where all is ``C^T C``, else None."""
+        """The factor C if the weight is ``C^T C``, else None."""
         return self._C if self._F is None else None
 
     @property
     def entries(self) -> Any:
-        """Q where it is stored and all there is, else None."""
+        """Q if its entries are stored and there is no F, else None."""
         return None if self._F is not None or hasattr(self.Q, "matvec") else self.Q
 
     def less(self, F: Any) -> Weight:
-        """This weight less ``F F^T``."""
+        """This weight minus ``F F^T``."""
         other = copy(self)
         other._F = F
         return other
@@ -95,7 +95,7 @@ def low_rank_factor(weight: Weight) -> Any:
     if len(places) > few or not len(places):
         return None
     values, vectors = np.linalg.eigh(core)
-    kept = values > 1e-15 * values.max()  # the others are zero up to rounding, or negative by it
+    kept = values > 1e-15 * values.max()  # the others are zero or negative by rounding
     C = np.zeros((int(kept.sum()), n))
     C[:, places] = (vectors[:, kept] * np.sqrt(values[kept])).T
     return xp.asarray(C)

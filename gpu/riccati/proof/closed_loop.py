@@ -1,4 +1,4 @@
-"""The closed loop of a gain: its matrix in balanced units, its poles, whether it is stable."""
+"""The closed loop of a gain: its matrix in balanced units, its poles and its stability."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from skfem_adini.ground.arrays import namespace, to_host
 
 
 class _Limits(NamedTuple):  # limits of poles and of bounds for them
-    poles: int = 12  # nearest to zero, where not all are computed
-    large: int = 100_000  # from this order on products with the basis cost more than applications
-    restarts: int = 30  # most, for the few poles
-    tolerances: tuple[float, float] = (1e-8, 1e-4)  # the second for poles in a cluster
-    left: float = 1e-3  # over the matrix: no eigenvalues that far left meet on the axis
-    outside: float = 1e-6  # from the unit circle: an eigenvalue farther off lies outside
-    roundings: float = 1e2  # error of a pole, in roundings times its condition
-    squares: float = 0.05  # second order of a Newton step over the first where it converges
-    fractions: tuple[float, ...] = (1 - 1e-3, 0.9, 0.5, 0.1, 1e-2, 1e-4, 0.0)  # abscissas tried
-    dense: int = 1500  # up to this order all poles are computed
-    proved: int = 600  # the same where stability is proved without them
-    examined: int = 1500  # up to this order modes are examined
-    named: int = 200  # up to this order the dense method names the mode that stands in the way
-    worst: int = 24  # how many modes, beginning with the least stable
-    singular: float = 1e-12  # singular value in Hautus' test, over the matrix, taken for zero
+    poles: int = 12  # number of poles nearest to zero that are computed, if not all
+    large: int = 100_000  # order from which products with the basis cost more than applications
+    restarts: int = 30  # at most, for these poles
+    tolerances: tuple[float, float] = (1e-8, 1e-4)  # the second number for poles in a cluster
+    left: float = 1e-3  # relative to the matrix: no eigenvalues so far left meet on the axis
+    outside: float = 1e-6  # distance from the unit circle beyond which an eigenvalue lies outside
+    roundings: float = 1e2  # error of a pole in rounding errors times its condition
+    squares: float = 0.05  # second order of a Newton step over the first if it converges
+    fractions: tuple[float, ...] = (1 - 1e-3, 0.9, 0.5, 0.1, 1e-2, 1e-4, 0.0)  # of `likely`
+    dense: int = 1500  # order up to which all poles are computed
+    proved: int = 600  # the same if stability is proved without them
+    examined: int = 1500  # order up to which modes are examined
+    named: int = 200  # order up to which the dense method names the mode that causes a failure
+    worst: int = 24  # number of modes examined, beginning with the least stable
+    singular: float = 1e-12  # singular value in Hautus' test, over the matrix, that counts as zero
     axis: float = 1e-6  # distance from the axis, over the matrix, of a mode that may lie on it
-    moved: float = 10.0  # roundings of the matrix that may move such a mode to the axis
+    moved: float = 10.0  # rounding errors of the matrix that may move such a mode to the axis
 
 
 LIMITS = _Limits()
@@ -59,7 +59,7 @@ class DenseLoop:
 
     @property
     def tolerance(self) -> float:
-        """The poles are exact ones of a matrix within this relative distance."""
+        """Relative distance of a matrix of which the poles are exact."""
         return self._poles_and_tolerance[1]
 
     @cached_property
@@ -106,7 +106,7 @@ class DenseLoop:
 
     @cached_property
     def bound(self) -> float:
-        """A number right of which no pole lies, proved if not all are known; else infinity."""
+        """A number right of which no pole lies, proved unless all are known; else infinity."""
         if self.whole:
             return self.abscissa
         likely = float(self.poles[0].real) if len(self.poles) else -np.inf
@@ -117,7 +117,7 @@ class DenseLoop:
         if self.value is not None:
             bound = proven_bound(self.matrix, self.value, magnitude, likely)
         if not bound < 0.0:
-            # Fast and slow modes weigh alike in the function of Lyapunov that has this derivative.
+            # Fast and slow modes have equal weight in the Lyapunov function with this derivative.
             A, xp = self.matrix, namespace(self.matrix)
             W, places = A.T @ A, xp.arange(len(A))
             W[places, places] += cayley_shift(A) ** 2
@@ -159,9 +159,9 @@ class DenseLoop:
         return size / (float(norm(self.value)) or 1.0), float(norm(second)) / (size or 1.0)
 
     def _on_the_axis(self) -> bool:
-        """Whether a Riccati solution as good as this one may have a pole on the axis. If
-        eigenvalues of the Hamiltonian meet there, a Newton step is half of the one before instead
-        of its square, and the second order of a step is a quarter of it."""
+        """Whether a Riccati solution of this accuracy may have a pole on the axis. If eigenvalues
+        of the Hamiltonian meet there, a Newton step is half of the one before instead of its
+        square, and the second order of a step is a quarter of it."""
         return self._near() and not self.newton[1] <= LIMITS.squares
 
     def is_sensitive(self) -> bool:
@@ -230,7 +230,7 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = LIMITS.poles)
         if state.kind == "operator":
             raise GpuError("the closed loop of an operator with a pole at zero is not examined")
         if digits is None:
-            # A mode of A at zero that the loop has moved: the closed loop itself is factored.
+            # A has a mode at zero that the feedback has moved: factor the closed loop itself.
             closed = state.factor_updated(B, K.T)
             if closed is not None:
                 return _poles_by(_pencil_inverse(closed, state), 0.0, n, xp, count)
@@ -285,7 +285,7 @@ def _outermost(inverse: Any, s: float, x: Any) -> complex | None:
 
 
 def _doubt(state: StateMatrix, B: Any, K: Any, pole: complex) -> float:
-    """How far rounding may move a pole: its condition, from left and right vectors."""
+    """A bound of the shift of a pole by rounding: its condition, from left and right vectors."""
     xp, n = state.xp, state.n
     factors = state.factor(pole * (1.0 + 1e-9))
     inverse = None if factors is None else _loop_inverse(state, factors, B, K)
@@ -339,9 +339,9 @@ def _poles_by(inverse: Any, shift: float, n: int, xp: Any, count: int) -> np.nda
 
 
 def _nearest(matrix: Any, tol: float = LIMITS.tolerances[0], **options: Any) -> np.ndarray:
-    """The eigenvalues asked for, as far as they converge in a few restarts. Copies of a repeated
-    one may never converge, and the missing one may be the nearest of all: so those found with a
-    looser tolerance are added."""
+    """The requested eigenvalues that converge in a few restarts. Copies of a repeated one may never
+    converge, and the missing one may be the nearest: so those found with a looser tolerance are
+    added."""
     from gpu.eigenvalues.eigs import eigs
 
     found = np.zeros(0, dtype=complex)
@@ -366,7 +366,7 @@ def _nearest(matrix: Any, tol: float = LIMITS.tolerances[0], **options: Any) -> 
 
 
 def proven_bound(A: Any, P: Any, magnitude: Any, likely: float) -> float:
-    r"""A number right of which no eigenvalue of A lies; infinity if P, symmetric, proves nothing.
+    r"""A number right of which no eigenvalue of A lies; infinity if symmetric P proves none.
 
     If P and :math:`-(A^T P + P A) - 2\mu P` are positive definite, every real part is below
     :math:`-\mu` (Lyapunov). Both are shown by Cholesky factorisations after bounds of all rounding
@@ -414,7 +414,7 @@ def _definite(M: Any, unit: Any, error: float) -> bool:
 
 
 def explain(problem: LQRProblem) -> RiccatiError | None:
-    """The error of `named`, or that of an eigenvalue on the imaginary axis; None without one."""
+    """The error of `named`, or that of an eigenvalue on the imaginary axis, or None."""
     found = named(problem)
     standard = _standard(problem)
     if found is not None or standard is None:
@@ -459,7 +459,7 @@ def _standard(problem: LQRProblem) -> DenseProblem | None:
 
 
 def _not_stabilisable(problem: LQRProblem, B: np.ndarray) -> RiccatiError | None:
-    # No feedback changes this, so N is left out: taking it out could drown A in round-off.
+    # Feedback does not change this, so N is omitted: eliminating it could hide A in round-off.
     A, E, _, _ = problem.full()
     A = to_host(A if E is None else solve(E, A))
     A, own = _balanced(A)
@@ -494,7 +494,7 @@ def _not_detectable(problem: LQRProblem, A: np.ndarray, Q: np.ndarray) -> Riccat
 
 
 def _balanced(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A in units that balance A alone; those that balance Q and B B^T could hide a mode."""
+    """A in units that balance only A; units that also balance Q and B B^T could hide a mode."""
     own = np.diag(linalg.matrix_balance(A, permute=False)[1])
     return A * own / own[:, None], own
 

@@ -15,11 +15,11 @@ from gpu.riccati.problem.lqr_problem import solve
 from gpu.riccati.problem.state_matrix import EPS
 from skfem_adini.ground.arrays import namespace
 
-SCHUR = 600  # up to this order the Schur form on the host is the quicker way
+SCHUR = 600  # order up to which the Schur form on the host is faster
 
 
 class LyapunovSolver(NamedTuple):
-    """Solves the Lyapunov equation for each W that it is called with."""
+    """Solver of the Lyapunov equation for several W."""
 
     apply: Callable[[Any], Any]  # W -> X
     poles: np.ndarray | None  # eigenvalues of A, if its Schur form was computed
@@ -111,7 +111,7 @@ def _growth(product: Callable[[Any], Any], x: Any, xp: Any) -> float:
         size = float(xp.linalg.norm(x))
         if size == 0.0 or not np.isfinite(size):
             return size
-        # The first products lean on what is not normal in the matrix.
+        # The first products depend on the non-normal part of the matrix.
         first += np.log(size) if step > steps // 2 else 0.0
         x = product(x / size)
     first += np.log(max(float(xp.linalg.norm(x)), 1e-300))

@@ -1,4 +1,4 @@
-"""Newton steps on a Riccati solution, as far as round-off allows, and their verdict."""
+"""Newton steps on a Riccati solution down to round-off, and their assessment."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from skfem_adini.ground.arrays import to_host
 
 class _Limits(NamedTuple):  # tolerances, in balanced units
     residual: float = 1e-9  # largest relative residual that is certified
-    error: float = 1e-12  # largest relative distance to the solution that is certified instead
-    far: int = 250  # powers of two from here on have squares near the ends of the range
+    error: float = 1e-12  # largest relative distance to the solution that is certified otherwise
+    far: int = 250  # exponents from which powers of two have squares near the range's ends
     extended: int = 128  # order up to which residuals are in extended precision on the host
 
 
@@ -24,7 +24,7 @@ LIMITS = _Limits()
 
 
 class Verdict(NamedTuple):
-    """How good a Riccati solution is."""
+    """Assessment of a Riccati solution."""
 
     residual: float  # relative, in balanced units
     loop: DenseLoop
@@ -47,8 +47,8 @@ class Verdict(NamedTuple):
 def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
     r"""Newton steps :math:`E^T D A_c + A_c^T D E = -\mathrm{res}(S)` while they shrink; S, count.
 
-    Residuals of twice the digits lead to the rounding of S (Higham 2002, chapter 12). If slow poles
-    stand beside a fast loop, the gain needs more digits of S than a double has, so S is kept in
+    Residuals of twice the digits lead to the rounding of S (Higham 2002, chapter 12). A fast
+    loop with slow poles needs more digits of S for the gain than a double has, so S is stored in
     extended precision wherever the residuals are.
     """
     standard = problem.standard()
@@ -83,7 +83,7 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
 
 
 def finished(problem: LQRProblem, S: Any, info: dict[str, Any]) -> Found:
-    """Judge a refined solution; its gain is computed before S is rounded to double precision."""
+    """Assess a refined solution; its gain is computed before S is rounded to double precision."""
     verdict = judge(problem, S)
     gain = gain_in_extended(problem, S) if in_extended(problem) else problem.gain_of(S)
     return Found(gain, S.astype(float), info, verdict)
@@ -150,7 +150,7 @@ def riccati_residual(
     R = half + half.T + Q - quadratic
     R = (R + R.T) / 2
     weights = 1.0 if unit is None else unit * unit[:, None]
-    # Squares of the terms may leave the range of double precision where they do not.
+    # The squares of the terms may overflow where the terms do not.
     largest = max(float(xp.abs(M * weights).max()) for M in (half, quadratic, Q))
     top = np.log2(largest) if 0.0 < largest < np.inf else 0.0
     weights = weights * 2.0 ** -np.round(top) if abs(top) > LIMITS.far else weights
@@ -162,7 +162,7 @@ def riccati_residual(
     error = float(xp.linalg.norm(R * weights))
     R = R.astype(float)
     if not np.isfinite(error + size):
-        return Residual(R, np.inf)  # what overflows says nothing about the equation
+        return Residual(R, np.inf)  # overflow does not show an error of S
     return Residual(R, error / size if size > 0.0 else error)
 
 

@@ -72,9 +72,9 @@ def bracketed_root(c: Array, a: float, b: float) -> float:
 
 
 def roots(c: Array, tol: float, found: Array) -> int:
-    """Write the places in (0, 1) where a polynomial changes sign to `found`; return their number.
-    It has no more zeros there than its coefficients have sign changes (variation diminishing).
-    One whose coefficients are all at most `tol` in size counts as zero, without any."""
+    """Write the zeros in (0, 1) where a polynomial changes sign to `found`; return their number. It
+    has no more zeros there than its coefficients have sign changes (variation diminishing). One
+    whose coefficients are all at most `tol` in size counts as zero, without any."""
     m = c.size
     count = 0
     largest = 0.0
@@ -147,7 +147,7 @@ def slope_range(c: Array, axis: int) -> tuple[float, float]:
 
 
 def append(rows: Array, count: int, row: Array) -> Array:
-    """Write a row behind the first `count` ones; return the array, doubled if it was full."""
+    """Append a row after the first `count` ones; return the array, doubled if it was full."""
     if count == rows.shape[0]:
         more = np.empty((2 * count, rows.shape[1]))
         for i in range(count):
@@ -160,7 +160,7 @@ def append(rows: Array, count: int, row: Array) -> Array:
 
 
 def product_range(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
-    """Return bounds of the product of two numbers that have bounds."""
+    """Return bounds of the product of two numbers with known bounds."""
     p, q, r, s = a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]
     return min(min(p, q), min(r, s)), max(max(p, q), max(r, s))
 

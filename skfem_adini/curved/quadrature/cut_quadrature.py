@@ -93,7 +93,7 @@ class CutQuadrature:
         return np.where(self.full, 1.0, volume / np.prod(self.upper - self.lower, axis=0))
 
     def check(self) -> None:
-        """Check that the arrays fit each other.
+        """Check that the arrays are consistent.
 
         Raises
         ------

@@ -1,6 +1,6 @@
 """Subdivision of boxes until every zero line in them is a graph over one side.
 
-Plain Python; `cut_quadrature.compiled_cut_boxes` hands it to numba, with `graph_rules`.
+Plain Python; `cut_quadrature.compiled_cut_boxes` compiles it and `graph_rules`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from skfem_adini.curved.quadrature.graph_rules import Array, State, Table
 
 class _Limits(NamedTuple):  # limits of the subdivision
     halvings: int = 40  # the side, 1e-12, is then near the rounding of the coefficients
-    side: float = 1e-9  # in sides of a box: nearer points lie on it, so that no sliver is cut off
+    side: float = 1e-9  # over the sides of a box: nearer points lie on a side, to avoid slivers
 
 
 LIMITS = _Limits()
@@ -78,7 +78,7 @@ def meeting_point(f: Array, g: Array) -> tuple[float, float]:
 
 
 def dividing_point(c: Array, state: State) -> tuple[float, float]:
-    """Return where a box is divided: at a common zero of two open leaves, or in the middle."""
+    """Return where to divide a box: at a common zero of two open leaves, or in the middle."""
     for k in range(state.size):
         for l in range(k):
             if state[k] == 2 and state[l] == 2:
@@ -106,8 +106,8 @@ def best_direction(c: Array, state: State, lengths: Array) -> int:
 
 
 def subdivide(c: Array, x: float, y: float, parts: Array, boxes: Array) -> int:
-    """Write the parts left and right of x, below and above y (without those of no width).
-    Return the number of parts; `boxes` gets rows of lower corner and sides, in sides of the box."""
+    """Write the parts left and right of x, below and above y, without those of zero width. Return
+    the number of parts; `boxes` gets rows of lower corner and sides, in sides of the box."""
     K, m = c.shape[0], c.shape[1]
     sides = np.empty((2, m, m))
     quarters = np.empty((2, m, m))
@@ -187,7 +187,7 @@ def cut_boxes(
                 )
                 continue
             if place[4] >= LIMITS.halvings:
-                # The box is as narrow as rounding: its middle decides.
+                # The box is as narrow as rounding: use the sign in its middle.
                 settle_by_middle(c, state)
                 if table[rules.index_of(state)]:
                     volume, nv = rules.product_rule(b, place, middle, one, volume, nv)

@@ -22,12 +22,12 @@ Table = NDArray[np.uint8]
 
 
 class _Limits(NamedTuple):  # limits of the rules
-    place: float = 1e-14  # in sides of a box: nearer points are one, by fifty roundings of 1
-    slope: float = 0.3  # along the height over across: else take the other side, or divide
-    slope_of_many: float = 1e-6  # for several zero lines: division keeps the angle between them
-    steadiness: float = 0.7  # least over largest slope: Gauss points then converge fast
-    end: float = 1e-12  # in lengths of an interval: distance from its ends to compare graphs at
-    roots: int = 64  # of a polynomial along a line: eight times its degree, for rounding
+    place: float = 1e-14  # over the sides of a box: nearer points are equal (rounding of 1)
+    slope: float = 0.3  # least ratio of slopes along and across the height in a graph's direction
+    slope_of_many: float = 1e-6  # for several zero lines, whose angle division does not change
+    steadiness: float = 0.7  # least ratio of smallest to largest slope: Gauss points converge fast
+    end: float = 1e-12  # distance from the ends, over the interval, at which graphs are compared
+    roots: int = 64  # on a line, at most: eight times the degree, for rounding
 
 
 LIMITS = _Limits()
@@ -118,7 +118,7 @@ def crossing(f: Array, g: Array, d: int, tol_f: float, tol_g: float, a: float, b
     middle = 0.5 * (a + b)
     y_f, _, _ = height(f, d, tol_f, middle)
     y_g, _, _ = height(g, d, tol_g, middle)
-    if max(y_f, y_g) > 1:  # one has no root here: graphs enter and leave the box at breaks only
+    if max(y_f, y_g) > 1:  # a graph has no root here: graphs enter and leave the box at breaks only
         return -1.0
     # At a and b themselves rounding may hide a root that lies on a side of the box.
     a, b = a + LIMITS.end * (b - a), b - LIMITS.end * (b - a)
@@ -256,7 +256,7 @@ def face_rule(
 
 
 def height_breaks(c: Array, state: State, tol: Array, d: int, breaks: Array) -> int:
-    """Write where zero lines meet the sides or each other, sorted; return how many there are."""
+    """Write, sorted, where zero lines meet the sides or each other; return their number."""
     K, found = state.size, np.empty(LIMITS.roots)
     breaks[0], breaks[1], used = 0.0, 1.0, 2
     for k in range(K):

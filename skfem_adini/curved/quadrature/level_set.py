@@ -23,7 +23,7 @@ class LevelSet:
     r"""The domain where a function is negative.
 
     ``a & b`` is the intersection, max(a, b); ``a | b`` the union, min(a, b); ``~a`` the complement,
-    -a; ``a - b`` is ``a & ~b``. The smooth functions are kept apart, so corners where their zero
+    -a; ``a - b`` is ``a & ~b``. The smooth functions are separate, so corners where their zero
     lines cross are resolved exactly, and :math:`\min` and :math:`\max` cost no accuracy. Plain
     functions may be composed with a level set; a `Polygon` may not.
 
@@ -70,7 +70,7 @@ class LevelSet:
         return [self]
 
     def inside(self, leaf: dict[int, bool]) -> bool:
-        """Return whether a point is inside, given in which of the leaves (by id) it is."""
+        """Return whether a point is inside, from the set of leaves (by id) that contain it."""
         return leaf[id(self)]
 
     def __call__(self, x: Array) -> Array:
@@ -181,7 +181,7 @@ class _Composition(LevelSet):
 
 @dataclass(frozen=True)
 class TruthTable:
-    """Where a composed domain lies, in terms of its leaves.
+    """The truth table of a composed domain, in terms of its leaves.
     A leaf of which only the complement is used enters with its sign changed, so that a zero line
     on a grid line is the boundary of the cells inside."""
 

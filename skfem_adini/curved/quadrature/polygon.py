@@ -69,8 +69,8 @@ class Polygon:
         return self._composed(other, keep=(False, True))
 
     def _composed(self, other: Any, keep: tuple[bool, bool]) -> Polygon:
-        """Return the polygon of the sides of each that lie inside, or outside, the other.
-        The second polygon's are reversed if one is inside and the other outside."""
+        """Return the polygon of the sides of each that lie inside, or outside, the other. The
+        second polygon's sides are reversed if one is inside and the other outside."""
         if not isinstance(other, Polygon):
             raise InputError(
                 f"polygon: a Polygon is not composed with a {type(other).__name__}, but with other "
@@ -119,9 +119,8 @@ def _divided(polygon: Polygon, other: Polygon) -> Array:
 
 
 def _kept(sides: Array, other: Polygon, inside: bool, common: int) -> NDArray[np.bool_]:
-    """Return which sides lie inside (or outside) the other polygon.
-    Of those on its boundary are kept those of the same direction for `common` 1, of the opposite
-    one for -1, none for 0."""
+    """Return which sides lie inside (or outside) the other polygon. On its boundary, sides of the
+    same direction are kept for `common` 1, of the opposite one for -1, none for 0."""
     middle = sides.mean(axis=1)
     along = sides[:, 1] - sides[:, 0]
     start, step = other.start[:, None], (other.end - other.start)[:, None]

@@ -21,13 +21,13 @@ Indices = NDArray[np.int64]
 class _Limits(NamedTuple):  # degrees of the interpolants, and limits of the division
     coarse: int = 4  # degree of the interpolant that settles the sign in most boxes
     fine: int = 8  # degree in the others
-    error: float = 3e-12  # of an interpolant, relative to the variation of phi in a box
-    rounding: float = 32 * np.finfo(float).eps  # of phi, relative: some thirty operations
+    error: float = 3e-12  # relative to the variation of phi in a box
+    rounding: float = 32 * np.finfo(float).eps  # relative error of phi: some thirty operations
     safety: float = 4.0  # factor on the estimated error before a sign counts as settled
-    zero: float = 1e-13  # relative to phi in a cell: smaller is zero, for boundaries on grid lines
-    halvings: int = 24  # of a cell: the side is then 6e-8 of the cell's
-    boxes: int = 50_000  # unresolved, beside two a cell: 32 MB a leaf, 81 coefficients a box
-    leaves: int = 6  # zero lines in a box, with 2^6 truth values; others are divided
+    zero: float = 1e-13  # relative to phi in a cell: smaller is 0, for boundaries on grid lines
+    halvings: int = 24  # levels of division: the side is then 6e-8 of the cell's
+    boxes: int = 50_000  # unresolved at most, plus two a cell: 32 MB a leaf, 81 coefficients a box
+    leaves: int = 6  # maximal zero lines in a box, with 2^6 truth values; other boxes are divided
 
 
 LIMITS = _Limits()
@@ -41,9 +41,9 @@ class OpenBoxes:
     cell: Indices  # the cell of each box, shape (n,)
     lower: Array  # lower corners, shape (2, n)
     size: Array  # sides, shape (2, n)
-    leaves: Indices  # numbers of the leaves that matter, shape (n, leaves)
+    leaves: Indices  # numbers of the relevant leaves, shape (n, leaves)
     coefficients: Array  # Bernstein coefficients of these, shape (n, leaves, 9, 9)
-    tolerances: Array  # size that counts as zero, shape (n, leaves)
+    tolerances: Array  # absolute value below which phi counts as zero, shape (n, leaves)
     tables: NDArray[np.uint8]  # inside or not, by the leaves a point is in, (n, 2^leaves)
 
 
@@ -53,7 +53,7 @@ class AccurateBoxes:
 
     count_in_cell: Indices  # number of boxes of each cell, those outside included
     inside: tuple[Indices, Array, Array]  # cells, lower corners and sides of boxes inside
-    groups: list[OpenBoxes]  # the other boxes, by the number of leaves that matter
+    groups: list[OpenBoxes]  # the other boxes, by the number of relevant leaves
 
 
 def accurate_boxes(table: TruthTable, lower: Array, size: Array) -> AccurateBoxes:
@@ -151,7 +151,7 @@ class _Screened:
         return [(states[:, i], np.flatnonzero(owner == i)) for i in range(states.shape[1])]
 
     def open(self, members: Indices, leaves: list[int], reduced: NDArray[np.uint8]) -> OpenBoxes:
-        """Return some of the boxes with the polynomials of the leaves that matter."""
+        """Return some of the boxes with the polynomials of the relevant leaves."""
         chosen = [self.polynomials[k][self.place[k, members]] for k in leaves]
         return OpenBoxes(
             self.cell[members],
@@ -165,7 +165,7 @@ class _Screened:
 
 
 def _reduce(table: TruthTable, state: Indices) -> tuple[list[int], NDArray[np.uint8]]:
-    """Return the open leaves that matter and the truth table in terms of these."""
+    """Return the open leaves that are relevant, and the truth table in terms of these."""
     K = len(state)
     cube = table.table.reshape((2,) * K)  # the last axis is leaf 0
     known = tuple(slice(None) if s == 2 else int(s) for s in state[::-1])
