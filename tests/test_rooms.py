@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "rooms.md").read_text()
-FOLDERS = ("skfem_adini", "contact", "cip", "gpu", "docs", "tests")
+FOLDERS = ("skfem_adini", "contact", "cip", "gpu", "docs", "tests", "benchmarks")
 
 
 def test_the_page_maps_the_rooms_as_their_docstrings_do() -> None:

@@ -219,8 +219,8 @@ class Bodies(Solid):
         found = [body.equilibrium(*own) for body, *own in self._each(u, contact, load)]
         return max(found, key=lambda pair: pair[0] / (pair[1] or 1.0))
 
-    reach, deformation, support_error, give = map(
-        _largest, ("reach", "deformation", "support_error", "give")
+    largest_displacement, deformation, support_error, local_displacement = map(
+        _largest, ("largest_displacement", "deformation", "support_error", "local_displacement")
     )
     internal, at_supports = map(_one_after_the_other, ("internal", "at_supports"))
 

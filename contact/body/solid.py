@@ -322,7 +322,7 @@ class Solid(Portable, ABC):
 
     def deformation(self, u: Any) -> float:
         """Largest component of a displacement after removing rigid motions, scaled as in
-        `reach`."""
+        `largest_displacement`."""
         space = self.vectors
         return float(space.largest(space.strained(space.lengths * space.own(u), self.rigid)))
 

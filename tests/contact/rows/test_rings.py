@@ -5,12 +5,13 @@ that the polygon's own sagitta does not matter.
 """
 
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 import pyvista
 from convergence import order
-from families import CURVED, PLANE, SOLID
+from families import CURVED, PLANE, SOLID, STRAIGHT
 from fields import rms, without_contact
 from rings import NU, A, B, lame, ring
 from scipy import sparse
@@ -158,8 +159,11 @@ def triangles(make, n, cells):
     """A quarter of a ring of triangles that lean one way or cross, or of tetrahedra."""
     if cells != "crossed":
         return ring(make, ElementTetP1 if cells == "tetrahedra" else ElementTriP1, n)
-    crossing = lambda _, *ticks: MeshQuad.init_tensor(*ticks).to_meshtri(style="x").with_defaults()  # noqa: E731
-    return ring(SimpleNamespace(box=crossing), ElementTriP1, n)
+    crossing = SimpleNamespace(
+        init_tensor=lambda *t: MeshQuad.init_tensor(*t).to_meshtri(style="x")
+    )
+    with patch.dict(STRAIGHT, {ElementTriP1: crossing}):
+        return ring(make, ElementTriP1, n)
 
 
 @pytest.mark.parametrize("cells", ["one diagonal", "crossed", "tetrahedra"])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from gpu import GpuError, QPFactor, Unbounded, batch_solve_qp, solve_qp
+from gpu import GpuError, Infeasible, QPFactor, Unbounded, batch_solve_qp, solve_qp
 from gpu.qp.data.standard_qp import StandardQP
 from gpu.qp.interior_point import kkt_system
 from gpu.qp.interior_point.kkt_system import LIMITS, safe_system
@@ -198,7 +198,12 @@ def whole(seed, rounded):
 
 @pytest.mark.parametrize("rounded", [False, True], ids=["exact", "rounded"])
 @pytest.mark.parametrize(
-    "seeds", [range(12), pytest.param(range(12, 1000), marks=pytest.mark.slow)], ids=str
+    "seeds",
+    [
+        range(12),
+        *(pytest.param(range(k, k + 38), marks=pytest.mark.slow) for k in range(12, 1000, 38)),
+    ],
+    ids=str,
 )
 def test_what_translations_leave_of_zeros(seeds, rounded):
     """To and beside the origin, where sides and forces are nothing but rounding."""
@@ -210,11 +215,13 @@ def test_what_translations_leave_of_zeros(seeds, rounded):
             program = moved(p, x - here, tidy=False)
             result = outcome(in_lengths(program, unit))
             if isinstance(result, GpuError):
-                # Nothing has a size beside rounding, or that of q is a ray where P is singular.
+                # Nothing has a size beside rounding, or that of q is a ray where P is singular; or
+                # dependent rows, known to 1e-7 beside the origin, contradict each other by so much.
                 sides = np.concatenate([program.h, program.b, program.lb, program.ub])
                 alone = not (abs(sides[np.isfinite(sides)]) > 0.5).any()
                 assert rounded, seed
-                assert alone or (isinstance(result, Unbounded) and seed % 3 == 1), seed
+                apart = away > 0 if isinstance(result, Infeasible) else seed % 3 == 1
+                assert alone or (apart and isinstance(result, Infeasible | Unbounded)), seed
                 continue
             value = objective(program, result.x / unit) - objective(program, here)
             assert abs(value) <= 1e-8 * size, seed
