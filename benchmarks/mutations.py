@@ -334,6 +334,7 @@ def run_mutated(mutation: Mutation, tests: list[str]) -> tuple[int, str | None]:
 
 def work(part: int, parts: int) -> None:
     """Run each `parts`-th mutation from `part` on and append the outcomes to a file."""
+    sys.path.remove(str(ROOT / "benchmarks"))  # which has a module `cip`
     for name in ("matplotlib.pyplot", "numba", "pyvista", "skfem", "sympy", "hypothesis", "osqp"):
         __import__(name)  # once for all processes
     tests = recorded()
@@ -362,7 +363,7 @@ def main() -> None:
     os.chdir(ROOT)
     here = [sys.executable, __file__]
     one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    path = os.pathsep.join([str(ROOT), str(ROOT / "benchmarks"), str(ROOT / "tests")])
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests"), str(ROOT / "benchmarks")])
     environment = os.environ | one | {"PYTHONPATH": path, "RECORD_MUTATIONS": "1"}
     if options.command == "record":
         pytest = ["-m", "pytest", "-q", "-p", "mutations", "-n", str(options.processes)]

@@ -19,10 +19,11 @@ from gpu.errors import (
     RiccatiError,
     Unbounded,
 )
-from gpu.qp.batch import batch_solve_qp
-from gpu.qp.data.qp_problem import QPFactor
+from gpu.qp.batch import QPBatch, batch_solve_qp
+from gpu.qp.data.derivatives import Gradients
 from gpu.qp.data.qp_result import KKT, QPResult, Status, Step
 from gpu.qp.qpsolvers_backend import register_qpsolvers
+from gpu.qp.sequence import QPFactor
 from gpu.qp.solve_qp import solve_qp
 from gpu.riccati.lqr import care, lqe, lqr
 from gpu.riccati.lqr_result import LQRResult
@@ -32,6 +33,7 @@ from gpu.riccati.problem.candidate import LowRankValue
 __all__ = [
     "KKT",
     "GpuError",
+    "Gradients",
     "Infeasible",
     "InputError",
     "LQRResult",
@@ -39,6 +41,7 @@ __all__ = [
     "MissingDependency",
     "NotConverged",
     "NotSupported",
+    "QPBatch",
     "QPFactor",
     "QPResult",
     "RiccatiError",

@@ -78,7 +78,7 @@ _REASONS = {
         cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.Source cip.State cip.Trajectory
         cip.Velocity
         gpu.KKT gpu.LQRResult gpu.QPFactor
-        gpu.QPResult gpu.Status gpu.Step""",
+        gpu.QPBatch gpu.QPResult gpu.Status gpu.Step""",
     "geometry of school": """
         contact.ClosestPoint contact.Cylinder contact.Moved contact.Plane contact.Rigid
         contact.Sphere""",

@@ -24,6 +24,7 @@ from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
 from cip.profiles.catalogue import Foot, Limits, Line, Update
 from cip.stages.stage import Stage
+from skfem_adini.ground.arrays import cores
 from skfem_adini.ground.jit import Array, Index, Out, Real, generated, kernel, pointer, room
 
 address = pointer()
@@ -110,7 +111,7 @@ def threads() -> int:
     given = os.environ.get("NUMBA_NUM_THREADS", "")
     if given.isdigit() and int(given) > 0:
         return int(given)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return cores()
 
 
 def share(work: Callable[[int, int], Any], rows: int, size: int) -> None:

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from skfem_adini.ground.arrays import cores
+
 Found = TypeVar("Found")
 
 
@@ -22,12 +24,6 @@ class _Limits(NamedTuple):  # of threads
 
 
 LIMITS = _Limits()
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    known = getattr(os, "sched_getaffinity", None)
-    return len(known(0)) if known else os.cpu_count() or 1
 
 
 def in_ranges(work: Callable[[slice], Found], count: int, together: int = 2**13) -> list[Found]:

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from contact.arrays.ranges import cores
-from skfem_adini.ground.arrays import namespace
+from skfem_adini.ground.arrays import cores, namespace
 
 
 def fft_of(xp: Any) -> Any:

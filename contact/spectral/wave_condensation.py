@@ -20,10 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from contact.arrays.ranges import cores
 from contact.spectral import wave_kernel
 from contact.spectral.wave_cells import Column, functions
-from skfem_adini.ground.arrays import namespace
+from skfem_adini.ground.arrays import cores, namespace
 
 Waves = Any  # array of NumPy or CuPy, shape (n, n, waves), of which the upper triangle counts
 _NUMBERS = 1 << 20  # entries in the largest matrices of a block of waves; 64 times as many for CuPy

@@ -12,9 +12,17 @@ from numpy.typing import ArrayLike
 from gpu.arrays.dense import symmetric_product
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.active_set.box import ActiveSet, BoxQP
+from gpu.qp.active_set.dual import (
+    EMPTY,
+    SOLVED,
+    dual_active_set,
+    plain_rows,
+    result_of,
+    rows_of,
+)
 from gpu.qp.active_set.whitened import WhitenedActiveSet
 from gpu.qp.data.equilibrate import largest_side, with_rounding
-from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem, power_of_two
+from gpu.qp.data.qp_problem import FactoredMatrix, QPProblem, Rows, check_problem, power_of_two
 from gpu.qp.data.qp_result import (
     QPResult,
     Status,
@@ -23,8 +31,15 @@ from gpu.qp.data.qp_result import (
     kkt_residuals,
     residuals_of,
 )
-from gpu.qp.data.standard_qp import StandardQP, residuals
-from gpu.qp.interior_point.minimise import Point, certified, minimise, polished
+from gpu.qp.data.standard_qp import ROUNDING, StandardQP, residuals
+from gpu.qp.interior_point.minimise import (
+    Point,
+    certified,
+    infeasible,
+    minimise,
+    polished,
+    proven,
+)
 from gpu.qp.interior_point.polish import PrimalDual, Sides
 from gpu.qp.interior_point.presolve import PRESOLVE, nonempty
 from gpu.qp.last_digits import last_digits
@@ -36,6 +51,7 @@ class _Limits(NamedTuple):  # limits of proximal points and of absolute residual
     proximity: float = 1e-6  # of the diagonal of P: enough for a Cholesky factor
     steps: int = 60  # proximal points: where there is a solution, few are the rule
     sparse: int = 300_000  # most nonzeros of P and C for absolute residuals
+    move: float = 64 * float(np.finfo(float).eps)  # of forces with a diagonal of ones: rounding
     dense: int = 30_000  # the same in dense storage: a few sparse factorisations
 
 
@@ -47,7 +63,7 @@ logger = logging.getLogger(__name__)
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
 def solve_qp(
-    P: ArrayLike | QPFactor,
+    P: ArrayLike | FactoredMatrix,
     q: ArrayLike,
     G: ArrayLike | None = None,
     h: ArrayLike | None = None,
@@ -145,10 +161,13 @@ def solve_qp(
     >>> result.active, result.kkt.worst < 1e-15
     (array([ 0,  0, -1], dtype=int8), True)
     """
+    if start is None and type(tol) is float and ROUNDING.sharp <= tol < 1.0:
+        rows = plain_rows(P, q, G, h, A, b, lb, ub, h_low)
+        result = None if rows is None else result_of(rows, dual_active_set(rows))
+        if result is not None:
+            return result
     problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
-    if not isinstance(tol, int | float | np.number) or not 0.0 < tol < 1.0:
-        raise InputError(f"tol is {tol!r}: it must be a number between 0 and 1")
-    host_below = integer("host_below", host_below, 0)
+    host_below = checked_options(tol, host_below)
     if not isinstance(start, QPResult):
         unmasked("start", start)
     for low, high, names in (
@@ -179,6 +198,11 @@ def solve_qp(
                 )
     if host_below and not isinstance(problem.q, np.ndarray) and problem.q.size < host_below:
         return _on_host(problem, start, tol)
+    small = None if isinstance(P, FactoredMatrix) else rows_of(problem)
+    if small is not None:
+        result = _dual(problem, small, start, tol)
+        if result is not None:
+            return result
     if problem.boxes_only:
         try:
             return _boxes(problem, start, tol)
@@ -197,6 +221,41 @@ def solve_qp(
         return result
 
 
+def checked_options(tol: Any, host_below: Any) -> int:
+    """`host_below` as a number; `InputError` where it or `tol` is wrong."""
+    if not isinstance(tol, int | float | np.number) or not 0.0 < tol < 1.0:
+        raise InputError(f"tol is {tol!r}: it must be a number between 0 and 1")
+    return integer("host_below", host_below, 0)
+
+
+def _dual(problem: QPProblem, rows: Rows, start: Any, tol: float) -> QPResult | None:
+    """The answer of the compiled dual method, `Infeasible`, or None where another has to decide."""
+    state = _first_state(problem, problem.program, start)
+    found = dual_active_set(rows, state)
+    if found.code[0] == EMPTY and with_rounding(problem.program, certain=True) is None:
+        proof = proven(_widened(problem), -found.y[0])
+        if proof is not None:
+            raise infeasible(proof)
+    result = result_of(rows, found)
+    if result is None and found.code[0] == SOLVED:
+        x, y, z_box = found.x[0], found.y[0], found.z_box[0]
+        kkt = residuals_of(problem, x, y[: rows.equal], y[rows.equal :], z_box)
+        result = result_of(rows, found, kkt)
+    if result is None or result.kkt.worst > tol:
+        logger.debug("the dual active set did not decide (code %d): %s", found.code[0], result)
+        return None
+    return result
+
+
+def _widened(problem: QPProblem) -> StandardQP:
+    """The program with sides apart by what rounding of the forces moves x."""
+    p, D = problem.program, problem.factor.scale
+    move = LIMITS.move * D * float((D * abs(p.q)).max())
+    rows = abs(p.C) @ move
+    sides = p.row_low - rows, p.row_high + rows, p.lb - move, p.ub + move
+    return replace(p, row_low=sides[0], row_high=sides[1], lb=sides[2], ub=sides[3])
+
+
 def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
     r"""Solve a box problem with singular P by proximal points (Rockafellar 1976): each minimises
     :math:`\tfrac12 x^TPx + q^Tx + \tfrac12 |x - x_k|_M^2`, M a small diagonal, by active sets,
@@ -206,7 +265,7 @@ def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
     if problem.b.size > problem.q.size:
         return None
     weight = LIMITS.proximity / problem.factor.scale**2
-    factor = QPFactor(problem.factor.P + np.diag(weight))
+    factor = FactoredMatrix(problem.factor.P + np.diag(weight))
     if not factor.definite:
         return None
     x, last = np.clip(np.zeros_like(problem.q), problem.lb, problem.ub), None
@@ -251,7 +310,7 @@ def _on_host(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float)
         raise Infeasible(str(error), xp.asarray(error.certificate)) from None
     except Unbounded as error:
         raise Unbounded(str(error), xp.asarray(error.ray)) from None
-    return result.moved(xp.asarray)
+    return replace(result.moved(xp.asarray), _problem=problem)
 
 
 def _boxes(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
@@ -343,7 +402,8 @@ def _box_result(problem: QPProblem, rows: np.ndarray, iterate: ActiveSet, tol: f
         )
     history = tuple(iterate.history)
     status = _status(problem, lb < ub, active, z_box)
-    return QPResult(x, y, np.zeros(0), z_box, status, active, kkt, len(history), history)
+    steps = len(history)
+    return QPResult(x, y, np.zeros(0), z_box, status, active, kkt, steps, history, _problem=problem)
 
 
 def _status(problem: QPProblem, loose: Any, active: Any, z_box: Any) -> Status:
@@ -455,4 +515,6 @@ def _general_result(
     active = xp.where(p.lb == p.ub, xp.where(z_box < 0.0, -1, 1), active).astype(np.int8)
     status = _status(problem, p.lb < p.ub, active, z_box)
     steps, rows = point.iterations or len(history), xp.sign(z).astype(np.int8)
-    return QPResult(x, y, z, z_box, status, active, kkt, steps, history, rows, path)
+    return QPResult(
+        x, y, z, z_box, status, active, kkt, steps, history, rows, path, _problem=problem
+    )

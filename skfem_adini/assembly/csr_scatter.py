@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -15,6 +14,7 @@ from scipy import sparse
 
 from skfem_adini.assembly import row_kernels
 from skfem_adini.assembly.dof_blocks import DofBlocks
+from skfem_adini.ground.arrays import cores
 from skfem_adini.ground.jit import compiled
 
 Array = NDArray[Any]
@@ -105,10 +105,9 @@ def shares_of(first: Integers, columns: int) -> list[tuple[int, int]]:
     """Return ranges of row blocks of about equal work, one for each thread.
     `first` (blocks + 1,) counts the cells of the blocks before each one, `columns` blocks of a
     cell."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     work = int(first[-1]) * columns
     # The kernels are limited by memory: on two processors a second thread gained nothing.
-    threads = max(1, min((cores or 1) // 2, LIMITS.threads, work // LIMITS.pairs))
+    threads = max(1, min(cores() // 2, LIMITS.threads, work // LIMITS.pairs))
     ends = np.searchsorted(first, first[-1] * np.arange(1, threads) / threads)
     ends = [0, *map(int, ends), len(first) - 1]
     return list(pairwise(ends))

@@ -7,6 +7,7 @@ the BLAS and LAPACK of SciPy.
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,12 @@ def namespace(*values: Any) -> Any:
 def on_device(value: Any) -> bool:
     """Whether an array or a sparse matrix is one of CuPy."""
     return type(value).__module__.partition(".")[0] in ("cupy", "cupyx")
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    known = getattr(os, "sched_getaffinity", None)
+    return len(known(0)) if known else os.cpu_count() or 1
 
 
 def cupy() -> Any:

@@ -35,6 +35,8 @@ Widths = Any
 
 # Of kernels: allow fused multiply-add, as on the device, and no other change of operations.
 _ARITHMETIC = {"error_model": "numpy", "fastmath": {"contract"}}
+# Of dense algebra: sums in any order as well.
+_REORDERED = {"error_model": "numpy", "fastmath": {"contract", "reassoc"}}
 
 
 class _Generated(NamedTuple):  # kernels from generated source in the cache on disk
@@ -77,6 +79,19 @@ def kernel(function: Function) -> Function:
 def loop(function: Function) -> Function:
     """Compile a loop over nodes; it releases the interpreter lock, so threads share the nodes."""
     found: Function = _kept(function, nogil=True, **_ARITHMETIC)
+    return found
+
+
+def summing(function: Function) -> Function:
+    """Compile a function of dense algebra: sums in any order; infinite numbers are data."""
+    found: Function = _kept(function, nogil=True, no_cfunc_wrapper=True, **_REORDERED)
+    return found
+
+
+def summing_part(function: Function) -> Function:
+    """The same for a function that is called from compiled ones only."""
+    plain = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    found: Function = _kept(function, nogil=True, **plain, **_REORDERED)
     return found
 
 
@@ -131,7 +146,7 @@ def _kept(function: Callable[..., Any], **options: Any) -> Any:
 def state_of(package: str) -> str:
     """A hash of the code of `ground` and of one of our packages, by default `skfem_adini`."""
     state = sha256()
-    for name in (__package__, package if package in ("contact", "cip") else "skfem_adini"):
+    for name in (__package__, package if package in ("contact", "cip", "gpu") else "skfem_adini"):
         for module in sorted(Path(str(sys.modules[name].__file__)).parent.glob("**/*.py")):
             state.update(module.read_bytes())
     return state.hexdigest()[:12]

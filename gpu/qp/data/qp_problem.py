@@ -26,39 +26,10 @@ class _Limits(NamedTuple):  # what counts as rounding of P, and as infinite
 LIMITS = _Limits()
 
 
-class QPFactor:
-    """A symmetric positive semidefinite matrix, checked, scaled and factored once.
-
-    `solve_qp` takes it in place of `P`, so that a sequence of problems with one matrix pays for
-    the checks and for the factorisation once.
-
-    Parameters
-    ----------
-    P : (n, n) array_like, SciPy sparse array or CuPy array
-        The matrix; it is copied.
-    semidefinite : bool, optional
-        Whether a matrix that is not positive definite to working precision is accepted.
-
-    Attributes
-    ----------
-    definite : bool
-        Whether a Cholesky factor exists and is kept; never for a sparse matrix.
-    nearly_convex : bool
-        Whether eigenvalues are negative, by less than 3e-5 of the diagonal.
-
-    Raises
-    ------
-    InputError
-        If `P` is not square, finite, symmetric up to rounding and positive semidefinite.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from gpu import QPFactor, solve_qp
-    >>> factor = QPFactor(np.array([[2.0, 1.0], [1.0, 2.0]]))
-    >>> [solve_qp(factor, [-load, load], lb=0.0).x.tolist() for load in (1.0, 2.0)]
-    [[0.5, 0.0], [1.0, 0.0]]
-    """
+class FactoredMatrix:
+    """A symmetric positive semidefinite matrix, checked, scaled and factored once: `P`, `scaled`
+    with its `scale`, the Cholesky factor `L` (None unless `definite`), and whether it is
+    `nearly_convex`; see `gpu.qp.sequence.QPFactor`."""
 
     @np.errstate(all="ignore")
     def __init__(self, P: ArrayLike, *, semidefinite: bool = True) -> None:
@@ -175,7 +146,7 @@ def _definite_when_shifted(scaled: Any, shift: float) -> bool:
 class QPProblem(NamedTuple):
     """Data of a quadratic program; `A` holds the equality rows, `G` the others."""
 
-    factor: QPFactor
+    factor: FactoredMatrix
     q: Any
     A: Any
     b: Any
@@ -196,6 +167,13 @@ class QPProblem(NamedTuple):
         )
 
     @property
+    def rows(self) -> Rows:
+        """The same as `Rows`."""
+        p, join = self.program, namespace(self.q).concatenate
+        sides = (join([p.row_low, p.lb]), join([p.row_high, p.ub]))
+        return Rows(p.P, p.C, p.q, *sides, self.b.size, self.row_low.size)
+
+    @property
     def program(self) -> StandardQP:
         """The same, with one set of rows: those of A, then those of G."""
         xp = namespace(self.q)
@@ -209,8 +187,26 @@ class QPProblem(NamedTuple):
         return StandardQP(P, self.q, C, row_low, row_high, self.lb, self.ub)
 
 
+class Rows(NamedTuple):
+    """A problem with one set of rows, the first `equal` those of A; sides are those of rows, then
+    of bounds."""
+
+    P: Any
+    C: Any
+    q: Any
+    low: Any
+    high: Any
+    equal: int
+    general: int
+
+    @property
+    def boxes_only(self) -> bool:
+        """Whether residuals are those of bounds and equality rows, see `KKT`."""
+        return not self.general and self.equal <= len(self.P)
+
+
 def check_problem(
-    P: ArrayLike | QPFactor,
+    P: ArrayLike | FactoredMatrix,
     q: ArrayLike,
     G: ArrayLike | None,
     h: ArrayLike | None,
@@ -221,7 +217,7 @@ def check_problem(
     h_low: ArrayLike | None,
 ) -> QPProblem:
     """The arguments of `solve_qp` as arrays; `InputError` names what is wrong with them."""
-    factor = P if isinstance(P, QPFactor) else QPFactor(P)
+    factor = P if isinstance(P, FactoredMatrix) else FactoredMatrix(P)
     n = factor.P.shape[0]
     xp = namespace(factor.P, q, G, h, A, b, lb, ub, h_low)
     q = _finite("q", _shaped("q", q, (n,), xp))
@@ -249,9 +245,9 @@ def check_problem(
     )  # fmt: skip
 
 
-def _as_sparse(factor: QPFactor) -> QPFactor:
+def _as_sparse(factor: FactoredMatrix) -> FactoredMatrix:
     """The factor of a dense P for a problem with sparse rows: the same, stored sparsely."""
-    other: Any = object.__new__(QPFactor)
+    other: Any = object.__new__(FactoredMatrix)
     dense: Any = factor
     other.P, other.scaled = sparse.csr_array(dense.P), sparse.csr_array(dense.scaled)
     other.scale, other.L, other.definite = factor.scale, None, False

@@ -11,23 +11,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpu.arrays.dense import symmetric_product
+from gpu.errors import InputError
+from gpu.qp.data.derivatives import Gradients, gradients
 from gpu.qp.data.equilibrate import with_rounding
-from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem
+from gpu.qp.data.qp_problem import FactoredMatrix, QPProblem, Rows, check_problem
 from gpu.qp.data.standard_qp import (
     ROUNDING,
     Residuals,
     StandardQP,
+    is_sparse,
     largest,
     one_sided,
     residuals,
 )
-from skfem_adini.ground.arrays import namespace
+from skfem_adini.ground.arrays import namespace, to_host
 
 
 class Status(Enum):
     r"""What is known about an answer, and what to do about it.
 
-    Failures are raised; a result exists only with one of these.
+    Failures are raised, except in a batch, which reports them in place by the last three.
 
     =============  =====================================================================
     `OPTIMAL`      every recomputed residual is below `tol`
@@ -35,11 +38,14 @@ class Status(Enum):
     `NEARLY`       the same, but P has negative eigenvalues, by less than 3e-5 of its
                    diagonal: x is stationary, and no other point at a distance d lies
                    lower by more than :math:`|\lambda_{min}| d^2 / 2`
+    `INFEASIBLE`   in a batch: no point satisfies the constraints, see `QPBatch.errors`
+    `UNBOUNDED`    in a batch: the objective has no lower bound
+    `FAILED`       in a batch: the residuals stay above `tol`
     =============  =====================================================================
 
     Attributes
     ----------
-    OPTIMAL, DEGENERATE, NEARLY : Status
+    OPTIMAL, DEGENERATE, NEARLY, INFEASIBLE, UNBOUNDED, FAILED : Status
 
     Examples
     --------
@@ -57,6 +63,9 @@ class Status(Enum):
         "every recomputed residual is below tol, but P is convex to a few digits only: round its "
         "negative eigenvalues up to zero, or compare the objective from several starts"
     )
+    INFEASIBLE = "no point satisfies the constraints: the certificate names rows to loosen"
+    UNBOUNDED = "the objective has no lower bound: bound the variables of the ray"
+    FAILED = "the residuals stay above tol: rescale this problem, or accept a larger tol"
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +123,7 @@ class QPResult:
     history: tuple[Step, ...]
     active_rows: Any = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
     path: str = "active set"
+    _problem: Any = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         return (
@@ -124,7 +134,7 @@ class QPResult:
 
     def residuals(
         self,
-        P: ArrayLike | QPFactor,
+        P: ArrayLike | FactoredMatrix,
         q: ArrayLike,
         G: ArrayLike | None = None,
         h: ArrayLike | None = None,
@@ -138,6 +148,58 @@ class QPResult:
         """Residuals of this answer in a problem given like in `solve_qp`."""
         problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
         return residuals_of(problem, self.x, self.y, self.z, self.z_box)
+
+    def vjp(
+        self,
+        dx: ArrayLike | None = None,
+        dz: ArrayLike | None = None,
+        dy: ArrayLike | None = None,
+        dz_box: ArrayLike | None = None,
+    ) -> Gradients:
+        """Gradients of a function of the solution by all data of the problem.
+
+        Parameters
+        ----------
+        dx, dz, dy, dz_box : (n,), (l,), (m,), (n,) array_like, optional
+            Derivatives of the function by `x`, `z`, `y` and `z_box`; zero where left out.
+
+        Returns
+        -------
+        Gradients
+            By `P` (symmetric), `q`, `G`, `h`, `h_low`, `A`, `b`, `lb`, `ub`; its flag `degenerate`
+            tells where derivatives are one-sided.
+
+        Raises
+        ------
+        InputError
+            For cotangents of another shape, and if the arrays of the problem were changed since.
+        NotConverged
+            If the solution, or a multiplier whose cotangent is not zero, is not unique.
+
+        Notes
+        -----
+        One linear system with the active rows, by the implicit function theorem (B. Amos, J. Z.
+        Kolter, OptNet, ICML 2017). Of sparse P, G and A only entries that are stored have
+        derivatives.
+
+        Examples
+        --------
+        How the distance from a target changes with the side of a row:
+
+        >>> import numpy as np
+        >>> from gpu import solve_qp
+        >>> result = solve_qp(np.eye(2), [-1.0, -1.0], [[1.0, 1.0]], [1.0])
+        >>> result.x.tolist(), result.vjp(dx=result.x - 1.0).h.round(12).tolist()
+        ([0.5, 0.5], [-0.5])
+        """
+        if self._problem is None:
+            raise InputError("this result does not know its problem: solve it again")
+        rows = self._problem if isinstance(self._problem, Rows) else self._problem.rows
+        xp = namespace(self.x)
+        move = to_host if xp is np else xp.asarray
+        data = *(part if is_sparse(part) else move(part) for part in rows[:5]), rows.equal
+        y = xp.concatenate([self.y, self.z])
+        return gradients(data, self.x, y, self.z_box, (dx, dz, dy, dz_box))
 
     def moved(self, move: Callable[[Any], Any]) -> QPResult:
         """The same result with every array moved, to a device or to the host."""

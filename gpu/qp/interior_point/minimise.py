@@ -128,7 +128,7 @@ def minimise(
             return nothing
     proof = contradiction(p, tol) if proofs else None
     if proof is not None:
-        raise _infeasible(proof)
+        raise infeasible(proof)
     small = presolve(p, search=reduced)
     if not small.free.size:
         point = certified(p, *small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)))
@@ -136,7 +136,7 @@ def minimise(
             return _afloat(p, small, point, lambda: minimise(p, tol, solver, proofs, False))
         small = presolve(p, search=False)
         if not small.free.size:
-            raise _infeasible(_violated(p, point.x))
+            raise infeasible(_violated(p, point.x))
     scaled, scaling = equilibrate(small.program)
     rewritten = curvature_rows(scaled)
 
@@ -339,7 +339,7 @@ def _solution(solver: str, program: StandardQP) -> Array:
 def _no_point(small: StandardQP, scaling: Scaling, solve: Solve) -> None:
     y = farkas(small, solve)
     if y is not None:
-        raise _infeasible(scaling.rows * y)
+        raise infeasible(scaling.rows * y)
 
 
 def _no_bound(
@@ -354,14 +354,15 @@ def _no_bound(
     try:
         minimise(replace(small, P=P, q=0.0 * one), LIMITS.feasible)
     except Infeasible as error:
-        raise _infeasible(scaling.rows * error.certificate) from None
+        raise infeasible(scaling.rows * error.certificate) from None
     raise Unbounded(
         "the objective falls for ever along a feasible direction, see `ray`",
         scaling.variables * direction,
     )
 
 
-def _infeasible(certificate: Array) -> Infeasible:
+def infeasible(certificate: Array) -> Infeasible:
+    """The error with a verified proof."""
     return Infeasible("no point of the box satisfies the rows", certificate)
 
 
@@ -513,6 +514,14 @@ def _verified(p: StandardQP, y: Array) -> Array | None:
     # What was rounded off leaves points far away: they must be farther than any of the data.
     size = largest_side(p.row_low, p.row_high, p.lb, p.ub)
     return y if margin > PROOF.farther * max(size, 1.0) * rest else None
+
+
+def proven(p: StandardQP, y: Array) -> Array | None:
+    """A Farkas vector of the rows that a method found, if it is one."""
+    small, scaling = equilibrate(p)
+    y = y / scaling.rows
+    proof = _verified(small, y / (float(abs(y).max(initial=0.0)) or 1.0))
+    return None if proof is None else scaling.rows * proof
 
 
 def ray(p: StandardQP, solve: Solve, towards: Array | None = None) -> Array | None:

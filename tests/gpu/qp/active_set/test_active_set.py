@@ -40,7 +40,7 @@ def test_ends_where_the_full_exchange_cycles(P, q):
     assert np.linalg.eigvalsh(P)[0] > 0
     assert plain_full_exchange(P, q) is None
 
-    result = solve_qp(P, q, lb=0.0)
+    result = solve_qp(QPFactor(P), q, lb=0.0)
     best = min(
         x @ P @ x / 2 + q @ x
         for free in itertools.product([False, True], repeat=q.size)
@@ -57,7 +57,7 @@ def test_rounding_of_a_tie_does_not_cycle():
     P = np.array([[18, 10, 0, 0], [10, 28, -18, 6], [0, -18, 18, -6], [0, 6, -6, 12]], dtype=float)
     q = np.array([-5.0, -8.0, 3.0, 7.0])
     assert plain_full_exchange(P, q) is None
-    result = solve_qp(P, q, lb=0.0)
+    result = solve_qp(QPFactor(P), q, lb=0.0)
     assert result.iterations <= 3
     np.testing.assert_allclose(result.x, [0.0, 1 / 2, 1 / 3, 0.0], atol=1e-15)
 

@@ -1,0 +1,220 @@
+r"""A dual active set for small dense, strictly convex problems, compiled.
+
+The method of Goldfarb and Idnani [1]_ begins at the free minimum and adds the most violated row or
+bound until none is violated; each point on the way is the minimum under the rows held so far. With
+:math:`DPD = LL^T`, D a diagonal of powers of two that makes units of variables alike,
+:math:`J = L^{-1}` by rows and the held rows N (normals a of :math:`a^Tz \ge b`, in
+:math:`z = D^{-1}x`),
+
+.. math:: JN^T = \begin{pmatrix} R \\ 0 \end{pmatrix}, \quad d = Ja, \quad
+          z' = J_2^Td_2, \quad r = R^{-1}d_1:
+
+along z' a new row is approached, and the multipliers of the others change by -r. R is kept by
+columns. A row enters by one reflection of :math:`J_2`, for which z' is known already, and leaves by
+rotations. Rows with two sides and bounds are one constraint each; dependent rows are recognised by
+:math:`d_2 = 0` and never enter R. From a given set one begins at its minimum without what pulls,
+which is a point of the same kind, so that any guess is safe. Violations are measured against the
+rounding of their terms, with x not less than the free minimum: nothing depends on units.
+
+At the end x and the multipliers are refined by residuals of the problem as given, and certified.
+
+References
+----------
+.. [1] D. Goldfarb, A. Idnani, "A numerically stable dual method for solving strictly convex
+   quadratic programs", Math. Program. 27 (1983) 1-33.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gpu.qp.data.qp_problem import QPProblem, Rows
+from gpu.qp.data.qp_result import KKT, QPResult, Status, Step
+from gpu.qp.data.standard_qp import ROUNDING
+
+
+class _Limits(NamedTuple):  # where the method is tried
+    unknowns: int = 250  # more: the full exchange or the interior point takes less time
+    boxes: int = 120  # the same where there are only bounds: that exchange has few steps
+    steps: int = 4  # most steps over rows and unknowns
+
+
+LIMITS = _Limits()
+
+logger = logging.getLogger(__name__)
+
+SOLVED, EMPTY, UNDECIDED = 0, 1, 2  # codes of the compiled functions
+
+
+def plain_rows(P: Any, q: Any, G: Any, h: Any, A: Any, b: Any, lb: Any, ub: Any, h_low: Any) -> Any:
+    """The arguments of `solve_qp` as `Rows` where they are plain arrays of a small problem, else
+    None: whatever needs a second look is left to `check_problem`."""
+    if not _matrix(P) or P.shape[0] != P.shape[1] or not 0 < len(P) <= LIMITS.unknowns:
+        return None
+    n = len(P)
+    if (A is None) != (b is None) or (G is None) != (h is None and h_low is None):
+        return None
+    if not all(M is None or (_matrix(M) and M.shape[1] == n) for M in (A, G)):
+        return None
+    m, l = 0 if A is None else len(A), 0 if G is None else len(G)
+    if not l and n > LIMITS.boxes:
+        return None
+    pair = plain_sides(n, m, l, h, b, lb, ub, h_low)
+    q = _plain_vector(q, n)
+    if pair is None or type(q) is not np.ndarray:
+        return None
+    C = G if A is None else A if G is None else np.concatenate([A, G])
+    return Rows(P, np.zeros((0, n)) if C is None else C, q, *pair, m, l)
+
+
+def plain_sides(n: int, m: int, l: int, h: Any, b: Any, lb: Any, ub: Any, h_low: Any) -> Any:
+    """Lower and upper sides of m equality rows, l other rows and n bounds; None as `plain_rows`."""
+    low, high = np.empty(m + l + n), np.empty(m + l + n)
+    low[: m + l], high[: m + l], low[m + l :], high[m + l :] = -np.inf, np.inf, -np.inf, np.inf
+    end = m + l
+    for value, first, last, side in (
+        (b, 0, m, low), (b, 0, m, high), (h, m, end, high), (h_low, m, end, low),
+        (lb, end, end + n, low), (ub, end, end + n, high),
+    ):  # fmt: skip
+        if value is not None:
+            vector = _plain_vector(value, last - first, value is not b)
+            if vector is None:
+                return None
+            side[first:last] = vector
+    return low, high
+
+
+def _plain_vector(value: Any, size: int, or_number: bool = False) -> Any:
+    """A vector of plain doubles as it is, or one number for all; else None."""
+    kind = type(value)
+    if kind is np.ndarray:
+        good = value.dtype == float and value.shape == (size,)
+    else:
+        good = or_number and kind is float
+    return value if good else None
+
+
+def plain_array(value: Any) -> Any:
+    """A list or an array of numbers as doubles; anything else as it is."""
+    kind = type(value)
+    if kind is int:
+        return float(value)
+    if kind in (list, tuple) or (kind is np.ndarray and value.dtype != float):
+        try:
+            array = np.asarray(value)
+        except ValueError:
+            return value
+        return array.astype(float) if array.dtype.kind in "iuf" else value
+    return value
+
+
+def _matrix(M: Any) -> bool:
+    """Whether M is a dense matrix of plain doubles, row by row."""
+    return type(M) is np.ndarray and M.ndim == 2 and M.dtype == float and M.flags.c_contiguous
+
+
+def rows_of(problem: QPProblem) -> Rows | None:
+    """The same of a checked problem; None where the method does not fit."""
+    P, q = problem.factor.P, problem.q
+    if type(P) is not np.ndarray or type(q) is not np.ndarray or not problem.factor.definite:
+        return None
+    if q.size > (LIMITS.boxes if problem.boxes_only else LIMITS.unknowns):
+        return None
+    rows = problem.rows
+    return rows._replace(C=np.ascontiguousarray(rows.C), q=np.ascontiguousarray(q))
+
+
+class Found(NamedTuple):
+    """What the compiled method returns, of all problems of a batch."""
+
+    x: np.ndarray
+    y: np.ndarray
+    z_box: np.ndarray
+    active: np.ndarray  # signed states of rows, then of bounds
+    kkt: np.ndarray
+    code: np.ndarray
+    idle: np.ndarray  # whether something held carries no multiplier
+    count: np.ndarray  # steps
+    steps: np.ndarray  # of the last problem, as `Step`
+
+    @classmethod
+    def room(cls, k: int, m: int, n: int) -> Found:
+        """Arrays for k problems of m rows and n variables."""
+        steps = np.empty((LIMITS.steps * (m + n), 2), np.int64)
+        return cls(
+            np.empty((k, n)), np.empty((k, m)), np.empty((k, n)), np.empty((k, m + n), np.int8),
+            np.full((k, 5), np.inf), np.empty(k, np.int8), np.zeros(k, bool), np.zeros(k, np.int64),
+            steps,
+        )  # fmt: skip
+
+
+class Kept:
+    """What is made of a matrix and rows, with the factored active set of the last problem."""
+
+    def __init__(self, P: np.ndarray, C: np.ndarray, once: bool = False) -> None:
+        from gpu.qp.active_set import dual_kernels
+
+        (m, n), self.kernels = C.shape, dual_kernels
+        self.D, self.J, self.R, self.S = (
+            np.empty(n),
+            np.empty((n, n)),
+            np.empty((n, n)),
+            np.empty((m, n)),
+        )
+        self.size, self.act, self.side, self.k = np.empty(m), np.empty(n, np.int64), np.empty(n), 0
+        self.good = dual_kernels.factor(P, self.D, self.J)
+        self.good &= dual_kernels.scale_rows(C, self.D, self.S, self.size)
+        self.first = self.J if once else self.J.copy()
+
+    def begin(self, rows: Rows, state: np.ndarray) -> None:
+        """Hold equalities and what has a state."""
+        if self.good:
+            parts = self.J, self.R, self.S, self.D, rows.low, rows.high
+            self.k = self.kernels.begin(*parts, state, self.act, self.side)
+
+    def solve(self, rows: Rows) -> Found:
+        """Solve a problem from the set held last."""
+        if self.k:
+            found = self.run(rows)
+            if not found.code[0] and found.kkt.max() <= ROUNDING.sharp:
+                return found
+        self.J[:] = self.first  # used up by many rotations, or the set never fitted
+        self.begin(rows, np.zeros(rows.low.size, np.int8))
+        return self.run(rows)
+
+    def run(self, rows: Rows) -> Found:
+        """The same, whatever comes of it."""
+        found = Found.room(1, *rows.C.shape)
+        x, y, box, active, kkt = (part[0] for part in found[:5])
+        found.code[0] = UNDECIDED
+        if self.good and self.kernels.plain(rows.q, rows.low, rows.high):
+            found.code[0], self.k, found.count[0], found.idle[0] = self.kernels.solve(
+                *rows[:5], self.D, self.J, self.S, self.size, self.R, self.act, self.side, self.k,
+                rows.boxes_only, x, y, box, active, found.steps, kkt,
+            )  # fmt: skip
+        return found
+
+
+def dual_active_set(rows: Rows, state: np.ndarray | None = None) -> Found:
+    """Solve a problem, from signed states of rows and bounds if they are given."""
+    kept = Kept(rows.P, rows.C, once=True)
+    kept.begin(rows, np.zeros(rows.low.size, np.int8) if state is None else state)
+    return kept.run(rows)
+
+
+def result_of(rows: Rows, found: Found, kkt: KKT | None = None) -> QPResult | None:
+    """The answer if its residuals are those of rounding, else None."""
+    kkt = kkt or KKT(*found.kkt[0].tolist())
+    if found.code[0] or not kkt.worst <= ROUNDING.sharp:
+        return None
+    m, end, steps = rows.equal, rows.equal + rows.general, int(found.count[0])
+    status = Status.DEGENERATE if found.idle[0] else Status.OPTIMAL
+    history = tuple(map(Step._make, found.steps[:steps].tolist()))
+    y, active = found.y[0], found.active[0]
+    return QPResult(
+        found.x[0], y[:m], y[m:end], found.z_box[0], status, active[end:], kkt, steps, history,
+        active[m:end], _problem=rows,
+    )  # fmt: skip
