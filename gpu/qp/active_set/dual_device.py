@@ -61,7 +61,7 @@ def solve_batch(
 
     data = [cupy.ascontiguousarray(a, dtype=float) for a in (P, q, C, low, high, lb, ub)]
     m, n = data[2].shape[1:]
-    B = max(len(a) for a in (*data, *(() if state is None else (state,))))
+    (B,) = np.broadcast_shapes(*((len(a),) for a in (*data, *([] if state is None else [state]))))
     if state is not None:
         state = cupy.ascontiguousarray(cupy.broadcast_to(state, (B, m + n)), dtype=np.int8)
     result = Batch(
