@@ -174,15 +174,17 @@ def test_degenerate_vertices(origin):
 
 
 def test_fixed_variables_and_equal_sides_of_either_sign():
-    data = random_batch(6, 10, 20, 10)
-    data[5][:, :8] = data[6][:, :8]
-    data[3][:, :4] = data[4][:, :4]
+    P, q, C, low, high, lb, ub = random_batch(6, 10, 20, 10)
+    x = (lb + ub) / 2
+    lb[:, :8] = ub[:, :8] = x[:, :8]
+    low[:] = high[:] = (C @ x[:, :, None])[:, :, 0]
+    low[:, 4:], high[:, 4:] = low[:, 4:] - 1.0, high[:, 4:] + 1.0
+    data = P, q, C, low, high, lb, ub
     batch = on_device(data)
+    assert (batch.code == SOLVED).all()
     check(data, batch)
-    solved = batch.code == SOLVED
-    assert solved.any()
-    tied = batch.y[solved][:, :4]
-    np.testing.assert_array_equal(batch.state[solved][:, :4], np.sign(tied))
+    np.testing.assert_array_equal(batch.state[:, :4], np.sign(batch.y[:, :4]))
+    np.testing.assert_array_equal(batch.state[:, 10:18], np.sign(batch.z_box[:, :8]))
 
 
 def test_what_is_not_decided_is_said():
