@@ -30,6 +30,7 @@ typedef long long index;
 #define NEAR 1e-6        // of the lengths that follow from the data: a smaller x is rounding
 #define SIDE 1e-14       // of those lengths: smaller sides are rounding of a difference
 #define SHARP 1e-2       // of the tolerance: most that residuals of a solution may be
+#define BATCH 4          // rows of C that a thread reads at once
 #define FOR(i, size) for (int i = threadIdx.x; i < (size); i += blockDim.x)
 
 enum State : signed char { LOWER = -1, FREE, UPPER, PASSED_BY, EQUAL };
@@ -96,7 +97,7 @@ template <class Join> __device__ double over_block(double a, double* share, Join
 struct Program {
     int n, m, stride;  // odd: entries of a column of J or M lie in different banks
     const double *P, *q, *C, *low, *high, *lb, *ub;
-    double *J, *M, *D, *x, *y, *a, *d, *r, *step, *unit, *value, *share;
+    double *J, *M, *D, *y, *a, *d, *r, *step, *unit, *value, *x, *share;  // value = (Cx, x)
     int *active, k, steps;  // constraints of the active set, whose multipliers are y, in its order
     signed char* state;     // of all constraints
     double spread, reach;   // |J|^2, and |x| without constraints
@@ -107,12 +108,13 @@ struct Program {
         stride = n | 1;
         J = memory;
         M = J + n * stride;
-        double** const vectors[] = {&D, &x, &y, &a, &d, &r, &step};
-        for (int v = 0; v < 7; ++v)
+        double** const vectors[] = {&D, &y, &a, &d, &r, &step};
+        for (int v = 0; v < 6; ++v)
             *vectors[v] = M + n * (stride + v);
         unit = step + n;
-        value = unit + m;
-        share = value + m;
+        value = unit + m + n;
+        x = value + m;
+        share = x + n;
         active = (int*)(share + 32);
         state = (signed char*)(active + n);
     }
@@ -151,36 +153,34 @@ struct Program {
     // out <- sums over j of term(C_cj, j) for all rows c, eight threads each.
     template <class Term> __device__ void over_rows(double* out, Term term) const
     {
-        const int lane = threadIdx.x & 7;
-        for (int first = 0; first < m; first += blockDim.x / 8) {
-            const int c = first + threadIdx.x / 8;
-            double s = 0.0;
-            if (c < m)
-                for (int j = lane; j < n; j += 8)
-                    s += term(C[(index)c * n + j], j);
-            for (int apart = 4; apart; apart >>= 1)
-                s += __shfl_xor_sync(0xffffffffu, s, apart);
-            if (c < m && lane == 0)
-                out[c] = s;
+        const int lane = threadIdx.x & 7, groups = blockDim.x / 8;
+        for (int first = threadIdx.x / 8; first - threadIdx.x / 8 < m; first += BATCH * groups) {
+            double s[BATCH] = {};
+            for (int start = lane; start < n + lane; start += 32)
+                #pragma unroll
+                for (int i = 0; i < 4 * BATCH; ++i) {
+                    const int c = first + i / 4 * groups, j = start + i % 4 * 8;
+                    s[i / 4] += c < m && j < n ? term(__ldg(C + (index)c * n + j), j) : 0.0;
+                }
+            #pragma unroll
+            for (int i = 0; i < BATCH; ++i) {
+                for (int apart = 4; apart; apart >>= 1)
+                    s[i] += __shfl_xor_sync(0xffffffffu, s[i], apart);
+                if (first + i * groups < m && lane == 0)
+                    out[first + i * groups] = s[i];
+            }
         }
         __syncthreads();
     }
 
     __device__ double side(int c, int sign) const
     {
-        return c < m ? unit[c] * (sign > 0 ? high : low)[c]
-                     : (sign > 0 ? ub : lb)[c - m] / D[c - m];
+        return unit[c] * __ldg(c < m ? (sign > 0 ? high : low) + c : (sign > 0 ? ub : lb) + c - m);
     }
 
     __device__ bool tied(int c) const
     {
         return c < m ? low[c] == high[c] : lb[c - m] == ub[c - m];
-    }
-
-    // The constraint's value, after `measure` at this x.
-    __device__ double at(int c) const
-    {
-        return c < m ? value[c] : x[c - m];
     }
 
     __device__ void measure()
@@ -201,6 +201,7 @@ struct Program {
     {
         FOR(j, n) {
             D[j] = unit_of(P[(index)j * n + j]);
+            unit[m + j] = 1.0 / D[j];
             x[j] = 0.0;
         }
         __syncthreads();
@@ -229,7 +230,7 @@ struct Program {
     {
         for (int i = 0; i < n; ++i)
             FOR(l, n)
-                J[i * stride + l] = D[i] * P[(index)i * n + l] * D[l];
+                J[i * stride + l] = D[i] * __ldg(P + (index)i * n + l) * D[l];
         __syncthreads();
         for (int j = 0; j < n; ++j) {
             const double pivot = J[j * stride + j];
@@ -265,8 +266,8 @@ struct Program {
         measure();
         const double size = length_of_x();
         return best_of(m + n, [=](int c) {
-            const double above = at(c) - side(c, 1), below = side(c, -1) - at(c);
-            const double excess = fmax(above, below), end = side(c, above > below ? 1 : -1);
+            const double up = side(c, 1), down = side(c, -1), v = value[c];
+            const double excess = fmax(v - up, down - v), end = v > up ? up : down;
             return state[c] == FREE && excess > 8 * n * EPS * (fabs(end) + size) ? excess : 0.0;
         });
     }
@@ -276,7 +277,7 @@ struct Program {
     {
         if (c < m)
             FOR(j, n)
-                a[j] = unit[c] * C[(index)c * n + j] * D[j];
+                a[j] = unit[c] * __ldg(C + (index)c * n + j) * D[j];
         __syncthreads();
         FOR(i, n)
             d[i] = c < m ? dot(J + i * stride, 1, a, n) : J[i * stride + c - m];
@@ -355,7 +356,7 @@ struct Program {
     {
         measure();
         FOR(i, k)
-            r[i] = side(active[i], state[active[i]]) - at(active[i]);
+            r[i] = side(active[i], state[active[i]]) - value[active[i]];
         FOR(j, n)
             step[j] = D[j] * x[j];
         __syncthreads();
@@ -364,7 +365,7 @@ struct Program {
             for (int i = 0; i < k; ++i) {
                 const int c = active[i];
                 if (c < m)
-                    force += C[(index)c * n + j] * (unit[c] * y[i]);
+                    force += __ldg(C + (index)c * n + j) * (unit[c] * y[i]);
                 else if (c - m == j)
                     push = y[i];
             }
@@ -489,7 +490,7 @@ struct Program {
             }
             settled = 0;
             *c = worst.place;
-            *sign = at(*c) > side(*c, 1) ? 1 : -1;
+            *sign = value[*c] > side(*c, 1) ? 1 : -1;
             if (!bring(worst, *sign, most))
                 return INFEASIBLE;
         }
@@ -500,7 +501,7 @@ struct Program {
     __device__ void to_data()
     {
         __syncthreads();
-        FOR(c, m)
+        FOR(c, m + n)
             unit[c] = 1.0;
         FOR(j, n)
             D[j] = 1.0;
@@ -559,10 +560,7 @@ struct Program {
             if (tied(c))
                 state[c] = y[i] < 0.0 ? LOWER : UPPER;
             const double v = y[i] * state[c] > 0.0 ? y[i] : 0.0;
-            if (c < m)
-                y_out[c] = unit[c] * v;
-            else
-                z[c - m] = v / D[c - m];
+            (c < m ? y_out + c : z + c - m)[0] = unit[c] * v;
         }
         to_data();
         FOR(c, m + n)
@@ -582,12 +580,12 @@ struct Program {
         const auto push = [=](int c) { return c < m ? y[c] : z[c - m]; };
         const auto end = [=](int c) { return side(c, push(c) > 0.0 ? 1 : -1); };
         const auto sided = [=](int c) { return push(c) == 0.0 ? 0.0 : push(c) * end(c); };
-        const auto pair = [=](int c) { return push(c) == 0.0 ? 0.0 : push(c) * (at(c) - end(c)); };
+        const auto pair = [=](int c) { return push(c) == 0.0 ? 0.0 : push(c) * (value[c] - end(c)); };
         const double outside = most_of(m + n, [=](int c) {
-            return larger(larger(side(c, -1) - at(c), at(c) - side(c, 1)), 0.0);
+            return larger(larger(side(c, -1) - value[c], value[c] - side(c, 1)), 0.0);
         });
         const double sizes = most_of(m, [=](int c) {
-            return larger(fabs(at(c)), fabs(fmin(fmax(at(c), side(c, -1)), side(c, 1))));
+            return larger(fabs(value[c]), fabs(fmin(fmax(value[c], side(c, -1)), side(c, 1))));
         });
         const double dual = most_of(n, [=](int j) { return Px[j] + q[j] + Cy[j] + z[j]; });
         const double force = most_of(n, [=](int j) {
