@@ -63,7 +63,7 @@ __device__ double dot(const double* a, int stride, const double* b, int size)
     double s = 0.0;
     #pragma unroll 4
     for (int i = 0; i < size; ++i)
-        s += a[(index)i * stride] * b[i];
+        s += a[i * stride] * b[i];
     return s;
 }
 
@@ -76,10 +76,12 @@ __device__ void subtract(double* __restrict__ a, int stride, double s,
         a[i * stride] -= s * b[i];
 }
 
-template <class Join> __device__ double over_block(double a, double* share, Join join)
+template <bool SUM> __device__ __noinline__ double over_block(double a, double* share)
 {
-    for (int apart = 16; apart; apart >>= 1)
-        a = join(a, __shfl_xor_sync(0xffffffffu, a, apart));
+    for (int apart = 16; apart; apart >>= 1) {
+        const double b = __shfl_xor_sync(0xffffffffu, a, apart);
+        a = SUM ? a + b : larger(a, b);
+    }
     if (blockDim.x == 32)
         return a;
     if ((threadIdx.x & 31) == 0)
@@ -87,7 +89,7 @@ template <class Join> __device__ double over_block(double a, double* share, Join
     __syncthreads();
     a = share[0];
     for (int w = 1; w < blockDim.x / 32; ++w)
-        a = join(a, share[w]);
+        a = SUM ? a + share[w] : larger(a, share[w]);
     __syncthreads();
     return a;
 }
@@ -95,9 +97,9 @@ template <class Join> __device__ double over_block(double a, double* share, Join
 // A problem and the memory of its block. Constraint c < m is row c, the others are the variables;
 // x, y and sides are in the units until `to_data`.
 struct Program {
-    int n, m, stride;  // odd: entries of a column of J or M lie in different banks
+    int n, m, padded, stride;  // odd: entries of a column of J or M lie in different banks
     const double *P, *q, *C, *low, *high, *lb, *ub;
-    double *J, *M, *D, *y, *a, *d, *r, *step, *unit, *value, *x, *share;  // value = (Cx, x)
+    double *J, *M, *D, *w, *y, *a, *d, *r, *step, *unit, *value, *x, *share;  // value = (Cx, x)
     int *active, k, steps;  // constraints of the active set, whose multipliers are y, in its order
     signed char* state;     // of all constraints
     double spread, reach;   // |J|^2, and |x| without constraints
@@ -106,12 +108,14 @@ struct Program {
     __device__ void place(double* memory)
     {
         stride = n | 1;
+        padded = (n + 31) & ~31;
         J = memory;
         M = J + n * stride;
-        double** const vectors[] = {&D, &y, &a, &d, &r, &step};
-        for (int v = 0; v < 6; ++v)
-            *vectors[v] = M + n * (stride + v);
-        unit = step + n;
+        double** const vectors[] = {&D, &w, &y, &a, &d, &r, &step};
+        memory = M + n * stride;
+        for (int v = 0; v < 7; ++v)
+            *vectors[v] = memory + v * padded;
+        unit = memory + 7 * padded;
         value = unit + m + n;
         x = value + m;
         share = x + n;
@@ -124,7 +128,7 @@ struct Program {
         double s = 0.0;
         FOR(i, size)
             s += term(i);
-        return over_block(s, share, [](double a, double b) { return a + b; });
+        return over_block<true>(s, share);
     }
 
     template <class Term> __device__ double most_of(int size, Term term) const
@@ -132,7 +136,7 @@ struct Program {
         double s = 0.0;
         FOR(i, size)
             s = larger(s, fabs(term(i)));
-        return over_block(s, share, larger);
+        return over_block<false>(s, share);
     }
 
     // Of equal values the first.
@@ -144,23 +148,24 @@ struct Program {
             if (v > mine.value)
                 mine = {v, i};
         }
-        const double most = over_block(mine.value, share, larger), none = -1e300;
+        const double most = over_block<false>(mine.value, share), none = -1e300;
         const bool found = mine.place >= 0 && mine.value == most;
-        const double place = over_block(found ? -(double)mine.place : none, share, larger);
+        const double place = over_block<false>(found ? -(double)mine.place : none, share);
         return {most, place == none ? -1 : (int)-place};
     }
 
-    // out <- sums over j of term(C_cj, j) for all rows c, eight threads each.
-    template <class Term> __device__ void over_rows(double* out, Term term) const
+    // out <- sums over j of term(C_cj w_j) for all rows c, eight threads each; w is padded.
+    template <class Term> __device__ void over_rows(double* out, const double* w, Term term) const
     {
         const int lane = threadIdx.x & 7, groups = blockDim.x / 8;
-        for (int first = threadIdx.x / 8; first - threadIdx.x / 8 < m; first += BATCH * groups) {
+        for (int base = 0; base < m; base += BATCH * groups) {
+            const int first = base + threadIdx.x / 8;
             double s[BATCH] = {};
             for (int start = lane; start < n + lane; start += 32)
                 #pragma unroll
                 for (int i = 0; i < 4 * BATCH; ++i) {
                     const int c = first + i / 4 * groups, j = start + i % 4 * 8;
-                    s[i / 4] += c < m && j < n ? term(__ldg(C + (index)c * n + j), j) : 0.0;
+                    s[i / 4] += term(__ldg(C + min(c, m - 1) * n + min(j, n - 1)) * w[j]);
                 }
             #pragma unroll
             for (int i = 0; i < BATCH; ++i) {
@@ -183,9 +188,12 @@ struct Program {
         return c < m ? low[c] == high[c] : lb[c - m] == ub[c - m];
     }
 
-    __device__ void measure()
+    __device__ __noinline__ void measure()
     {
-        over_rows(value, [this](double c, int j) { return c * (D[j] * x[j]); });
+        FOR(j, padded)
+            w[j] = j < n ? D[j] * x[j] : 0.0;
+        __syncthreads();
+        over_rows(value, w, [](double t) { return t; });
         FOR(c, m)
             value[c] *= unit[c];
         __syncthreads();
@@ -200,12 +208,14 @@ struct Program {
     __device__ void scale()
     {
         FOR(j, n) {
-            D[j] = unit_of(P[(index)j * n + j]);
+            D[j] = unit_of(P[j * n + j]);
             unit[m + j] = 1.0 / D[j];
             x[j] = 0.0;
         }
+        for (int j = n + threadIdx.x; j < padded; j += blockDim.x)
+            D[j] = 0.0;
         __syncthreads();
-        over_rows(value, [this](double c, int j) { return fabs(c) * D[j]; });
+        over_rows(value, D, [](double t) { return fabs(t); });
         FOR(c, m)
             unit[c] = 1.0 / value[c];
         __syncthreads();
@@ -219,7 +229,7 @@ struct Program {
         });
         near = NEAR * (SIDE * linear < sides && sides < linear ? sides : linear);
         __syncthreads();
-        over_rows(unit, [this](double c, int j) { return c * D[j] * (c * D[j]); });
+        over_rows(unit, D, [](double t) { return t * t; });
         FOR(c, m)
             unit[c] = unit_of(unit[c]);
         __syncthreads();
@@ -230,7 +240,7 @@ struct Program {
     {
         for (int i = 0; i < n; ++i)
             FOR(l, n)
-                J[i * stride + l] = D[i] * __ldg(P + (index)i * n + l) * D[l];
+                J[i * stride + l] = D[i] * __ldg(P + i * n + l) * D[l];
         __syncthreads();
         for (int j = 0; j < n; ++j) {
             const double pivot = J[j * stride + j];
@@ -261,7 +271,7 @@ struct Program {
     }
 
     // The constraint that is violated most, beyond rounding.
-    __device__ Choice violated()
+    __device__ __noinline__ Choice violated()
     {
         measure();
         const double size = length_of_x();
@@ -273,11 +283,11 @@ struct Program {
     }
 
     // d <- J'a of constraint c, r <- M d_1, step <- J_2 d_2; |d_2|^2, or zero for rounding.
-    __device__ double project(int c)
+    __device__ __noinline__ double project(int c)
     {
         if (c < m)
             FOR(j, n)
-                a[j] = unit[c] * __ldg(C + (index)c * n + j) * D[j];
+                a[j] = unit[c] * __ldg(C + c * n + j) * D[j];
         __syncthreads();
         FOR(i, n)
             d[i] = c < m ? dot(J + i * stride, 1, a, n) : J[i * stride + c - m];
@@ -294,7 +304,7 @@ struct Program {
     }
 
     // c enters after `project`: d_2 is reflected into its first entry.
-    __device__ void enter(int c, int sign, double multiplier, double square)
+    __device__ __noinline__ void enter(int c, int sign, double multiplier, double square)
     {
         const double first = d[k], corner = first > 0.0 ? -sqrt(square) : sqrt(square);
         const double head = first - corner, weight = -1.0 / (corner * head);
@@ -320,7 +330,7 @@ struct Program {
 
     // The i-th of the active set leaves: row i of M is reflected into its last entry, and the last
     // constraint takes the place.
-    __device__ void leave(int i)
+    __device__ __noinline__ void leave(int i)
     {
         const int last = k - 1;
         const double square = sum_of(k, [=](int l) {
@@ -352,20 +362,17 @@ struct Program {
 
     // Newton's step to the solution with the active set: with f = -(Px + q + A'y) and the
     // distances e to the sides, dx = J [M'e; J_2'f] and dy = M (J_1'f - M'e).
-    __device__ void settle()
+    __device__ __noinline__ void settle()
     {
         measure();
         FOR(i, k)
             r[i] = side(active[i], state[active[i]]) - value[active[i]];
-        FOR(j, n)
-            step[j] = D[j] * x[j];
-        __syncthreads();
         FOR(j, n) {
-            double force = q[j] + dot(P + j, n, step, n), push = 0.0;
+            double force = q[j] + dot(P + j, n, w, n), push = 0.0;
             for (int i = 0; i < k; ++i) {
                 const int c = active[i];
                 if (c < m)
-                    force += __ldg(C + (index)c * n + j) * (unit[c] * y[i]);
+                    force += __ldg(C + c * n + j) * (unit[c] * y[i]);
                 else if (c - m == j)
                     push = y[i];
             }
@@ -388,7 +395,7 @@ struct Program {
     }
 
     // The solution with those of the active set whose multipliers have the right sign.
-    __device__ void settle_signs()
+    __device__ __noinline__ void settle_signs()
     {
         for (;;) {
             settle();
@@ -528,8 +535,8 @@ struct Program {
         FOR(j, n) {
             double force = 0.0, moduli = 0.0;
             for (int row = 0; row < m; ++row) {
-                force -= C[(index)row * n + j] * y[row];
-                moduli += fabs(C[(index)row * n + j] * y[row]);
+                force -= C[row * n + j] * y[row];
+                moduli += fabs(C[row * n + j] * y[row]);
             }
             const bool open = isinf((force > 0.0 ? lb : ub)[j]);
             z[j] = open && fabs(force) <= VANISHING * moduli ? 0.0 : force;
@@ -580,7 +587,7 @@ struct Program {
         const auto push = [=](int c) { return c < m ? y[c] : z[c - m]; };
         const auto end = [=](int c) { return side(c, push(c) > 0.0 ? 1 : -1); };
         const auto sided = [=](int c) { return push(c) == 0.0 ? 0.0 : push(c) * end(c); };
-        const auto pair = [=](int c) { return push(c) == 0.0 ? 0.0 : push(c) * (value[c] - end(c)); };
+        const auto pair = [=](int c) { return push(c) == 0.0 ? 0.0 : push(c) * value[c] - sided(c); };
         const double outside = most_of(m + n, [=](int c) {
             return larger(larger(side(c, -1) - value[c], value[c] - side(c, 1)), 0.0);
         });

@@ -76,9 +76,10 @@ def solve_batch(
     if not B:
         return result
     processors, most_shared = _limits(cupy.cuda.Device().id)
-    threads = min(-(-n // 32) * 32, LIMITS.threads)
+    padded = -(-n // 32) * 32
+    threads = min(padded, LIMITS.threads)
     # Two matrices, vectors of variables and of rows, sums of warps, the active set and the states.
-    size = 2 * n * (n | 1) + 8 * n + 2 * m + 32 + -(-(4 * n + m + n) // 8)
+    size = 2 * n * (n | 1) + 7 * padded + 2 * (m + n) + 32 + -(-(4 * n + m + n) // 8)
     in_shared = 8 * size <= most_shared
     blocks = B if in_shared else min(B, LIMITS.resident * processors)
     nothing = np.int64(0)  # the null pointer
