@@ -36,6 +36,29 @@ typedef long long index;
 enum State : signed char { LOWER = -1, FREE, UPPER, PASSED_BY, EQUAL };
 enum Code : signed char { SOLVED, INFEASIBLE, UNDECIDED };
 
+#ifdef FAR
+#define NAME dual_active_set_far_solve
+typedef double* Place;
+#else
+#define NAME dual_active_set_solve
+typedef int Place;
+#endif
+
+// In the memory of the block: shared memory, of which the compiler must know, or global memory.
+template <class T> struct Array {
+    Place place;
+
+    __device__ operator T*() const
+    {
+#ifdef FAR
+        return (T*)place;
+#else
+        extern __shared__ double shared[];
+        return (T*)(shared + place);
+#endif
+    }
+};
+
 struct Choice {  // the largest positive value and its place; none: 0 and -1
     double value;
     int place;
@@ -99,28 +122,26 @@ template <bool SUM> __device__ __noinline__ double over_block(double a, double* 
 struct Program {
     int n, m, padded, stride;  // odd: entries of a column of J or M lie in different banks
     const double *P, *q, *C, *low, *high, *lb, *ub;
-    double *J, *M, *D, *w, *y, *a, *d, *r, *step, *unit, *value, *x, *share;  // value = (Cx, x)
-    int *active, k, steps;  // constraints of the active set, whose multipliers are y, in its order
-    signed char* state;     // of all constraints
+    Array<double> J, M, D, w, y, a, d, r, step, unit, value, x, share;  // value = (Cx, x)
+    Array<int> active;  // constraints of the active set, whose multipliers are y, in its order
+    Array<signed char> state;  // of all constraints
+    int k, steps;
     double spread, reach;   // |J|^2, and |x| without constraints
     double near, wide, longest, slope;  // least sizes: NEAR of lengths, of |C|D, D and |q|'D
 
-    __device__ void place(double* memory)
+    __device__ void lay_out(Place next)
     {
         stride = n | 1;
         padded = (n + 31) & ~31;
-        J = memory;
-        M = J + n * stride;
-        double** const vectors[] = {&D, &w, &y, &a, &d, &r, &step};
-        memory = M + n * stride;
-        for (int v = 0; v < 7; ++v)
-            *vectors[v] = memory + v * padded;
-        unit = memory + 7 * padded;
-        value = unit + m + n;
-        x = value + m;
-        share = x + n;
-        active = (int*)(share + 32);
-        state = (signed char*)(active + n);
+        Array<double>* const arrays[] = {&J, &M, &D, &w, &y, &a, &d, &r, &step, &unit, &value};
+        for (int i = 0; i < 11; ++i) {
+            arrays[i]->place = next;
+            next += i < 2 ? n * stride : i < 9 ? padded : m + n;
+        }
+        x.place = next - n;
+        share.place = next;
+        active.place = next + 32;
+        state.place = next + 32 + (n + 1) / 2;
     }
 
     template <class Term> __device__ double sum_of(int size, Term term) const
@@ -567,7 +588,7 @@ struct Program {
             if (tied(c))
                 state[c] = y[i] < 0.0 ? LOWER : UPPER;
             const double v = y[i] * state[c] > 0.0 ? y[i] : 0.0;
-            (c < m ? y_out + c : z + c - m)[0] = unit[c] * v;
+            (c < m ? y_out[c] : z[c - m]) = unit[c] * v;
         }
         to_data();
         FOR(c, m + n)
@@ -587,7 +608,9 @@ struct Program {
         const auto push = [=](int c) { return c < m ? y[c] : z[c - m]; };
         const auto end = [=](int c) { return side(c, push(c) > 0.0 ? 1 : -1); };
         const auto sided = [=](int c) { return push(c) == 0.0 ? 0.0 : push(c) * end(c); };
-        const auto pair = [=](int c) { return push(c) == 0.0 ? 0.0 : push(c) * value[c] - sided(c); };
+        const auto pair = [=](int c) {
+            return push(c) == 0.0 ? 0.0 : push(c) * (value[c] - end(c));
+        };
         const double outside = most_of(m + n, [=](int c) {
             return larger(larger(side(c, -1) - value[c], value[c] - side(c, 1)), 0.0);
         });
@@ -624,20 +647,22 @@ struct Program {
 
 // One problem a block, in shared memory, or in `memory` with `size` numbers a block. Where a stride
 // of the data is zero, all problems share them.
-extern "C" __global__ void __launch_bounds__(256)
-dual_active_set_solve(const double* P, index P_stride, const double* q, index q_stride,
-                      const double* C, index C_stride, const double* low, index low_stride,
-                      const double* high, index high_stride, const double* lb, index lb_stride,
-                      const double* ub, index ub_stride, const signed char* wanted,
-                      index problems, int n, int m, int most, double tol, double* memory,
-                      index size, double* x, double* y, double* z, signed char* states,
-                      signed char* codes, int* steps, double* residuals)
+extern "C" __global__ void __launch_bounds__(256, 1)
+NAME(const double* P, index P_stride, const double* q, index q_stride, const double* C,
+     index C_stride, const double* low, index low_stride, const double* high, index high_stride,
+     const double* lb, index lb_stride, const double* ub, index ub_stride,
+     const signed char* wanted, index problems, int n, int m, int most, double tol,
+     double* memory, index size, double* x, double* y, double* z, signed char* states,
+     signed char* codes, int* steps, double* residuals)
 {
-    extern __shared__ double shared[];
     Program p;
     p.n = n;
     p.m = m;
-    p.place(memory ? memory + blockIdx.x * size : shared);
+#ifdef FAR
+    p.lay_out(memory + blockIdx.x * size);
+#else
+    p.lay_out(0);
+#endif
     for (index i = blockIdx.x; i < problems; i += gridDim.x) {
         p.P = P + i * P_stride;
         p.q = q + i * q_stride;

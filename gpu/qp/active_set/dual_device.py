@@ -79,13 +79,14 @@ def solve_batch(
     padded = -(-n // 32) * 32
     threads = min(padded, LIMITS.threads)
     # Two matrices, vectors of variables and of rows, sums of warps, the active set and the states.
-    size = 2 * n * (n | 1) + 7 * padded + 2 * (m + n) + 32 + -(-(4 * n + m + n) // 8)
+    size = 2 * n * (n | 1) + 7 * padded + 2 * (m + n) + 32 + (n + 1) // 2 + -(-(m + n) // 8)
     in_shared = 8 * size <= most_shared
     blocks = B if in_shared else min(B, LIMITS.resident * processors)
     nothing = np.int64(0)  # the null pointer
     memory = nothing if in_shared else cupy.empty(blocks * size)
-    kernel = _kernel()
-    kernel.max_dynamic_shared_size_bytes = 8 * size if in_shared else 0
+    kernel = _kernel("dual_active_set" if in_shared else "dual_active_set_far")
+    if in_shared:
+        kernel.max_dynamic_shared_size_bytes = 8 * size
     strided = [part for a in data for part in (a, np.int64(a[0].size if len(a) > 1 else 0))]
     kernel(
         (blocks,), (threads,),
@@ -112,7 +113,7 @@ def _limits(device: int) -> tuple[int, int]:
 
 
 @functools.cache
-def _kernel() -> Any:
+def _kernel(name: str) -> Any:
     import cupy
 
-    return cupy.RawKernel(SOURCES["dual_active_set"], "dual_active_set_solve", options=OPTIONS)
+    return cupy.RawKernel(SOURCES[name], f"{name}_solve", options=OPTIONS)
