@@ -85,8 +85,8 @@ __device__ double dot(const double* a, int stride, const double* b, int size)
 {
     double s = 0.0;
     #pragma unroll 4
-    for (int i = 0; i < size; ++i)
-        s += a[i * stride] * b[i];
+    for (int i = 0; i < size; ++i, a += stride)
+        s += *a * b[i];
     return s;
 }
 
@@ -95,8 +95,8 @@ __device__ void subtract(double* __restrict__ a, int stride, double s,
                          const double* __restrict__ b, int size)
 {
     #pragma unroll 4
-    for (int i = 0; i < size; ++i)
-        a[i * stride] -= s * b[i];
+    for (int i = 0; i < size; ++i, a += stride)
+        *a -= s * b[i];
 }
 
 template <bool SUM> __device__ __noinline__ double over_block(double a, double* share)
@@ -117,8 +117,9 @@ template <bool SUM> __device__ __noinline__ double over_block(double a, double* 
     return a;
 }
 
-// A problem and the memory of its block. Constraint c < m is row c, the others are the variables;
-// x, y and sides are in the units until `to_data`.
+// A problem and the memory of its block, in shared memory, where its first thread alone writes the
+// members. Constraint c < m is row c, the others are the variables; x, y and sides are in the units
+// until `to_data`.
 struct Program {
     int n, m, padded, stride;  // odd: entries of a column of J or M lie in different banks
     const double *P, *q, *C, *low, *high, *lb, *ub;
@@ -126,11 +127,12 @@ struct Program {
     Array<int> active;  // constraints of the active set, whose multipliers are y, in its order
     Array<signed char> state;  // of all constraints
     int k, steps;
-    double spread, reach;   // |J|^2, and |x| without constraints
-    double near, wide, longest, slope;  // least sizes: NEAR of lengths, of |C|D, D and |q|'D
+    double spread, reach, least[3];  // |J|^2, |x| without constraints, `StandardQP.least_sizes`
 
-    __device__ void lay_out(Place next)
+    __device__ void lay_out(int n, int m, Place next)
     {
+        this->n = n;
+        this->m = m;
         stride = n | 1;
         padded = (n + 31) & ~31;
         Array<double>* const arrays[] = {&J, &M, &D, &w, &y, &a, &d, &r, &step, &unit, &value};
@@ -184,9 +186,11 @@ struct Program {
             double s[BATCH] = {};
             for (int start = lane; start < n + lane; start += 32)
                 #pragma unroll
-                for (int i = 0; i < 4 * BATCH; ++i) {
-                    const int c = first + i / 4 * groups, j = start + i % 4 * 8;
-                    s[i / 4] += term(__ldg(C + min(c, m - 1) * n + min(j, n - 1)) * w[j]);
+                for (int i = 0; i < BATCH; ++i) {
+                    const double* const row = C + min(first + i * groups, m - 1) * n;
+                    #pragma unroll
+                    for (int j = start; j < start + 32; j += 8)
+                        s[i] += term(__ldg(row + min(j, n - 1)) * w[j]);
                 }
             #pragma unroll
             for (int i = 0; i < BATCH; ++i) {
@@ -225,7 +229,7 @@ struct Program {
         return larger(reach, sqrt(sum_of(n, [this](int j) { return x[j] * x[j]; })));
     }
 
-    // Units, and the least sizes as in `StandardQP.least_sizes`.
+    // Units and least sizes.
     __device__ void scale()
     {
         FOR(j, n) {
@@ -240,15 +244,20 @@ struct Program {
         FOR(c, m)
             unit[c] = 1.0 / value[c];
         __syncthreads();
-        wide = most_of(m, [this](int c) { return value[c]; });
-        longest = most_of(n, [this](int j) { return D[j]; });
-        slope = sum_of(n, [this](int j) { return fabs(D[j] * q[j]); });
+        const double rows = most_of(m, [this](int c) { return value[c]; });
+        const double lengths = most_of(n, [this](int j) { return D[j]; });
+        const double objective = sum_of(n, [this](int j) { return fabs(D[j] * q[j]); });
         const double linear = most_of(n, [this](int j) { return D[j] * q[j]; });
         const double sides = most_of(2 * (m + n), [this](int i) {
             const double s = side(i >> 1, i & 1);
             return isfinite(s) ? s : 0.0;
         });
-        near = NEAR * (SIDE * linear < sides && sides < linear ? sides : linear);
+        const double near = NEAR * (SIDE * linear < sides && sides < linear ? sides : linear);
+        if (threadIdx.x == 0) {
+            least[0] = near * rows;
+            least[1] = near * objective;
+            least[2] = near * lengths;
+        }
         __syncthreads();
         over_rows(unit, D, [](double t) { return t * t; });
         FOR(c, m)
@@ -281,12 +290,14 @@ struct Program {
         FOR(i, n)
             r[i] = 1.0 / sqrt(J[i * stride + i]);
         __syncthreads();
-        spread = sum_of(n * n, [this](int place) {
+        const double squares = sum_of(n * n, [this](int place) {
             const int i = place / n, l = place % n;
             double& entry = J[i * stride + l];
             entry = l > i ? 0.0 : l == i ? r[i] : entry * r[i];
             return entry * entry;
         });
+        if (threadIdx.x == 0)
+            spread = squares;
         __syncthreads();
         return true;
     }
@@ -339,13 +350,15 @@ struct Program {
                 M[k * stride + j] = 0.0;
             }
         }
+        __syncthreads();
         if (threadIdx.x == 0) {
             M[k * stride + k] = 1.0 / corner;
             active[k] = c;
             y[k] = multiplier;
             state[c] = sign;
+            ++k;
+            ++steps;
         }
-        ++k;
         __syncthreads();
     }
 
@@ -377,7 +390,11 @@ struct Program {
         __syncthreads();
         FOR(l, last)
             M[i * stride + l] = M[last * stride + l];
-        k = last;
+        __syncthreads();
+        if (threadIdx.x == 0) {
+            k = last;
+            ++steps;
+        }
         __syncthreads();
     }
 
@@ -435,11 +452,16 @@ struct Program {
     {
         FOR(c, m + n)
             state[c] = tied(c) ? EQUAL : wanted && isfinite(side(c, wanted[c])) ? wanted[c] : FREE;
-        k = steps = 0;
-        reach = 0.0;
+        if (threadIdx.x == 0) {
+            k = 0;
+            reach = 0.0;
+        }
         __syncthreads();
         settle();
-        reach = length_of_x();
+        const double size = length_of_x();
+        if (threadIdx.x == 0)
+            reach = size;
+        __syncthreads();
         for (int equal = 1; equal >= 0; --equal)
             for (int c = 0; c < m + n; ++c) {
                 const int sign = state[c];
@@ -454,13 +476,15 @@ struct Program {
             }
         if (k)
             settle_signs();
+        if (threadIdx.x == 0)
+            steps = 0;
+        __syncthreads();
     }
 
     // Brings c to its side; false where no step does: then r makes a Farkas vector.
     __device__ bool bring(Choice c, int sign, int most)
     {
         for (double multiplier = 0.0; steps < most;) {
-            ++steps;
             const double square = project(c.place), full = square > 0.0 ? c.value / square : 1e300;
             const double size = most_of(k, [this](int i) { return r[i]; });
             const Choice first = best_of(k, [=](int i) {
@@ -627,14 +651,14 @@ struct Program {
         const double row_pair = most_of(m, pair);
         const double box_pair = most_of(n, [=](int j) { return pair(m + j); });
         double length = most_of(n, [=](int j) { return x[j]; }), rows = larger(length, sizes);
-        if (length <= near * longest) {
-            length = near * longest;
-            rows = larger(larger(length, rows), near * wide);
+        if (length <= least[2]) {
+            length = least[2];
+            rows = larger(larger(length, rows), least[0]);
         }
         const double objective = larger(fabs(quadratic), fabs(linear));
         const double values[] = {
-            ratio(outside, larger(sizes, near * wide)), ratio(dual, force),
-            ratio(fabs(quadratic + linear + held), larger(objective, near * slope)),
+            ratio(outside, larger(sizes, least[0])), ratio(dual, force),
+            ratio(fabs(quadratic + linear + held), larger(objective, least[1])),
             larger(ratio(ratio(row_pair, force), rows), ratio(ratio(box_pair, force), length))};
         bool good = true;
         for (int i = 0; i < 4; ++i) {
@@ -655,23 +679,25 @@ NAME(const double* P, index P_stride, const double* q, index q_stride, const dou
      double* memory, index size, double* x, double* y, double* z, signed char* states,
      signed char* codes, int* steps, double* residuals)
 {
-    Program p;
-    p.n = n;
-    p.m = m;
+    __shared__ Program p;
+    if (threadIdx.x == 0)
 #ifdef FAR
-    p.lay_out(memory + blockIdx.x * size);
+        p.lay_out(n, m, memory + blockIdx.x * size);
 #else
-    p.lay_out(0);
+        p.lay_out(n, m, 0);
 #endif
     for (index i = blockIdx.x; i < problems; i += gridDim.x) {
-        p.P = P + i * P_stride;
-        p.q = q + i * q_stride;
-        p.C = C + i * C_stride;
-        p.low = low + i * low_stride;
-        p.high = high + i * high_stride;
-        p.lb = lb + i * lb_stride;
-        p.ub = ub + i * ub_stride;
-        p.steps = 0;
+        if (threadIdx.x == 0) {
+            p.P = P + i * P_stride;
+            p.q = q + i * q_stride;
+            p.C = C + i * C_stride;
+            p.low = low + i * low_stride;
+            p.high = high + i * high_stride;
+            p.lb = lb + i * lb_stride;
+            p.ub = ub + i * ub_stride;
+            p.steps = 0;
+        }
+        __syncthreads();
         p.scale();
         int c, sign, code = UNDECIDED;
         if (p.factor())

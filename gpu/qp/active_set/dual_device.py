@@ -20,6 +20,7 @@ Array = Any  # cupy.ndarray
 class _Limits(NamedTuple):  # of a launch
     threads: int = 256  # most of a block; 32, a warp, for n up to 32
     resident: int = 4  # blocks of a multiprocessor whose matrices are in global memory
+    program: int = 1024  # bytes of shared memory for pointers and numbers
     steps: int = 10  # most constraints that enter or leave, over rows and variables
 
 
@@ -80,7 +81,7 @@ def solve_batch(
     threads = min(padded, LIMITS.threads)
     # Two matrices, vectors of variables and of rows, sums of warps, the active set and the states.
     size = 2 * n * (n | 1) + 7 * padded + 2 * (m + n) + 32 + (n + 1) // 2 + -(-(m + n) // 8)
-    in_shared = 8 * size <= most_shared
+    in_shared = 8 * size + LIMITS.program <= most_shared
     blocks = B if in_shared else min(B, LIMITS.resident * processors)
     nothing = np.int64(0)  # the null pointer
     memory = nothing if in_shared else cupy.empty(blocks * size)
