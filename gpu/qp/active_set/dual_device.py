@@ -19,7 +19,6 @@ Array = Any  # cupy.ndarray
 
 class _Limits(NamedTuple):  # of a launch
     threads: int = 256  # most of a block; 32, a warp, for n up to 32
-    resident: int = 4  # blocks of a multiprocessor whose matrices are in global memory
     program: int = 1024  # bytes of shared memory for pointers and numbers
     steps: int = 10  # most constraints that enter or leave, over rows and variables
 
@@ -28,9 +27,7 @@ LIMITS = _Limits()
 
 
 class Batch(NamedTuple):
-    """Solutions of B problems. What is not solved has no x, state and residuals: they are not a
-    number and zero.
-    """
+    """Solutions of B problems. Where the code is not 0, x, state and residuals are no answer."""
 
     x: Array  # (B, n), within the bounds, and exactly at those that hold a variable
     y: Array  # (B, m), positive where an upper side holds, or a Farkas vector as in `Infeasible`
@@ -76,18 +73,21 @@ def solve_batch(
     )
     if not B:
         return result
-    processors, most_shared = _limits(cupy.cuda.Device().id)
     padded = -(-n // 32) * 32
     threads = min(padded, LIMITS.threads)
     # Two matrices, vectors of variables and of rows, sums of warps, the active set and the states.
     size = 2 * n * (n | 1) + 7 * padded + 2 * (m + n) + 32 + (n + 1) // 2 + -(-(m + n) // 8)
+    processors, most_shared, registers = _device(cupy.cuda.Device().id)
     in_shared = 8 * size + LIMITS.program <= most_shared
-    blocks = B if in_shared else min(B, LIMITS.resident * processors)
-    nothing = np.int64(0)  # the null pointer
-    memory = nothing if in_shared else cupy.empty(blocks * size)
     kernel = _kernel("dual_active_set" if in_shared else "dual_active_set_far")
+    nothing = np.int64(0)  # the null pointer
     if in_shared:
         kernel.max_dynamic_shared_size_bytes = 8 * size
+        blocks, memory = B, nothing
+    else:
+        # As many as run at once.
+        blocks = min(B, processors * (registers // (threads * kernel.num_regs)))
+        memory = cupy.empty(blocks * size)
     strided = [part for a in data for part in (a, np.int64(a[0].size if len(a) > 1 else 0))]
     kernel(
         (blocks,), (threads,),
@@ -102,15 +102,14 @@ def solve_batch(
 
 
 @functools.cache
-def _limits(device: int) -> tuple[int, int]:
-    """Multiprocessors, and most bytes of shared memory for a block."""
+def _device(number: int) -> tuple[int, int, int]:
+    """Multiprocessors, most bytes of shared memory for a block, registers of a multiprocessor."""
     import cupy
 
-    attributes = cupy.cuda.Device(device).attributes
-    return (
-        int(attributes["MultiProcessorCount"]),
-        int(attributes["MaxSharedMemoryPerBlockOptin"]),
-    )
+    attributes = cupy.cuda.Device(number).attributes
+    names = "MultiProcessorCount", "MaxSharedMemoryPerBlockOptin", "MaxRegistersPerMultiprocessor"
+    processors, shared, registers = (int(attributes[name]) for name in names)
+    return processors, shared, registers
 
 
 @functools.cache

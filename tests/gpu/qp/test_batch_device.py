@@ -187,6 +187,14 @@ def test_fixed_variables_and_equal_sides_of_either_sign():
     np.testing.assert_array_equal(batch.state[:, 10:18], np.sign(batch.z_box[:, :8]))
 
 
+def test_more_problems_than_blocks():
+    """Without rows and bounds; the matrices of 120 unknowns do not fit into shared memory."""
+    P, q, C, low, high, lb, ub = random_batch(10, 1000, 120, 0, shared=True)
+    batch = on_device([P, q, C, low, high, lb - INF, ub + INF])
+    assert (batch.code == SOLVED).all()
+    np.testing.assert_allclose(batch.x, np.linalg.solve(P[0], -q.T).T, atol=1e-10)
+
+
 def test_what_is_not_decided_is_said():
     data = random_batch(7, 6, 20, 10)
     data[0][1, :, 3] = data[0][1, 3] = 0.0  # semi-definite
