@@ -29,6 +29,7 @@ typedef long long index;
 #define VANISHING 1e-13  // of its terms: a smaller entry of C'y is rounding, in a Farkas vector
 #define NEAR 1e-6        // of the lengths that follow from the data: a smaller x is rounding
 #define SIDE 1e-14       // of those lengths: smaller sides are rounding of a difference
+#define PART 1e-3        // of the terms of a row: no less counts as its size
 #define SHARP 1e-2       // of the tolerance: most that residuals of a solution may be
 #define BATCH 4          // rows of C that a thread reads at once
 #define FOR(i, size) for (int i = threadIdx.x; i < (size); i += blockDim.x)
@@ -617,6 +618,14 @@ struct Program {
         to_data();
         FOR(c, m + n)
             states[c] = state[c] == PASSED_BY ? FREE : state[c];
+        FOR(j, padded)
+            w[j] = j < n ? x[j] : 0.0;
+        __syncthreads();
+        over_rows(value, w, [](double t) { return fabs(t); });
+        const double terms = most_of(m, [this](int c) { return value[c]; });
+        if (threadIdx.x == 0)
+            least[0] = larger(least[0], PART * terms);
+        __syncthreads();
         measure();
     }
 

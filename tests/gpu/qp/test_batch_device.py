@@ -157,6 +157,15 @@ def test_dependent_equalities():
     check(data, batch)
 
 
+def test_rows_that_are_zero_at_the_solution():
+    P, q, C, low, high, lb, ub = random_batch(11, 10, 20, 8)
+    zero = np.zeros((1, 8))
+    data = [P, q, C, zero, zero, lb - INF, ub + INF]
+    batch = on_device(data)
+    assert (batch.code == SOLVED).all()
+    check(data, batch)
+
+
 @pytest.mark.parametrize("origin", [False, True], ids=["somewhere", "origin"])
 def test_degenerate_vertices(origin):
     """Sixty rows, each twice, meet in one point of twenty variables."""
