@@ -8,9 +8,10 @@ violated most enters an active set A, whose matrix is factored by J with J'PJ = 
 
 where s = 1 at upper and -1 at lower sides, and t is the step that reaches the side, or that first
 makes a multiplier vanish, whose constraint leaves. In chains of plane rotations the threads of a
-block would wait for each other. Where a constraint enters, one reflection of d_2 takes their place;
-M = R^-1 is kept instead of R and needs not be triangular: where constraint i leaves, one reflection
-of row i of M, of which J_1 has its share, makes the rest a pair again. J' is stored by rows.
+block would wait for each other, so reflections take their place: one of d_2 where a constraint
+enters, and where the i-th leaves, one of the columns of J_1 and of M = R^-1 that brings row i of M
+to a multiple of the last unit row, which is then left out. So M is kept instead of R, and needs not
+be triangular; J' is stored by rows.
 
 Units are powers of two, on which no rounding depends: D near diag(P)^-1/2 for the variables, and
 for a row c near 1/|cD|. Steps of Newton's method with the last active set remove the rounding of
@@ -147,6 +148,14 @@ struct Program {
         state.place = next + 32 + (n + 1) / 2;
     }
 
+    // What the first thread does, and the others wait for.
+    template <class Work> __device__ static void alone(Work work)
+    {
+        if (threadIdx.x == 0)
+            work();
+        __syncthreads();
+    }
+
     template <class Term> __device__ double sum_of(int size, Term term) const
     {
         double s = 0.0;
@@ -233,13 +242,12 @@ struct Program {
     // Units and least sizes.
     __device__ void scale()
     {
+        FOR(j, padded)
+            D[j] = j < n ? unit_of(P[j * n + j]) : 0.0;
         FOR(j, n) {
-            D[j] = unit_of(P[j * n + j]);
             unit[m + j] = 1.0 / D[j];
             x[j] = 0.0;
         }
-        for (int j = n + threadIdx.x; j < padded; j += blockDim.x)
-            D[j] = 0.0;
         __syncthreads();
         over_rows(value, D, [](double t) { return fabs(t); });
         FOR(c, m)
@@ -254,12 +262,11 @@ struct Program {
             return isfinite(s) ? s : 0.0;
         });
         const double near = NEAR * (SIDE * linear < sides && sides < linear ? sides : linear);
-        if (threadIdx.x == 0) {
+        alone([&] {
             least[0] = near * rows;
             least[1] = near * objective;
             least[2] = near * lengths;
-        }
-        __syncthreads();
+        });
         over_rows(unit, D, [](double t) { return t * t; });
         FOR(c, m)
             unit[c] = unit_of(unit[c]);
@@ -280,12 +287,12 @@ struct Program {
             FOR(i, n)
                 r[i] = i > j ? J[i * stride + j] / pivot : 0.0;
             __syncthreads();
-            FOR(l, n) {
-                double* const column = J + (j + 1) * stride + l;
-                for (int i = j + 1; l == j && i < n; ++i)
-                    J[i * stride + l] = 0.0;
-                subtract(column, stride, l == j ? 1.0 : J[j * stride + l], r + j + 1, n - j - 1);
-            }
+            FOR(l, n)
+                if (l != j)
+                    subtract(J + j * stride + l, stride, J[j * stride + l], r + j, n - j);
+            __syncthreads();
+            for (int i = j + 1 + threadIdx.x; i < n; i += blockDim.x)
+                J[i * stride + j] = -r[i];
             __syncthreads();
         }
         FOR(i, n)
@@ -297,9 +304,7 @@ struct Program {
             entry = l > i ? 0.0 : l == i ? r[i] : entry * r[i];
             return entry * entry;
         });
-        if (threadIdx.x == 0)
-            spread = squares;
-        __syncthreads();
+        alone([&] { spread = squares; });
         return true;
     }
 
@@ -352,15 +357,14 @@ struct Program {
             }
         }
         __syncthreads();
-        if (threadIdx.x == 0) {
+        alone([&] {
             M[k * stride + k] = 1.0 / corner;
             active[k] = c;
             y[k] = multiplier;
             state[c] = sign;
             ++k;
             ++steps;
-        }
-        __syncthreads();
+        });
     }
 
     // The i-th of the active set leaves: row i of M is reflected into its last entry, and the last
@@ -376,13 +380,12 @@ struct Program {
         const double end = d[last], corner = end > 0.0 ? -sqrt(square) : sqrt(square);
         const double weight = -1.0 / (corner * (end - corner));
         __syncthreads();
-        if (threadIdx.x == 0) {
+        alone([&] {
             d[last] = end - corner;
             state[active[i]] = FREE;
             active[i] = active[last];
             y[i] = y[last];
-        }
-        __syncthreads();
+        });
         FOR(j, n) {
             subtract(J + j, stride, weight * dot(J + j, stride, d, k), d, k);
             if (j < k)
@@ -392,11 +395,10 @@ struct Program {
         FOR(l, last)
             M[i * stride + l] = M[last * stride + l];
         __syncthreads();
-        if (threadIdx.x == 0) {
+        alone([&] {
             k = last;
             ++steps;
-        }
-        __syncthreads();
+        });
     }
 
     // Newton's step to the solution with the active set: with f = -(Px + q + A'y) and the
@@ -453,16 +455,13 @@ struct Program {
     {
         FOR(c, m + n)
             state[c] = tied(c) ? EQUAL : wanted && isfinite(side(c, wanted[c])) ? wanted[c] : FREE;
-        if (threadIdx.x == 0) {
+        alone([&] {
             k = 0;
             reach = 0.0;
-        }
-        __syncthreads();
+        });
         settle();
         const double size = length_of_x();
-        if (threadIdx.x == 0)
-            reach = size;
-        __syncthreads();
+        alone([&] { reach = size; });
         for (int equal = 1; equal >= 0; --equal)
             for (int c = 0; c < m + n; ++c) {
                 const int sign = state[c];
@@ -471,15 +470,12 @@ struct Program {
                 const double square = project(c);
                 if (square > 0.0)
                     enter(c, equal ? UPPER : sign, 0.0, square);
-                else if (threadIdx.x == 0)
-                    state[c] = FREE;
-                __syncthreads();
+                else
+                    alone([&] { state[c] = FREE; });
             }
         if (k)
             settle_signs();
-        if (threadIdx.x == 0)
-            steps = 0;
-        __syncthreads();
+        alone([&] { steps = 0; });
     }
 
     // Brings c to its side; false where no step does: then r makes a Farkas vector.
@@ -521,9 +517,7 @@ struct Program {
         const double end = fmin(fabs(side(c.place, 1)), fabs(side(c.place, -1)));
         if (c.value > PASSED * (end + length_of_x()))
             return false;
-        if (threadIdx.x == 0)
-            state[c.place] = PASSED_BY;
-        __syncthreads();
+        alone([&] { state[c.place] = PASSED_BY; });
         if (multiplier > 0.0)
             settle_signs();
         return true;
@@ -623,9 +617,7 @@ struct Program {
         __syncthreads();
         over_rows(value, w, [](double t) { return fabs(t); });
         const double terms = most_of(m, [this](int c) { return value[c]; });
-        if (threadIdx.x == 0)
-            least[0] = larger(least[0], PART * terms);
-        __syncthreads();
+        alone([&] { least[0] = larger(least[0], PART * terms); });
         measure();
     }
 
@@ -704,12 +696,12 @@ NAME(const double* P, index P_stride, const double* q, index q_stride, const dou
             p.high = high + i * high_stride;
             p.lb = lb + i * lb_stride;
             p.ub = ub + i * ub_stride;
-            p.steps = 0;
         }
         __syncthreads();
         p.scale();
         int c, sign, code = UNDECIDED;
-        if (p.factor())
+        const bool definite = p.factor();
+        if (definite)
             code = p.solve(wanted ? wanted + i * (m + n) : nullptr, most, &c, &sign);
         if (code == SOLVED) {
             p.publish(x + i * n, y + i * m, z + i * n, states + i * (m + n));
@@ -719,7 +711,7 @@ NAME(const double* P, index P_stride, const double* q, index q_stride, const dou
             code = proved ? INFEASIBLE : UNDECIDED;
         }
         codes[i] = code;
-        steps[i] = p.steps;
+        steps[i] = definite ? p.steps : 0;
         __syncthreads();
     }
 }

@@ -158,7 +158,7 @@ def test_dependent_equalities():
 
 
 def test_rows_that_are_zero_at_the_solution():
-    P, q, C, low, high, lb, ub = random_batch(11, 10, 20, 8)
+    P, q, C, _, _, lb, ub = random_batch(11, 10, 20, 8)
     zero = np.zeros((1, 8))
     data = [P, q, C, zero, zero, lb - INF, ub + INF]
     batch = on_device(data)
