@@ -4,12 +4,14 @@ them by NVRTC for each architecture, without a GPU or a driver.
 
 from __future__ import annotations
 
-from gpu.cuda import arnoldi
+from gpu.cuda import arnoldi, dual_active_set
 
 OPTIONS = ("--std=c++17",)
 ARCHITECTURES = ("sm_75", "sm_80", "sm_86", "sm_89", "sm_90", "sm_100", "sm_120")
 SOURCES = {
     "arnoldi": arnoldi.SOURCE,
+    "dual_active_set": dual_active_set.SOURCE,
+    "dual_active_set_far": "#define FAR\n" + dual_active_set.SOURCE,
     # The largest modulus among real numbers.
     "modulus": r"""
 // As whole numbers the moduli have the same order, and infinity and NaN come last. `largest` must
