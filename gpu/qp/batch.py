@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 
 from gpu.errors import GpuError, Infeasible, InputError, Unbounded
-from gpu.qp.active_set.dual import EMPTY, LIMITS, SOLVED, Found
+from gpu.qp.active_set.dual import EMPTY, LIMITS, SOLVED, room
 from gpu.qp.data.derivatives import Gradients, gradients
 from gpu.qp.data.qp_problem import FactoredMatrix, QPProblem, Rows, check_problem
 from gpu.qp.data.qp_result import KKT, QPResult, Status
@@ -57,7 +57,7 @@ class QPBatch(Sequence[QPResult]):
     """
 
     def __init__(
-        self, data: _Data | None, found: Found, equal: int, errors: dict[int, GpuError],
+        self, data: _Data | None, found: _Found, equal: int, errors: dict[int, GpuError],
         alone: dict[int, QPResult],
     ) -> None:  # fmt: skip
         m = equal
@@ -130,6 +130,25 @@ class QPBatch(Sequence[QPResult]):
         return _together(parts, data)
 
 
+class _Found(NamedTuple):
+    """Solutions of all problems, as `gpu.qp.active_set.dual.Found`."""
+
+    x: Any
+    y: Any
+    z_box: Any
+    active: Any
+    kkt: Any
+    code: Any
+    idle: Any
+    count: Any
+
+    @classmethod
+    def room(cls, k: int, m: int, n: int) -> _Found:
+        """Arrays for k problems of m rows and n variables."""
+        code, idle, count = (np.zeros(k, kind) for kind in (np.int8, bool, np.int64))
+        return cls(*room(m, n, k), code, idle, count)
+
+
 class _Data(NamedTuple):
     """Problems as the compiled methods take them; what has the leading size 1 is shared."""
 
@@ -146,7 +165,7 @@ class _Data(NamedTuple):
         return Rows(P, C, q, low, high, self.equal, len(C) - self.equal)
 
 
-def _put(found: Found, i: int, result: QPResult) -> None:
+def _put(found: _Found, i: int, result: QPResult) -> None:
     """Fill in a problem that was solved by itself."""
     xp = namespace(found.x)
     found.x[i], found.z_box[i] = xp.asarray(result.x), xp.asarray(result.z_box)
@@ -159,7 +178,7 @@ def _put(found: Found, i: int, result: QPResult) -> None:
     found.count[i] = result.iterations
 
 
-def _clear(found: Found, i: int) -> None:
+def _clear(found: _Found, i: int) -> None:
     """Leave nothing of a problem without solution."""
     for array in (found.x, found.y, found.z_box, found.kkt):
         array[i] = np.nan
@@ -195,15 +214,15 @@ class _Given:
         parts = zip(self.names, self.values, self.own, strict=True)
         return {name: value[i] if own else value for name, value, own in parts}
 
-    def room(self, first: QPProblem | None) -> Found:
+    def room(self, first: QPProblem | None) -> _Found:
         """Arrays for problems that are solved by themselves, with one factor where P is shared."""
         if first is None:
-            return Found.room(0, 0, 0)
+            return _Found.room(0, 0, 0)
         if not self.own[0]:
             self.values[0] = first.factor
-        found = Found.room(self.count, first.b.size + first.row_low.size, first.q.size)
+        found = _Found.room(self.count, first.b.size + first.row_low.size, first.q.size)
         xp = namespace(first.q)
-        return found if xp is np else Found(*(xp.asarray(value) for value in found))
+        return found if xp is np else _Found(*(xp.asarray(value) for value in found))
 
     def stacked(self, first: QPProblem) -> _Data:
         """The data of all, after the check of the first."""
@@ -356,7 +375,7 @@ def _together(parts: list[Gradients | None], data: _Data | None) -> Gradients:
     return Gradients(**fields)
 
 
-def _solved(data: _Data, count: int, start: QPBatch | None, chain: bool, tol: float) -> Found:
+def _solved(data: _Data, count: int, start: QPBatch | None, chain: bool, tol: float) -> _Found:
     """Solve all on the device of their arrays, or in threads; what misses its certificate shows."""
     m, n = data.C.shape[1:]
     state = np.zeros((1, m + n), np.int8)
@@ -368,21 +387,21 @@ def _solved(data: _Data, count: int, start: QPBatch | None, chain: bool, tol: fl
         return _on_device(data, state, tol)
     from gpu.qp.active_set.dual_kernels import solve_many
 
-    found = Found.room(count, m, n)
+    found = _Found.room(count, m, n)
     boxes = data.member(0).boxes_only
 
-    chain = chain and start is None
+    chain, most = chain and start is None, LIMITS.steps * (m + n)
 
     def run(first: int) -> None:
-        own, last = (*found[:-1], np.empty_like(found.steps)), min(first + CHAIN, count)
-        solve_many(*data[:5], state, boxes, chain, first, last, own)
+        last = min(first + CHAIN, count)
+        solve_many(*data[:5], state, boxes, chain, first, last, most, tuple(found))
 
     with ThreadPoolExecutor(cores()) as pool:
         list(pool.map(run, range(0, count, CHAIN)))
     return found
 
 
-def _on_device(data: _Data, state: np.ndarray, tol: float) -> Found:
+def _on_device(data: _Data, state: np.ndarray, tol: float) -> _Found:
     """The same on a device."""
     from gpu.qp.active_set.dual_device import solve_batch
 

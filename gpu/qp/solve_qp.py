@@ -232,17 +232,17 @@ def _dual(problem: QPProblem, rows: Rows, start: Any, tol: float) -> QPResult | 
     """The answer of the compiled dual method, `Infeasible`, or None where another has to decide."""
     state = _first_state(problem, problem.program, start)
     found = dual_active_set(rows, state)
-    if found.code[0] == EMPTY and with_rounding(problem.program, certain=True) is None:
-        proof = proven(_widened(problem), -found.y[0])
+    if found.code == EMPTY and with_rounding(problem.program, certain=True) is None:
+        proof = proven(_widened(problem), -found.y)
         if proof is not None:
             raise infeasible(proof)
     result = result_of(rows, found)
-    if result is None and found.code[0] == SOLVED:
-        x, y, z_box = found.x[0], found.y[0], found.z_box[0]
+    if result is None and found.code == SOLVED:
+        x, y, z_box = found.x, found.y, found.z_box
         kkt = residuals_of(problem, x, y[: rows.equal], y[rows.equal :], z_box)
         result = result_of(rows, found, kkt)
     if result is None or result.kkt.worst > tol:
-        logger.debug("the dual active set did not decide (code %d): %s", found.code[0], result)
+        logger.debug("the dual active set did not decide (code %d): %s", found.code, result)
         return None
     return result
 

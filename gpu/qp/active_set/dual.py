@@ -27,6 +27,7 @@ References
 from __future__ import annotations
 
 import logging
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,46 +129,44 @@ def rows_of(problem: QPProblem) -> Rows | None:
 
 
 class Found(NamedTuple):
-    """What the compiled method returns, of all problems of a batch."""
+    """What the compiled method returns."""
 
+    code: int
+    idle: bool  # whether something held carries no multiplier
     x: np.ndarray
     y: np.ndarray
     z_box: np.ndarray
     active: np.ndarray  # signed states of rows, then of bounds
     kkt: np.ndarray
-    code: np.ndarray
-    idle: np.ndarray  # whether something held carries no multiplier
-    count: np.ndarray  # steps
-    steps: np.ndarray  # of the last problem, as `Step`
+    steps: np.ndarray
 
-    @classmethod
-    def room(cls, k: int, m: int, n: int) -> Found:
-        """Arrays for k problems of m rows and n variables."""
-        steps = np.empty((LIMITS.steps * (m + n), 2), np.int64)
-        return cls(
-            np.empty((k, n)), np.empty((k, m)), np.empty((k, n)), np.empty((k, m + n), np.int8),
-            np.full((k, 5), np.inf), np.empty(k, np.int8), np.zeros(k, bool), np.zeros(k, np.int64),
-            steps,
-        )  # fmt: skip
+
+def dual_active_set(rows: Rows, state: np.ndarray | None = None) -> Found:
+    """Solve a problem, from signed states of rows and bounds if they are given."""
+    from gpu.qp.active_set.dual_kernels import solve_one
+
+    if state is None or not state.any():
+        P, C, q, low, high, *_ = rows
+        most = LIMITS.steps * low.size
+        return Found(*solve_one(P, C, q, low, high, rows.boxes_only, most))
+    kept = Kept(rows.P, rows.C)
+    kept.begin(rows, state)
+    return kept.run(rows)
 
 
 class Kept:
     """What is made of a matrix and rows, with the factored active set of the last problem."""
 
-    def __init__(self, P: np.ndarray, C: np.ndarray, once: bool = False) -> None:
+    def __init__(self, P: np.ndarray, C: np.ndarray) -> None:
         from gpu.qp.active_set import dual_kernels
 
         (m, n), self.kernels = C.shape, dual_kernels
-        self.D, self.J, self.R, self.S = (
-            np.empty(n),
-            np.empty((n, n)),
-            np.empty((n, n)),
-            np.empty((m, n)),
-        )
-        self.size, self.act, self.side, self.k = np.empty(m), np.empty(n, np.int64), np.empty(n), 0
+        self.D, self.J, self.R = np.empty(n), np.empty((n, n)), np.empty((n, n))
+        self.S, self.size = np.empty((m, n)), np.empty(m)
+        self.act, self.side, self.k = np.empty(n, np.int64), np.empty(n), 0
         self.good = dual_kernels.factor(P, self.D, self.J)
         self.good &= dual_kernels.scale_rows(C, self.D, self.S, self.size)
-        self.first = self.J if once else self.J.copy()
+        self.first = self.J.copy()
 
     def begin(self, rows: Rows, state: np.ndarray) -> None:
         """Hold equalities and what has a state."""
@@ -179,7 +178,7 @@ class Kept:
         """Solve a problem from the set held last."""
         if self.k:
             found = self.run(rows)
-            if not found.code[0] and found.kkt.max() <= ROUNDING.sharp:
+            if not found.code and found.kkt.max() <= ROUNDING.sharp:
                 return found
         self.J[:] = self.first  # used up by many rotations, or the set never fitted
         self.begin(rows, np.zeros(rows.low.size, np.int8))
@@ -187,34 +186,40 @@ class Kept:
 
     def run(self, rows: Rows) -> Found:
         """The same, whatever comes of it."""
-        found = Found.room(1, *rows.C.shape)
-        x, y, box, active, kkt = (part[0] for part in found[:5])
-        found.code[0] = UNDECIDED
+        m, n = rows.C.shape
+        x, y, box, active, kkt = room(m, n)
+        steps, code, count, idle = (
+            np.empty((LIMITS.steps * (m + n), 2), np.int64),
+            UNDECIDED,
+            0,
+            False,
+        )
         if self.good and self.kernels.plain(rows.q, rows.low, rows.high):
-            found.code[0], self.k, found.count[0], found.idle[0] = self.kernels.solve(
+            code, self.k, count, idle = self.kernels.solve(
                 *rows[:5], self.D, self.J, self.S, self.size, self.R, self.act, self.side, self.k,
-                rows.boxes_only, x, y, box, active, found.steps, kkt,
+                rows.boxes_only, x, y, box, active, steps, kkt,
             )  # fmt: skip
-        return found
+        return Found(code, idle, x, y, box, active, kkt, steps[:count])
 
 
-def dual_active_set(rows: Rows, state: np.ndarray | None = None) -> Found:
-    """Solve a problem, from signed states of rows and bounds if they are given."""
-    kept = Kept(rows.P, rows.C, once=True)
-    kept.begin(rows, np.zeros(rows.low.size, np.int8) if state is None else state)
-    return kept.run(rows)
+def room(m: int, n: int, *front: int) -> tuple[np.ndarray, ...]:
+    """Arrays for x, multipliers of m rows and n bounds, states, residuals."""
+    x, y, box = (np.empty((*front, size)) for size in (n, m, n))
+    return x, y, box, np.empty((*front, m + n), np.int8), np.full((*front, 5), np.inf)
+
+
+_STEP = partial(tuple.__new__, Step)  # `Step._make` without the check of a length
 
 
 def result_of(rows: Rows, found: Found, kkt: KKT | None = None) -> QPResult | None:
     """The answer if its residuals are those of rounding, else None."""
-    kkt = kkt or KKT(*found.kkt[0].tolist())
-    if found.code[0] or not kkt.worst <= ROUNDING.sharp:
+    code, idle, x, y, z_box, active, plain, steps = found
+    kkt = kkt or KKT(*plain.tolist())
+    if code or not kkt.worst <= ROUNDING.sharp:
         return None
-    m, end, steps = rows.equal, rows.equal + rows.general, int(found.count[0])
-    status = Status.DEGENERATE if found.idle[0] else Status.OPTIMAL
-    history = tuple(map(Step._make, found.steps[:steps].tolist()))
-    y, active = found.y[0], found.active[0]
+    m, end = rows.equal, rows.equal + rows.general
+    history = tuple(map(_STEP, steps.tolist()))
     return QPResult(
-        found.x[0], y[:m], y[m:end], found.z_box[0], status, active[end:], kkt, steps, history,
-        active[m:end], _problem=rows,
+        x, y[:m], y[m:], z_box, Status.DEGENERATE if idle else Status.OPTIMAL, active[end:], kkt,
+        len(history), history, active[m:end], "active set", rows,
     )  # fmt: skip

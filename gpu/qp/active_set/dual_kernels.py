@@ -581,14 +581,35 @@ def plain(q, low, high):
 
 
 @summing
-def solve_many(P, C, q, low, high, state, boxes, chain, first, last, out):
+def solve_one(P, C, q, low, high, boxes, most):
+    """Solve one problem with everything that is made of it; UNDECIDED also where a number is none.
+
+    Returns a code, whether idle rows are held, x, multipliers of rows and bounds, signed states,
+    residuals and steps.
+    """
+    m, n = C.shape
+    D, J, R = np.empty(n), np.empty((n, n)), np.empty((n, n))
+    S, size, act, side = np.empty((m, n)), np.empty(m), np.empty(n, np.int64), np.empty(n)
+    x, y, box, kkt = np.empty(n), np.empty(m), np.empty(n), np.empty(5)
+    active, steps = np.zeros(m + n, np.int8), np.empty((most, 2), np.int64)
+    code, k, count, idle = UNDECIDED, 0, 0, False
+    if plain(q, low, high) and factor(P, D, J) and scale_rows(C, D, S, size):
+        k = begin(J, R, S, D, low, high, active, act, side)
+        code, k, count, idle = solve(
+            P, C, q, low, high, D, J, S, size, R, act, side, k, boxes, x, y, box, active, steps, kkt
+        )
+    return code, idle, x, y, box, active, kkt, steps[:count]
+
+
+@summing
+def solve_many(P, C, q, low, high, state, boxes, chain, first, last, most, out):
     """Solve problems first:last of a batch, see `gpu.qp.batch`; arrays of leading size 1 are shared
-    by all. With `chain` a problem begins at the active set of the one before. `steps` are those of
-    the last problem."""
-    x, y, box, active, kkt, code, idle, count, steps = out
+    by all. With `chain` a problem begins at the active set of the one before."""
+    x, y, box, active, kkt, code, idle, count = out
     m, n = C.shape[1], C.shape[2]
     D, J, R = np.empty(n), np.empty((n, n)), np.empty((n, n))
     S, size = np.empty((m, n)), np.empty(m)
+    steps = np.empty((most, 2), np.int64)
     start, act, side = np.empty((n, n)), np.empty(n, np.int64), np.empty(n)
     good, k = False, 0
     for b in range(first, last):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -281,7 +282,7 @@ class KKT:
     def worst(self) -> float:
         """The largest of them; infinite where one is not a number."""
         values = (self.stationarity, self.primal, self.sign, self.complementarity, self.gap)
-        return max(values) if all(np.isfinite(values)) else np.inf
+        return max(values) if all(map(isfinite, values)) else np.inf
 
 
 def residuals_of(
