@@ -71,6 +71,7 @@ class WhitenedActiveSet:
         self.t0 = -self.solve(p.q)
         self.force = float(xp.abs(p.q).max())
         self.history: list[Step] = []
+        self.spend: Callable[[], None] = lambda: None  # called after each step but the last
 
     def values(self, x: Array) -> Array:
         """Rows and variables at x."""
@@ -188,6 +189,8 @@ class WhitenedActiveSet:
             fewest = min(fewest, wrong)
             if stalled >= LIMITS.hopeless or len(self.history) >= LIMITS.most:
                 raise NotConverged("the full exchange stalls")
+            self.latest = x, multiplier
+            self.spend()
             state = self._next(state, add, drop, below, above)
         x, mu = self.refine(x, mu)
         whole = xp.zeros(self.m + self.n)

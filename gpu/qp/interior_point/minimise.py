@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from gpu.errors import Infeasible, NotConverged, Unbounded
+from gpu.qp.data.budget import Budget
 from gpu.qp.data.equilibrate import Scaling, equilibrate, largest_side, with_rounding
 from gpu.qp.data.standard_qp import (
     Array,
@@ -116,12 +117,19 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
 def minimise(
-    p: StandardQP, tol: float, solver: str = "auto", proofs: bool = True, reduced: bool = True
+    p: StandardQP,
+    tol: float,
+    budget: Budget | None = None,
+    proofs: bool = True,
+    reduced: bool = True,
+    auxiliary: bool = False,
 ) -> Point:
     """The solution, with residuals of at most `tol` and polished to the accuracy of the arithmetic,
-    else raise `Infeasible`, `Unbounded` or `NotConverged`. `solver` of sparse systems: "auto",
-    "pardiso" or "superlu". Without `proofs` the best point is returned, whatever its residuals;
-    unless `reduced`, presolve makes no reductions."""
+    else raise `Infeasible`, `Unbounded` or `NotConverged`. Without `proofs` the best point is
+    returned, whatever its residuals; unless `reduced`, presolve makes no reductions. The points of
+    an `auxiliary` problem are not those of the budget."""
+    budget = budget or Budget()
+    again = functools.partial(minimise, p, tol, budget, proofs, False, auxiliary)
     if not bool(p.q.any()):
         nothing = certified(p, p.xp.zeros_like(p.q), p.xp.zeros_like(p.row_low))
         if nothing.residuals.worst <= (0.0 if p.near is None else tol):
@@ -133,7 +141,7 @@ def minimise(
     if not small.free.size:
         point = certified(p, *small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)))
         if point.residuals.worst <= tol:
-            return _afloat(p, small, point, lambda: minimise(p, tol, solver, proofs, False))
+            return _afloat(p, small, point, again)
         small = presolve(p, search=False)
         if not small.free.size:
             raise _infeasible(_violated(p, point.x))
@@ -145,12 +153,13 @@ def minimise(
         return certified(p, *small.point(*scaling.point(*point)))
 
     search = _Search(
-        p, scaled if rewritten is None else rewritten.program, whole, tol, solver, proofs
-    )
+        p, scaled if rewritten is None else rewritten.program, whole, tol, proofs,
+        budget, auxiliary or not proofs,
+    )  # fmt: skip
     # Where q is rounding beside P, small residuals do not show that the objective is bounded.
     best, steps = search.run(unproved=rewritten is not None and not bool(p.bounded.all()))
     if proofs and _lost_in_rounding(p, best.x):
-        _prove_unbounded(p, solver, best.x if float(p.q @ best.x) < 0.0 else -best.x)
+        _prove_unbounded(p, budget, best.x if float(p.q @ best.x) < 0.0 else -best.x)
         far = float(p.xp.abs(best.x[small.free] / scaling.variables).max())
         if far > LIMITS.runaway * max(1.0, _size(search.scaled)):
             raise NotConverged(
@@ -158,7 +167,7 @@ def minimise(
                 "found along which the objective falls for ever: bound the variables"
             )
     found = Point(best.x, best.y, best.z_box, best.residuals, steps)
-    return _afloat(p, small, found, lambda: minimise(p, tol, solver, proofs, False))
+    return _afloat(p, small, found, again)
 
 
 def _afloat(p: StandardQP, small: Presolved, found: Point, again: Callable[[], Point]) -> Point:
@@ -184,15 +193,16 @@ class _Search:
     scaled: StandardQP
     whole: Callable[[Array, Array], Point]  # from the scaled to the original
     tol: float
-    solver: str
     proofs: bool
+    budget: Budget
+    auxiliary: bool
 
     def run(self, unproved: bool) -> tuple[Point, int]:
         """The best point of all attempts, and their steps; raises what `minimise` raises.
         `unproved`: small residuals alone do not show that the objective is bounded.
         """
         p, tol, proofs = self.p, self.tol, self.proofs
-        system = kkt_system(self.scaled, self.solver)
+        system = kkt_system(self.scaled)
         small_enough = p.q.size + p.row_low.size <= LIMITS.extended
         sharpen = proofs and p.xp is np and p.is_sparse and small_enough
         best, steps = None, 0
@@ -208,11 +218,11 @@ class _Search:
             if sharpen and tol < best.residuals.worst <= INTERIOR.near:
                 best = self._sharpened(best)
             if attempt == 0 and proofs and unproved and best.residuals.primal <= tol:
-                _prove_unbounded(p, self.solver)
+                _prove_unbounded(p, self.budget)
             if best.residuals.worst <= tol:
                 break
             if attempt == 0 and proofs:
-                _prove(p, best, self.solver)
+                _prove(p, best, self.budget)
                 if p.near is None and with_rounding(p, certain=True) is not None:
                     break  # it is solved as that
         if best is None:
@@ -235,11 +245,18 @@ class _Search:
         """
         separate, spread = LIMITS.attempts[attempt]
         aim = (0.1 if attempt == 0 else 1e-3) * self.tol
+        spend = self.budget.count if self.auxiliary else self.budget.step
+
+        def measure(x: Array, y: Array) -> float:
+            point = self.whole(x, y)
+            spend(point, self.tol)
+            return point.residuals.worst
+
         try:
             x, y, sides, count = interior_point(
                 self.scaled,
                 system,
-                lambda x, y: self.whole(x, y).residuals.worst,
+                measure,
                 aim,
                 separate,
                 spread,
@@ -300,7 +317,7 @@ def polished(p: StandardQP, sides: Sides, x: Array, y: Array) -> Point | None:
     return whole(x, y)
 
 
-def _prove(p: StandardQP, best: Point, solver: str) -> None:
+def _prove(p: StandardQP, best: Point, budget: Budget) -> None:
     """Raise with a certificate if there is one."""
     # Both are sought: beside iterates that diverge even contradictory rows have small residuals.
     if best.residuals.worst <= LIMITS.plausible:
@@ -308,7 +325,7 @@ def _prove(p: StandardQP, best: Point, solver: str) -> None:
     small, scaling = equilibrate(p)
     likely = (_no_point, _no_bound)
     for seek in likely if best.residuals.primal > LIMITS.plausible else likely[::-1]:
-        seek(small, scaling, functools.partial(_solution, solver))
+        seek(small, scaling, budget)
 
 
 def _lost_in_rounding(p: StandardQP, x: Array) -> bool:
@@ -327,32 +344,33 @@ def _size(p: StandardQP) -> float:
     return max(sides, float(p.xp.abs(p.q).max()))
 
 
-def _prove_unbounded(p: StandardQP, solver: str, towards: Array | None = None) -> None:
+def _prove_unbounded(p: StandardQP, budget: Budget, towards: Array | None = None) -> None:
     """Raise with a ray if there is one."""
-    _no_bound(*equilibrate(p), functools.partial(_solution, solver), towards)
+    _no_bound(*equilibrate(p), budget, towards)
 
 
-def _solution(solver: str, program: StandardQP) -> Array:
-    return minimise(program, 1e-10, solver, proofs=False).x
+def _solution(budget: Budget, program: StandardQP) -> Array:
+    return minimise(program, 1e-10, budget, proofs=False).x
 
 
-def _no_point(small: StandardQP, scaling: Scaling, solve: Solve) -> None:
-    y = farkas(small, solve)
+def _no_point(small: StandardQP, scaling: Scaling, budget: Budget) -> None:
+    y = farkas(small, functools.partial(_solution, budget))
     if y is not None:
         raise _infeasible(scaling.rows * y)
 
 
 def _no_bound(
-    small: StandardQP, scaling: Scaling, solve: Solve, towards: Array | None = None
+    small: StandardQP, scaling: Scaling, budget: Budget, towards: Array | None = None
 ) -> None:
-    direction = ray(small, solve, None if towards is None else towards / scaling.variables)
+    towards = None if towards is None else towards / scaling.variables
+    direction = ray(small, functools.partial(_solution, budget), towards)
     if direction is None:
         return
     # Without a feasible point a ray says nothing: the one nearest to zero is sought.
     one = small.xp.ones_like(small.q)
     P = sparse.diags_array(one, format="csr") if small.is_sparse else small.xp.diag(one)
     try:
-        minimise(replace(small, P=P, q=0.0 * one), LIMITS.feasible)
+        minimise(replace(small, P=P, q=0.0 * one), LIMITS.feasible, budget, auxiliary=True)
     except Infeasible as error:
         raise _infeasible(scaling.rows * error.certificate) from None
     raise Unbounded(
