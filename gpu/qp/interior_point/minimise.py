@@ -25,7 +25,7 @@ from gpu.qp.data.standard_qp import (
 )
 from gpu.qp.interior_point.interior_point import LIMITS as INTERIOR
 from gpu.qp.interior_point.interior_point import interior_point
-from gpu.qp.interior_point.kkt_system import System, kkt_system, safe_system
+from gpu.qp.interior_point.kkt_system import SparseSystem, System, kkt_system, safe_system
 from gpu.qp.interior_point.polish import PrimalDual, Sides, extended, polish
 from gpu.qp.interior_point.presolve import Presolved, contradiction, presolve
 
@@ -33,6 +33,7 @@ from gpu.qp.interior_point.presolve import Presolved, contradiction, presolve
 class _Proof(NamedTuple):  # tolerances of `farkas` and `ray`
     zero: float = 1e-12  # part of the terms of a sum: rounding of a few thousand reaches it
     margin: float = 1e-9  # of the inequality, over its terms: above what is taken for zero
+    clear: float = 1e-3  # the same of multipliers on their way: what they prove is not doubtful
     term: float = 64 * float(np.finfo(float).eps)  # over the largest q: rounding
     farther: float = 1e4  # over the largest side: reach of points along what counts as zero
     ray: float = 1e-10  # violation of a row by a ray, over the terms
@@ -41,6 +42,7 @@ class _Proof(NamedTuple):  # tolerances of `farkas` and `ray`
     vanishing: float = 1e-8  # components of C'y taken for zero if the largest y is one
     held: float = 1e-4  # relative size below which rows of a ray are taken for equalities
     projection: int = 4_000_000  # most entries of the dense block of a projection: 32 MB
+    sparsely: int = 250_000  # of a sparse block: beyond, it stays sparse
     dependent: float = 1e-13  # singular values of that block, over the largest: rounding
 
 
@@ -148,12 +150,12 @@ def minimise(
     scaled, scaling = equilibrate(small.program)
     rewritten = curvature_rows(scaled)
 
-    def whole(x: Array, y: Array) -> Point:
+    def original(x: Array, y: Array) -> tuple[Array, Array]:
         point = (x, y) if rewritten is None else rewritten.point(x, y)
-        return certified(p, *small.point(*scaling.point(*point)))
+        return small.point(*scaling.point(*point))
 
     search = _Search(
-        p, scaled if rewritten is None else rewritten.program, whole, tol, proofs,
+        p, scaled if rewritten is None else rewritten.program, original, tol, proofs,
         budget, auxiliary or not proofs,
     )  # fmt: skip
     # Where q is rounding beside P, small residuals do not show that the objective is bounded.
@@ -191,7 +193,7 @@ class _Search:
 
     p: StandardQP
     scaled: StandardQP
-    whole: Callable[[Array, Array], Point]  # from the scaled to the original
+    original: Callable[[Array, Array], tuple[Array, Array]]  # from the scaled one
     tol: float
     proofs: bool
     budget: Budget
@@ -248,7 +250,10 @@ class _Search:
         spend = self.budget.count if self.auxiliary else self.budget.step
 
         def measure(x: Array, y: Array) -> float:
-            point = self.whole(x, y)
+            x, y = self.original(x, y)
+            point = certified(self.p, x, y)
+            if self.proofs and point.residuals.primal > LIMITS.plausible:
+                _refute(self.p, y)
             spend(point, self.tol)
             return point.residuals.worst
 
@@ -279,6 +284,10 @@ class _Search:
             "attempt %d: %d steps, %s, polished %s", attempt, count, *(f.residuals for f in found)
         )
         return found, count
+
+    def whole(self, x: Array, y: Array) -> Point:
+        """The point of the original program."""
+        return certified(self.p, *self.original(x, y))
 
     def _sharpened(self, best: Point) -> Point:
         """The solution of the same active set in extended precision, if its residuals are less."""
@@ -326,6 +335,20 @@ def _prove(p: StandardQP, best: Point, budget: Budget) -> None:
     likely = (_no_point, _no_bound)
     for seek in likely if best.residuals.primal > LIMITS.plausible else likely[::-1]:
         seek(small, scaling, budget)
+
+
+def _refute(p: StandardQP, y: Array) -> None:
+    """Raise where multipliers of an iteration, which grow if there is no point, prove so."""
+    xp, largest = p.xp, float(p.xp.abs(y).max()) if y.size else 0.0
+    if not 0.0 < largest < np.inf:
+        return
+    y = _one_sided(p, -y / largest)
+    proof, c = _verified(p, y, PROOF.clear), p.C.T @ y
+    beyond = xp.where(c > 0, xp.isinf(p.ub), xp.isinf(p.lb)) * xp.abs(c)
+    if proof is None and 0.0 < float(beyond.max()) <= PROOF.vanishing * float(xp.abs(c).max()):
+        proof = _supported(p, y, PROOF.clear)
+    if proof is not None:
+        raise _infeasible(proof)
 
 
 def _lost_in_rounding(p: StandardQP, x: Array) -> bool:
@@ -484,10 +507,15 @@ def farkas(p: StandardQP, solve: Solve) -> Array | None:
     largest = float(xp.abs(y).max()) if m else 0.0
     if not largest or not np.isfinite(largest):
         return None
+    return _supported(p, -y / largest)
+
+
+def _supported(p: StandardQP, y: Array, clear: float = PROOF.margin) -> Array | None:
+    """A Farkas vector next to y, whose largest entry is one, some small entries taken for zero."""
     for small in PROOF.negligible:
-        support = xp.where(xp.abs(y) <= small * largest, 0.0, -y / largest)
+        support = p.xp.where(p.xp.abs(y) <= small, 0.0, y)
         for candidate in (support, _projected(p, support)):
-            proof = _verified(p, candidate)
+            proof = _verified(p, candidate, clear)
             if proof is not None:
                 return proof
     return None
@@ -498,10 +526,9 @@ def _projected(p: StandardQP, y: Array) -> Array:
     xp = p.xp
     rows = xp.flatnonzero(y)
     columns = xp.flatnonzero(xp.isinf(p.lb) | xp.isinf(p.ub))
-    if not rows.size or not columns.size or rows.size * columns.size > PROOF.projection:
+    block = _block(p.C, rows, columns)
+    if block is None:
         return y
-    block = p.C[rows][:, columns]
-    block = block.toarray() if is_sparse(block) else block
     c = p.C.T @ y
     loose = xp.isinf(p.lb[columns]) & xp.isinf(p.ub[columns])
     # A column with one side only must vanish where it points to the other, or nearly does so.
@@ -509,14 +536,44 @@ def _projected(p: StandardQP, y: Array) -> Array:
     wrong = xp.where(xp.isinf(p.ub[columns]), c[columns] > -small, c[columns] < small)
     keep = loose | wrong
     y = y.copy()
-    y[rows] -= xp.linalg.lstsq(block[:, keep].T, c[columns][keep], rcond=PROOF.dependent)[0]
+    y[rows] = _orthogonal(block[:, keep].T, y[rows], xp)
     return y
 
 
-def _verified(p: StandardQP, y: Array) -> Array | None:
-    xp = p.xp
-    y = xp.where((y > 0) & xp.isinf(p.row_low), 0.0, y)
-    y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
+def _block(C: Matrix, rows: Array, columns: Array) -> Matrix | None:
+    """A part of C, dense where it is small; None where it is empty, or dense and too large."""
+    size = rows.size * columns.size
+    if not size or (size > PROOF.projection and not is_sparse(C)):
+        return None
+    block = C[rows][:, columns]
+    return block.toarray() if is_sparse(C) and size <= PROOF.sparsely else block
+
+
+def _orthogonal(M: Matrix, y: Array, xp: Any) -> Array:
+    """The y next to the given one with ``M y = 0``."""
+    if not is_sparse(M):
+        return y - xp.linalg.lstsq(M, M @ y, rcond=PROOF.dependent)[0]
+    # Beside y, so that small entries change little; each pass leaves `dependent` of the error.
+    weighted = M @ sparse.diags_array(np.abs(y))
+    unit = 1.0 / np.maximum(abs(weighted).max(axis=1).toarray(), np.finfo(float).tiny)
+    weighted = sparse.csr_array(sparse.diags_array(unit) @ weighted)
+    k, n = weighted.shape
+    one, nothing = np.ones(n), np.zeros(n)
+    square = sparse.csr_array((n, n))
+    system = SparseSystem(StandardQP(square, nothing, weighted, unit, unit, nothing, nothing))
+    system.factor(one, np.full(k, PROOF.dependent))
+    for _ in range(2):
+        y = y + np.abs(y) * system.solve(nothing, -unit * (M @ y))[0]
+    return y
+
+
+def _one_sided(p: StandardQP, y: Array) -> Array:
+    return one_sided(y, -p.row_high, -p.row_low)
+
+
+def _verified(p: StandardQP, y: Array, clear: float = PROOF.margin) -> Array | None:
+    """The y without what points to no side, if it is a Farkas vector by `clear` of the terms."""
+    xp, y = p.xp, _one_sided(p, y)
     c = p.C.T @ y
     corner = xp.where(c > 0, p.ub, xp.where(c < 0, p.lb, 0.0))
     rounded = xp.isinf(corner) & (xp.abs(c) <= PROOF.zero * (abs(p.C).T @ xp.abs(y)))
@@ -526,7 +583,7 @@ def _verified(p: StandardQP, y: Array) -> Array | None:
     most, least = float(c @ corner), float(y @ row)
     terms = float(xp.abs(c) @ xp.abs(corner)) + float(xp.abs(y) @ xp.abs(row))
     margin = least - most
-    if not margin > PROOF.margin * terms:
+    if not margin > clear * terms:
         return None
     # What was rounded off leaves points far away: they must be farther than any of the data.
     size = largest_side(p.row_low, p.row_high, p.lb, p.ub)
@@ -586,12 +643,11 @@ def _straightened(cone: StandardQP, v: Array) -> Array:
     near = (cone.row_low > -xp.inf) | (cone.row_high < xp.inf)
     rows = xp.flatnonzero(near & (xp.abs(cone.C @ v) <= PROOF.held * terms) & (terms > 0.0))
     columns = xp.flatnonzero(v)
-    if not rows.size or not columns.size or rows.size * columns.size > PROOF.projection:
+    block = _block(cone.C, rows, columns)
+    if block is None:
         return v
-    block = cone.C[rows][:, columns]
-    block = block.toarray() if is_sparse(block) else block
     v = v.copy()
-    v[columns] -= xp.linalg.lstsq(block, block @ v[columns], rcond=PROOF.dependent)[0]
+    v[columns] = _orthogonal(block, v[columns], xp)
     return v
 
 
