@@ -43,6 +43,7 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     proximal: float = 1e-6  # first proximal terms; they fall with the average product
     corrections: int = 2  # most of Gondzio's, each of which costs one solve
     central: float = 1e-4  # of the average product: no product is below after a step
+    parts: tuple[float, ...] = (0.999, 0.99, *(6 * (0.9,)))  # of the step, one after the other
     least_proximal: float = 1e-14  # below, pivots are rounding
     most_proximal: float = 1e-3  # above, steps hardly move
     solved: float = 1e-8  # relative residual of an accurate solve
@@ -91,6 +92,7 @@ class InteriorPoint:
         self.reg, self.boost, self.last, self.floor = LIMITS.proximal, 1.0, 1.0, 0.0
         begin = (program, system, self.rows, low, high)
         self.v, self.y, self.s = inside(*begin, spread) if spread else balanced(*begin)
+        self._settle()
 
     def _dual(self, x: Array, y: Array) -> Array:
         """Gradient of the Lagrangian in (x, w) without the bounds."""
@@ -120,12 +122,14 @@ class InteriorPoint:
         rows[self.rows] = state[self.n :]
         return state[: self.n], rows
 
+    def _settle(self) -> None:
+        """The residuals of the present iterate."""
+        self.rd = self._dual(self.v[: self.n], self.y) - self.s.z_low + self.s.z_high
+        self.rp = self._primal()
+
     def merit(self) -> float:
         """Largest of the average product and of the residuals, in scaled units."""
-        s = self.s
-        rd = self._dual(self.v[: self.n], self.y) - s.z_low + s.z_high
-        rp = self._primal()
-        return largest(self.mu, *(float(abs(r).max()) for r in (rd, rp) if r.size))
+        return largest(self.mu, *(float(abs(r).max()) for r in (self.rd, self.rp) if r.size))
 
     def factor(self) -> None:
         """Factor the system of the present iterate."""
@@ -172,7 +176,7 @@ class InteriorPoint:
         """Steps shortened until no product is left far below the average."""
         s, xp = self.s, self.xp
         dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
-        for _ in range(8):
+        for part in LIMITS.parts:
             low = (s.t_low + ap * dt_low) * (s.z_low + ad * d.z_low)
             high = (s.t_high + ap * dt_high) * (s.z_high + ad * d.z_high)
             mu = (float(low[s.has_low].sum()) + float(high[s.has_high].sum())) / self.count
@@ -182,7 +186,7 @@ class InteriorPoint:
             )
             if least >= LIMITS.central * mu:
                 break
-            ap, ad = 0.9 * ap, 0.9 * ad
+            ap, ad = part * ap, part * ad
         return ap, ad
 
     def step(self) -> tuple[float, float]:
@@ -191,7 +195,7 @@ class InteriorPoint:
         mu = self.mu
         self.reg = max(min(self.reg, 1e-1 * LIMITS.proximal * mu), LIMITS.regularisation)
         self.boost = max(1.0, 0.2 * self.boost)
-        right = -(self._dual(self.v[: self.n], self.y) - s.z_low + s.z_high), self._primal()
+        right = -self.rd, self.rp
         self.off_low = xp.where(s.has_low, self.v - xp.where(s.has_low, s.low, 0.0) - s.t_low, 0.0)
         self.off_high = xp.where(
             s.has_high, xp.where(s.has_high, s.high, 0.0) - self.v - s.t_high, 0.0
@@ -207,6 +211,7 @@ class InteriorPoint:
         self.y = self.y + ad * d.y
         s.z_low, s.z_high = s.z_low + ad * d.z_low, s.z_high + ad * d.z_high
         self.last = min(ap, ad)
+        self._settle()
         return ap, ad
 
     def _predicted(self, right: tuple[Array, Array]) -> Step:
@@ -301,9 +306,9 @@ def interior_point(
     x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
 
     def patience() -> int:
-        if best <= target:
-            return LIMITS.below_target
         at_floor = best <= LIMITS.near and iterate.mu <= 2.0 * iterate.floor
+        if best <= target:
+            return 0 if at_floor else LIMITS.below_target
         return LIMITS.at_floor if hurried and at_floor else LIMITS.stalled
 
     while steps < LIMITS.steps and best > ROUNDING.sharp and stalled < patience():

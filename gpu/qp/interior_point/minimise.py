@@ -20,6 +20,7 @@ from gpu.qp.data.standard_qp import (
     Residuals,
     StandardQP,
     is_sparse,
+    largest,
     one_sided,
     residuals,
 )
@@ -54,6 +55,7 @@ class _Limits(NamedTuple):  # residuals and sizes that decide what is tried
     attempts: tuple[tuple[bool, float], ...] = (
         (True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0)
     )  # fmt: skip
+    dropped: float = 1e-3  # forces over all: more of them off the sides are no rounding
     near_origin: float = 1e-6  # residual of x = 0, which may replace a point that tends to it
     target: float = 1e-14  # residual that the polish aims at: the accuracy of the arithmetic
     clean: float = 1e-12  # below, no other multipliers are tried: no digit would be gained
@@ -110,8 +112,14 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
     force = one_sided(-(products[0] + p.q + products[1]), p.lb, p.ub)
     at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
     held = xp.where(at_side, force, 0.0)
+    dropped, size = (
+        largest(*(float(xp.abs(a).max()) for a in arrays))
+        for arrays in ((force - held,), (*products, p.q))
+    )
+    if dropped > LIMITS.dropped * size:
+        return Point(x, y, force, residuals(p, x, y, force, products), 0)
     clean = Point(x, y, held, residuals(p, x, y, held, products), 0)
-    if clean.residuals.sharp <= LIMITS.clean or bool((held == force).all()):
+    if clean.residuals.sharp <= LIMITS.clean or not dropped:
         return clean
     full = Point(x, y, force, residuals(p, x, y, force, products), 0)
     return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
@@ -339,10 +347,10 @@ def _prove(p: StandardQP, best: Point, budget: Budget) -> None:
 
 def _refute(p: StandardQP, y: Array) -> None:
     """Raise where multipliers of an iteration, which grow if there is no point, prove so."""
-    xp, largest = p.xp, float(p.xp.abs(y).max()) if y.size else 0.0
-    if not 0.0 < largest < np.inf:
+    xp, size = p.xp, float(p.xp.abs(y).max()) if y.size else 0.0
+    if not 0.0 < size < np.inf:
         return
-    y = _one_sided(p, -y / largest)
+    y = _one_sided(p, -y / size)
     proof, c = _verified(p, y, PROOF.clear), p.C.T @ y
     beyond = xp.where(c > 0, xp.isinf(p.ub), xp.isinf(p.lb)) * xp.abs(c)
     if proof is None and 0.0 < float(beyond.max()) <= PROOF.vanishing * float(xp.abs(c).max()):
@@ -504,10 +512,10 @@ def farkas(p: StandardQP, solve: Solve) -> Array | None:
     y[eq] = v[:first]
     y[up] += v[first:second]
     y[down] -= v[second : second + down.size]
-    largest = float(xp.abs(y).max()) if m else 0.0
-    if not largest or not np.isfinite(largest):
+    size = float(xp.abs(y).max()) if m else 0.0
+    if not size or not np.isfinite(size):
         return None
-    return _supported(p, -y / largest)
+    return _supported(p, -y / size)
 
 
 def _supported(p: StandardQP, y: Array, clear: float = PROOF.margin) -> Array | None:
@@ -610,11 +618,11 @@ def ray(p: StandardQP, solve: Solve, towards: Array | None = None) -> Array | No
         xp.where(xp.isfinite(p.lb), 0.0, -xp.inf), xp.where(xp.isfinite(p.ub), 0.0, xp.inf),
     )  # fmt: skip
     for d in (solve(cone), *(() if towards is None else (towards,))):
-        largest = float(xp.abs(d).max())
-        if not largest or not np.isfinite(largest):
+        length = float(xp.abs(d).max())
+        if not length or not np.isfinite(length):
             continue
         for small in PROOF.negligible:
-            v = xp.clip(xp.where(xp.abs(d) <= small * largest, 0.0, d / largest), cone.lb, cone.ub)
+            v = xp.clip(xp.where(xp.abs(d) <= small * length, 0.0, d / length), cone.lb, cone.ub)
             for candidate in (_straightened(cone, v), v):
                 if _falls(p, cone, candidate):
                     return candidate
