@@ -22,6 +22,7 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
 class _Limits(NamedTuple):  # limits of the scaling
     rounds: int = 12  # square roots of all sizes: sixteen decades become 16 / 2^12
+    even: float = 1.2  # between the sizes before a round: after it, less than powers of two see
     curvature: float = 1e-6  # relative to the largest: a smaller c gives x no length |q| / c
     moderate: float = 1e3  # lengths up to which iterates go without another unit
     apart: float = 1e11  # between lengths: the lesser ones may be rounding of the others
@@ -58,8 +59,11 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
     for _ in range(LIMITS.rounds):
         column = xp.maximum(sizes[0].columns(D, D), sizes[1].columns(E, D))
         row = sizes[1].rows(E, D)
-        D = D / xp.sqrt(xp.where(column > 0, column, 1.0))
-        E = E / xp.sqrt(xp.where(row > 0, row, 1.0))
+        column, row = (xp.where(size > 0, size, 1.0) for size in (column, row))
+        D, E = D / xp.sqrt(column), E / xp.sqrt(row)
+        both = xp.concatenate([column, row])
+        if float(both.max()) <= LIMITS.even * float(both.min()):
+            break
     # Entries keep their size when variables and sides change theirs.
     length = _length(p, D, E, sizes[0])
     D, E = xp.exp2(xp.round(xp.log2(D * length))), xp.exp2(xp.round(xp.log2(E / length)))
@@ -141,14 +145,19 @@ class _Sizes:
         self.M = abs(M)
         self.shape = M.shape
         if is_sparse(M):
-            coo = sparse.coo_array(self.M)
-            self.i, self.j, self.data = *coo.coords, coo.data
+            self.M = sparse.csr_array(self.M)
+            self.kept = np.flatnonzero(np.diff(self.M.indptr))
+            self.i = np.repeat(np.arange(M.shape[0]), np.diff(self.M.indptr))
 
     def _reduce(self, E: Array, D: Array, axis: int) -> Array:
         xp = self.xp
         if is_sparse(self.M):
             size = np.zeros(self.shape[1 - axis])
-            np.maximum.at(size, self.j if axis == 0 else self.i, E[self.i] * self.data * D[self.j])
+            entries = E[self.i] * self.M.data * D[self.M.indices]
+            if axis == 0:
+                np.maximum.at(size, self.M.indices, entries)
+            elif self.kept.size:
+                size[self.kept] = np.maximum.reduceat(entries, self.M.indptr[self.kept])
             return size
         if not self.M.size:
             return xp.zeros(self.shape[1 - axis])

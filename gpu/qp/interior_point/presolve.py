@@ -219,9 +219,13 @@ class _Search:
         first = np.ones(len(count))
         first[used] = C.data[C.indptr[used]]
         data = C.data / np.repeat(first, count)
+        # Rows that are multiples have equal sums with any weights, added in one order.
+        weights = np.random.default_rng(0).random(C.shape[1])
+        sums = sparse.csr_array((data, C.indices, C.indptr), shape=C.shape) @ weights
+        _, place, often = np.unique(sums, return_inverse=True, return_counts=True)
         group: dict[bytes, int] = {}
         rows, kept = [], []
-        for i in used:
+        for i in used[often[place[used]] > 1]:
             part = slice(C.indptr[i], C.indptr[i + 1])
             key = C.indices[part].tobytes() + data[part].tobytes()
             k = group.setdefault(key, int(i))
@@ -285,6 +289,8 @@ class _Search:
             self.found.append(Single(self.C, *(part[some] for part in parts)))
 
     def _activities(self, rows: Array, free: Any, low: Array, high: Array, rounding: Array) -> None:
+        # Without a bound on either side a variable lets a row reach any value.
+        rows = rows[~((free.astype(bool) @ (np.isinf(self.lb) & np.isinf(self.ub)))[rows])]
         if not rows.size:
             return
         up, down = free.maximum(0), -free.minimum(0)
