@@ -47,6 +47,7 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     least_proximal: float = 1e-14  # below, pivots are rounding
     most_proximal: float = 1e-3  # above, steps hardly move
     solved: float = 1e-8  # relative residual of an accurate solve
+    fine: float = 1e-10  # of a step that is taken: the next one makes up for the rest
     boost: float = 1e8  # how much the proximal terms may grow to reach it
     multiplier: float = 1e3  # largest at the start, over their size: where distances are tiny
     regularisation: float = 1e-10  # at the start: pivots with six digits
@@ -143,14 +144,16 @@ class InteriorPoint:
         E[self.rows] += 1.0 / self.slack
         self.system.factor(self.sigma[:n] + rho, E)
 
-    def direction(self, rd: Array, rp: Array, c_low: Array, c_high: Array) -> Step:
+    def direction(
+        self, rd: Array, rp: Array, c_low: Array, c_high: Array, fine: float = LIMITS.fine
+    ) -> Step:
         """Newton's direction for dual and primal right-hand sides and for the products."""
         s, n = self.s, self.n
         off_low, off_high = self.off_low, self.off_high
         f = rd + (c_low - s.z_low * off_low) / s.t_low - (c_high - s.z_high * off_high) / s.t_high
         rows = rp.copy()
         rows[self.rows] += f[n:] / self.slack
-        dx, dy = self.system.solve(f[:n], rows)
+        dx, dy = self.system.solve(f[:n], rows, fine=fine)
         dw = (f[n:] + dy[self.rows]) / self.slack
         dv = self.xp.concatenate([dx, dw])
         dz_low = (c_low - s.z_low * (dv + off_low)) / s.t_low
@@ -220,7 +223,8 @@ class InteriorPoint:
         while True:
             try:
                 self.factor()
-                d = self.direction(*right, -(s.z_low * s.t_low), -(s.z_high * s.t_high))
+                products = -(s.z_low * s.t_low), -(s.z_high * s.t_high)
+                d = self.direction(*right, *products, LIMITS.solved if self.count else LIMITS.fine)
                 if self.system.accuracy <= LIMITS.solved or self.boost > LIMITS.boost:
                     return d
             except np.linalg.LinAlgError:
