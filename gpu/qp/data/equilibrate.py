@@ -57,8 +57,8 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
     D, E = xp.ones(p.q.size), xp.ones(p.row_low.size)
     sizes = _Sizes(p.P, xp), _Sizes(p.C, xp)
     for _ in range(LIMITS.rounds):
-        column = xp.maximum(sizes[0].columns(D, D), sizes[1].columns(E, D))
-        row = sizes[1].rows(E, D)
+        column, row = sizes[1].both(E, D)
+        column = xp.maximum(sizes[0].columns(D, D), column)
         column, row = (xp.where(size > 0, size, 1.0) for size in (column, row))
         D, E = D / xp.sqrt(column), E / xp.sqrt(row)
         both = xp.concatenate([column, row])
@@ -149,25 +149,24 @@ class _Sizes:
             self.kept = np.flatnonzero(np.diff(self.M.indptr))
             self.i = np.repeat(np.arange(M.shape[0]), np.diff(self.M.indptr))
 
-    def _reduce(self, E: Array, D: Array, axis: int) -> Array:
-        xp = self.xp
+    def both(self, E: Array, D: Array) -> tuple[Array, Array]:
+        """Those of columns and of rows."""
+        xp, (rows, columns) = self.xp, self.shape
         if is_sparse(self.M):
-            size = np.zeros(self.shape[1 - axis])
+            size, row = np.zeros(columns), np.zeros(rows)
             entries = E[self.i] * self.M.data * D[self.M.indices]
-            if axis == 0:
-                np.maximum.at(size, self.M.indices, entries)
-            elif self.kept.size:
-                size[self.kept] = np.maximum.reduceat(entries, self.M.indptr[self.kept])
-            return size
+            np.maximum.at(size, self.M.indices, entries)
+            if self.kept.size:
+                row[self.kept] = np.maximum.reduceat(entries, self.M.indptr[self.kept])
+            return size, row
         if not self.M.size:
-            return xp.zeros(self.shape[1 - axis])
-        return (self.M * E[:, None] * D).max(axis=axis)
+            return xp.zeros(columns), xp.zeros(rows)
+        scaled = self.M * E[:, None]
+        scaled *= D
+        return scaled.max(axis=0), scaled.max(axis=1)
 
     def columns(self, E: Array, D: Array) -> Array:
-        return self._reduce(E, D, 0)
-
-    def rows(self, E: Array, D: Array) -> Array:
-        return self._reduce(E, D, 1)
+        return self.both(E, D)[0]
 
 
 def _scale(M: Matrix, E: Array, D: Array, xp: Any) -> Matrix:

@@ -33,6 +33,7 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 class _Presolve(NamedTuple):  # limits of the search
     rounds: int = 10  # most passes over all rows; they end after a few
     activity: float = 1e-14  # of a row's terms: with less room it is a forcing row
+    parallel: float = 1e-10  # between weighted sums of rows: nearer ones are compared
     entries: int = 4_000_000  # most of a dense matrix that is searched (32 MB): few are zero
 
 
@@ -134,7 +135,8 @@ Reduction = Parallel | Single | Forcing
 
 def presolve(p: StandardQP, search: bool = True) -> Presolved:
     """Remove fixed variables and empty rows; if `search`, on the host, make all reductions."""
-    if search and p.xp is np and (p.is_sparse or p.C.size <= PRESOLVE.entries):
+    small = p.xp is np and (p.is_sparse or p.C.size <= PRESOLVE.entries)
+    if search and small and not _irreducible(p):
         tight, dropped, reductions = _Search(p).run()
     else:
         tight, dropped, reductions = p, p.xp.zeros(p.row_low.size, dtype=bool), ()
@@ -158,6 +160,18 @@ def presolve(p: StandardQP, search: bool = True) -> Presolved:
         tight.ub[free],
     )
     return Presolved(program, free, kept, x, p, tight, reductions)
+
+
+def _irreducible(p: StandardQP) -> bool:
+    """Whether a glance at a dense matrix without zeros shows that nothing can be reduced."""
+    loose = np.isinf(p.lb) & np.isinf(p.ub)
+    if p.is_sparse or not loose.any() or p.q.size < 2 or not p.C.all():
+        return False
+    weights = np.random.default_rng(0).random(p.q.size)
+    sums = np.sort((p.C @ weights) / p.C[:, 0])
+    # Rows that are multiples of each other have the same sum but for rounding.
+    near = np.diff(sums) <= PRESOLVE.parallel * np.abs(sums[1:])
+    return not (near.any() or (p.lb == p.ub).any())
 
 
 def contradiction(p: StandardQP, tol: float) -> Array | None:
