@@ -39,6 +39,7 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     stalled: int = 40  # steps in which neither residual nor merit falls by a tenth
     at_floor: int = 10  # the same at the least products: the rest is rounding
     near: float = 1e-4  # relative: below, extended precision can end from the active set
+    trials: tuple[float, ...] = (1e-5, 1e-8)  # below, active sets are tried that cost a step
     below_target: int = 2  # steps without gain after which a point below the target is taken
     proximal: float = 1e-6  # first proximal terms; they fall with the average product
     corrections: int = 2  # most of Gondzio's, each of which costs one solve
@@ -293,6 +294,9 @@ class InteriorPoint:
         )
 
 
+Finish = Callable[[Array, Array, tuple[Array, Array]], tuple[Array, Array] | None]
+
+
 def interior_point(
     program: StandardQP,
     system: System,
@@ -301,13 +305,16 @@ def interior_point(
     separate: bool = False,
     spread: float = 1.0,
     hurried: bool = False,
+    finish: Finish | None = None,
 ) -> tuple[Array, Array, tuple[Array, Array], int]:
     """Iterate until `measure` is below `target` and nothing improves, or if `hurried` until only
     rounding is left (extended precision is to follow). Returns x and y where `measure` was least,
-    the signed states of bounds and rows there, and the number of steps."""
+    the signed states of bounds and rows there, and the number of steps. `finish` may know the
+    solution from a point and its states near the end."""
     iterate = InteriorPoint(program, system, separate, spread)
     best, least, stalled, steps = np.inf, np.inf, 0, 0
     x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
+    trials = list(LIMITS.trials)
 
     def patience() -> int:
         at_floor = best <= LIMITS.near and iterate.mu <= 2.0 * iterate.floor
@@ -334,6 +341,11 @@ def interior_point(
         if value < best:
             best, x, y = value, iterate.v[: iterate.n], iterate.y
             sides = iterate.sides()
+        if finish is not None and trials and target < best <= trials[0]:
+            trials = [trial for trial in trials if trial < best]
+            end = finish(x, y, sides)
+            if end is not None:
+                return *end, sides, steps
     return x, y, sides, steps
 
 

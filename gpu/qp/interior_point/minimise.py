@@ -265,32 +265,29 @@ class _Search:
             spend(point, self.tol)
             return point.residuals.worst
 
+        def sharp(x: Array, y: Array) -> float:
+            return self.whole(x, y).residuals.sharp
+
+        def finish(x: Array, y: Array, sides: Any) -> tuple[Array, Array] | None:
+            x, y, error = polish(
+                self.scaled, system, Sides(*sides), x, y, sharp, LIMITS.target, brief=True
+            )
+            return (x, y) if error <= LIMITS.clean else None
+
         try:
             x, y, sides, count = interior_point(
-                self.scaled,
-                system,
-                measure,
-                aim,
-                separate,
-                spread,
-                hurried=hurried,
+                self.scaled, system, measure, aim, separate, spread, hurried, finish
             )
         except np.linalg.LinAlgError:
             return [], 0
         found = [self.whole(x, y)]
-        x, y, _ = polish(
-            self.scaled,
-            system,
-            Sides(*sides),
-            x,
-            y,
-            lambda x, y: self.whole(x, y).residuals.sharp,
-            LIMITS.target,
-        )
-        found.append(self.whole(x, y))
+        if found[0].residuals.sharp > LIMITS.clean:
+            x, y, _ = polish(self.scaled, system, Sides(*sides), x, y, sharp, LIMITS.target)
+            found.append(self.whole(x, y))
         logger.debug(
-            "attempt %d: %d steps, %s, polished %s", attempt, count, *(f.residuals for f in found)
-        )
+            "attempt %d: %d steps, %s, polished %s",
+            attempt, count, found[0].residuals, found[-1].residuals,
+        )  # fmt: skip
         return found, count
 
     def whole(self, x: Array, y: Array) -> Point:
