@@ -39,7 +39,7 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     stalled: int = 40  # steps in which neither residual nor merit falls by a tenth
     at_floor: int = 10  # the same at the least products: the rest is rounding
     near: float = 1e-4  # relative: below, extended precision can end from the active set
-    trials: tuple[float, ...] = (1e-5, 1e-8)  # below, active sets are tried that cost a step
+    trials: tuple[float, ...] = (1e-3, 1e-5, 1e-7)  # below: an active set, at the cost of a step
     below_target: int = 2  # steps without gain after which a point below the target is taken
     proximal: float = 1e-6  # first proximal terms; they fall with the average product
     corrections: int = 2  # most of Gondzio's, each of which costs one solve
