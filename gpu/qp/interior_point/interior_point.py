@@ -294,7 +294,7 @@ class InteriorPoint:
         )
 
 
-Finish = Callable[[Array, Array, tuple[Array, Array]], tuple[Array, Array] | None]
+Finish = Callable[[Array, Array, tuple[Array, Array]], list[Array]]
 
 
 def interior_point(
@@ -310,7 +310,7 @@ def interior_point(
     """Iterate until `measure` is below `target` and nothing improves, or if `hurried` until only
     rounding is left (extended precision is to follow). Returns x and y where `measure` was least,
     the signed states of bounds and rows there, and the number of steps. `finish` may know the
-    solution from a point and its states near the end."""
+    solution, as x and y, from a point and its states near the end, else nothing."""
     iterate = InteriorPoint(program, system, separate, spread)
     best, least, stalled, steps = np.inf, np.inf, 0, 0
     x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
@@ -344,8 +344,8 @@ def interior_point(
         if finish is not None and trials and target < best <= trials[0]:
             trials = [trial for trial in trials if trial < best]
             end = finish(x, y, sides)
-            if end is not None:
-                return *end, sides, steps
+            if end:
+                return end[0], end[1], sides, steps
     return x, y, sides, steps
 
 

@@ -268,11 +268,14 @@ class _Search:
         def sharp(x: Array, y: Array) -> float:
             return self.whole(x, y).residuals.sharp
 
-        def finish(x: Array, y: Array, sides: Any) -> tuple[Array, Array] | None:
-            x, y, error = polish(
+        end: list[Array] = []
+
+        def finish(x: Array, y: Array, sides: Any) -> list[Array]:
+            *point, error = polish(
                 self.scaled, system, Sides(*sides), x, y, sharp, LIMITS.target, brief=True
             )
-            return (x, y) if error <= LIMITS.clean else None
+            end[:] = point if error <= LIMITS.clean else []
+            return end
 
         try:
             x, y, sides, count = interior_point(
@@ -281,7 +284,7 @@ class _Search:
         except np.linalg.LinAlgError:
             return [], 0
         found = [self.whole(x, y)]
-        if found[0].residuals.sharp > LIMITS.clean:
+        if not end:
             x, y, _ = polish(self.scaled, system, Sides(*sides), x, y, sharp, LIMITS.target)
             found.append(self.whole(x, y))
         logger.debug(
