@@ -177,6 +177,11 @@ class StandardQP:
             float(forces.max()) if near.size else 0.0,
         )
 
+    def rounded_forces(self, x: Array, y: Array) -> float:
+        """The least size of forces that residuals are measured against, where terms cancel."""
+        terms = self.moduli[0] @ self.xp.abs(x) + self.moduli[1].T @ self.xp.abs(y)
+        return ROUNDING.cancellation * float(terms.max()) if terms.size else 0.0
+
     def gradient(self, x: Array, y: Array) -> Array:
         """``P x + q + C'y``."""
         return self.P @ x + self.q + self.C.T @ y
@@ -249,9 +254,7 @@ def residuals(
     dual = _over(
         size_of(Px + p.q + Cy + z_box),
         size_of(Px, p.q, Cy, z_box),
-        lambda: largest(
-            part * size_of(p.moduli[0] @ size[0] + p.moduli[1].T @ size[1]), p.least_sizes[3]
-        ),
+        lambda: largest(p.rounded_forces(x, y), p.least_sizes[3]),
     )
     row = xp.where(y > 0, p.row_high, xp.where(y < 0, p.row_low, 0.0))
     bound = xp.where(z_box > 0, p.ub, xp.where(z_box < 0, p.lb, 0.0))

@@ -113,10 +113,10 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
     at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
     held = xp.where(at_side, force, 0.0)
     dropped, size = (
-        largest(*(float(xp.abs(a).max()) for a in arrays))
+        largest(*(float(xp.abs(a).max()) for a in arrays if a.size))
         for arrays in ((force - held,), (*products, p.q))
     )
-    if dropped > LIMITS.dropped * size:
+    if dropped > LIMITS.dropped * size and dropped > LIMITS.dropped * p.rounded_forces(x, y):
         return Point(x, y, force, residuals(p, x, y, force, products), 0)
     clean = Point(x, y, held, residuals(p, x, y, held, products), 0)
     if clean.residuals.sharp <= LIMITS.clean or not dropped:
