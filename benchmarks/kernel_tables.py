@@ -115,7 +115,7 @@ def maros_meszaros(record: Record) -> str:
     """How many of Maros and Meszaros' problems are solved."""
     keys = ("problems", "solved", "relative_1e-9", "absolute_1e-9")
     table = rows_of(
-        "problems | solved | to 1e-9 relative | to 1e-9 absolute | limit a problem",
+        'problems | solved | to 1e-9 relative | absolute, `polish="digits"` | limit a problem',
         [(*(record[key] for key in keys), f"{record['limit']:.0f} s")],
     )
     return f"{table}\n\n{source('maros_meszaros', record)}"

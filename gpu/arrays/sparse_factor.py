@@ -107,6 +107,8 @@ def _with_sorted_indices(K: sparse.csc_array) -> sparse.csc_array:
 
 
 def _with_full_diagonal(K: Any) -> sparse.csc_array:
+    if bool((K.diagonal() != 0.0).all()):
+        return sparse.csc_array(K)
     coo = sparse.coo_array(K)
     i = np.arange(K.shape[0])
     off = coo.coords[0] != coo.coords[1]
@@ -133,10 +135,13 @@ class PardisoFactor:
         upper = sparse.csr_array(sparse.triu(_with_full_diagonal(K), format="csr"))
         upper.sort_indices()
         self._entries = upper.data.astype(float)
-        self._data = self._entries.copy()
+        self._data = self._entries
         self._column = upper.indices.astype(np.int64)
         self._row = np.repeat(np.arange(self.size), np.diff(upper.indptr))
         self._place = upper.indptr[:-1].astype(np.int64)  # the diagonal entry is the row's first
+        self._data[self._place] = 0.0
+        self._largest = self._sizes()
+        self._data = self._entries.copy()
         self._ia = (upper.indptr + 1).astype(np.int32)
         self._ja = (upper.indices + 1).astype(np.int32)
         self._handle = np.zeros(64, dtype=np.int64)
@@ -160,21 +165,26 @@ class PardisoFactor:
             self._factor(diagonal)
 
     def _factor(self, diagonal: Vector) -> None:
+        # PARDISO perturbs pivots that are small relative to the norm of the matrix. So twice rows
+        # and columns are divided by the square root of their largest entry.
+        self._root = np.ones(self.size)
         self._data[:] = self._entries
         self._data[self._place] = diagonal
-        self._root = np.ones(self.size)
-        # PARDISO perturbs pivots that are small relative to the norm of the matrix. So three times
-        # rows and columns are divided by the square root of their largest entry.
-        for _ in range(3):
-            size = np.maximum.reduceat(np.abs(self._data), self._place)
-            np.maximum.at(size, self._column, np.abs(self._data))
-            root = 1.0 / np.sqrt(size)
-            self._data *= root[self._row] * root[self._column]
+        for size in (np.maximum(self._largest, np.abs(diagonal)), None):
+            root = 1.0 / np.sqrt(self._sizes() if size is None else size)
+            self._data *= root[self._row]
+            self._data *= root[self._column]
             self._root *= root
         if not np.isfinite(self._data).all():
             # PARDISO writes outside its memory if a matrix has NaN or infinities.
             raise np.linalg.LinAlgError("the matrix has entries that are not finite")
         self._call(22, self._nothing, self._nothing)
+
+    def _sizes(self) -> Vector:
+        """The largest entries of the rows of the symmetric matrix."""
+        size: Vector = np.maximum.reduceat(np.abs(self._data), self._place)
+        np.maximum.at(size, self._column, np.abs(self._data))
+        return size
 
     def solve(self, r: Vector) -> Vector:
         """Solve with the last factor."""

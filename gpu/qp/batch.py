@@ -146,7 +146,8 @@ class _Found(NamedTuple):
     def room(cls, k: int, m: int, n: int) -> _Found:
         """Arrays for k problems of m rows and n variables."""
         code, idle, count = (np.zeros(k, kind) for kind in (np.int8, bool, np.int64))
-        return cls(*room(m, n, k), code, idle, count)
+        x, y, z_box, active, kkt = room(m, n, k)
+        return cls(x, y, z_box, active, kkt, code, idle, count)
 
 
 class _Data(NamedTuple):
@@ -313,7 +314,7 @@ def batch_solve_qp(
     [[0.5], [1.0]]
     """
     warm_start, count = flag("warm_start", warm_start), _rows("q", q)
-    host_below = checked_options(tol, host_below)
+    checked_options(tol, host_below)
     batch = _Given(count, P, q, G, h, A, b, lb, ub, h_low)
     if start is not None and (not isinstance(start, QPBatch) or len(start) != count):
         raise InputError(f"start is {shown(start)}: it must be a QPBatch of {count} problems")
@@ -326,15 +327,17 @@ def batch_solve_qp(
     else:
         data, found = None, batch.room(first)
         solved = found.idle
-    errors, alone, last = {}, {}, None
+    errors: dict[int, GpuError] = {}
+    alone: dict[int, QPResult] = {}
+    last: QPResult | None = None
     for i in np.flatnonzero(~to_host(solved)).tolist():
         if namespace(found.x) is not np and found.code[i] == EMPTY:
             errors[i] = Infeasible("no point of the box satisfies the rows", found.y[i].copy())
             _clear(found, i)
             continue
-        begin = last if warm_start and data is None else None
+        before = last if warm_start and data is None else None
         try:
-            last = solve_qp(**batch.member(i), start=begin, tol=tol, host_below=host_below)
+            last = solve_qp(**batch.member(i), start=before, tol=tol, host_below=host_below)
         except InputError as error:
             error.index = i  # type: ignore[attr-defined]
             raise
@@ -358,7 +361,7 @@ def _together(parts: list[Gradients | None], data: _Data | None) -> Gradients:
     some = next((part for part in parts if part is not None), None)
     if some is None:
         raise InputError("no problem of the batch has a solution: nothing has derivatives")
-    xp, fields = namespace(some.q), {}
+    xp, fields = namespace(some.q), dict[str, Any]()
     for name, like in some._asdict().items():
         values = [
             like if part is None and like is None
@@ -414,9 +417,7 @@ def _on_device(data: _Data, state: np.ndarray, tol: float) -> _Found:
     primal, stationarity, gap, pairs = found.residuals.T
     kkt = xp.stack([stationarity, primal, xp.zeros_like(gap), pairs, gap], axis=1)
     idle = ((found.state[:, m:] != 0) & (found.z_box == 0.0) & (low < high)[:, m:]).any(axis=1)
-    return Found(
-        found.x, found.y, found.z_box, found.state, kkt, found.code, idle, found.steps, None
-    )
+    return _Found(found.x, found.y, found.z_box, found.state, kkt, found.code, idle, found.steps)
 
 
 def _rows(name: str, value: Any) -> int:

@@ -13,11 +13,12 @@ def pdas_solve_problem(
     problem: Any, initvals: Any = None, verbose: bool = False, **options: Any
 ) -> Any:
     """Solve a `qpsolvers.Problem` with `options` of `solve_qp`. Where `solve_qp` raises, the
-    `qpsolvers.Solution` is marked as not found, and the error is in ``extras["error"]``.
+    `qpsolvers.Solution` is marked as not found, and the error is in ``extras["error"]``; x is then
+    the best point where `time_limit` or `max_steps` ended the search, else None.
     """
     import qpsolvers
 
-    known = "h_low", "host_below", "start", "tol"
+    known = "h_low", "host_below", "start", "tol", "polish", "time_limit", "max_steps"
     unknown = options.keys() - known
     if unknown:
         raise InputError(
@@ -33,6 +34,7 @@ def pdas_solve_problem(
     except (Infeasible, Unbounded, NotConverged) as error:
         solution.found = False
         solution.extras["error"] = error
+        solution.x = getattr(error, "x", None)
         return solution
     solution.found = True
     solution.x, solution.y, solution.z = result.x, result.y, result.z

@@ -21,6 +21,7 @@ from gpu.qp.active_set.dual import (
     rows_of,
 )
 from gpu.qp.active_set.whitened import WhitenedActiveSet
+from gpu.qp.data.budget import Budget, Spent
 from gpu.qp.data.equilibrate import largest_side, with_rounding
 from gpu.qp.data.qp_problem import FactoredMatrix, QPProblem, Rows, check_problem, power_of_two
 from gpu.qp.data.qp_result import (
@@ -61,7 +62,6 @@ LIMITS = _Limits()
 logger = logging.getLogger(__name__)
 
 
-@np.errstate(all="ignore")  # what overflows shows in the residuals
 def solve_qp(
     P: ArrayLike | FactoredMatrix,
     q: ArrayLike,
@@ -76,6 +76,9 @@ def solve_qp(
     start: QPResult | ArrayLike | None = None,
     tol: float = 1e-9,
     host_below: int = 0,
+    polish: str | None = None,
+    time_limit: float | None = None,
+    max_steps: int | None = None,
 ) -> QPResult:
     r"""Solve a convex quadratic program.
 
@@ -115,6 +118,15 @@ def solve_qp(
     host_below : int, optional
         Device problems with fewer unknowns are solved on the host, which is quicker for small
         ones; the result lives on the device all the same.
+    polish : {None, "digits"}, optional
+        "digits": where an interior point found the solution of a host problem that is not large,
+        seek one whose residuals are below `tol` in the units of the problem too, see
+        `gpu.qp.last_digits`. It may take many times as long, and changes last digits only.
+    time_limit : float, optional
+        Seconds after which no further step begins; looked at between steps only.
+    max_steps : int, optional
+        Largest number of steps of active sets and of interior points, together with those that
+        prove infeasibility. Neither limit stops the polish of a point that is good enough.
 
     Returns
     -------
@@ -128,7 +140,8 @@ def solve_qp(
     Unbounded
         If the objective has no lower bound; its `ray` has been verified.
     NotConverged
-        If the residuals stay above `tol`.
+        If the residuals stay above `tol`. At `time_limit` or `max_steps` its attributes `x` and
+        `kkt` are the best point met and its residuals.
     InputError
         If an argument is malformed; an objective that is not convex is such a case.
     NotSupported
@@ -161,13 +174,35 @@ def solve_qp(
     >>> result.active, result.kkt.worst < 1e-15
     (array([ 0,  0, -1], dtype=int8), True)
     """
-    if start is None and type(tol) is float and ROUNDING.sharp <= tol < 1.0:
+    plain = start is None and polish is None and time_limit is None and max_steps is None
+    if plain and type(tol) is float and ROUNDING.sharp <= tol < 1.0:
         rows = plain_rows(P, q, G, h, A, b, lb, ub, h_low)
         result = None if rows is None else result_of(rows, dual_active_set(rows))
         if result is not None:
             return result
-    problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
-    host_below = checked_options(tol, host_below)
+    with np.errstate(all="ignore"):  # what overflows shows in the residuals
+        problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
+        checked_options(tol, host_below, polish)
+        small = rows_of(problem) if plain and not isinstance(P, FactoredMatrix) else None
+        limits = {"polish": polish, "time_limit": time_limit, "max_steps": max_steps}
+        return _any(problem, start, tol, host_below, small, limits)
+
+
+def checked_options(tol: Any, host_below: Any, polish: Any = None) -> None:
+    """`InputError` where an option is wrong."""
+    if not isinstance(tol, int | float | np.number) or not 0.0 < tol < 1.0:
+        raise InputError(f"tol is {tol!r}: it must be a number between 0 and 1")
+    integer("host_below", host_below, 0)
+    if polish is not None and not (isinstance(polish, str) and polish == "digits"):
+        raise InputError(f"polish is {polish!r}: it must be None or 'digits'")
+
+
+def _any(
+    problem: QPProblem, start: Any, tol: float, host_below: int, small: Rows | None,
+    limits: dict[str, Any],
+) -> QPResult:  # fmt: skip
+    """The result of checked data; contradictions in single rows and bounds are found first."""
+    budget = Budget(limits["time_limit"], limits["max_steps"])
     if not isinstance(start, QPResult):
         unmasked("start", start)
     for low, high, names in (
@@ -197,35 +232,41 @@ def solve_qp(
                     _proof(problem, first + i, sign),
                 )
     if host_below and not isinstance(problem.q, np.ndarray) and problem.q.size < host_below:
-        return _on_host(problem, start, tol)
-    small = None if isinstance(P, FactoredMatrix) else rows_of(problem)
+        return _on_host(problem, start, tol=tol, **limits)
     if small is not None:
         result = _dual(problem, small, start, tol)
         if result is not None:
             return result
+    try:
+        return _solved(problem, start, tol, limits["polish"], budget)
+    except Spent:
+        raise _unfinished(problem, budget) from None
+
+
+def _solved(
+    problem: QPProblem,
+    start: QPResult | ArrayLike | None,
+    tol: float,
+    polish: str | None,
+    budget: Budget,
+) -> QPResult:
+    """The result, by the ways that the problem allows, one after the other."""
     if problem.boxes_only:
         try:
-            return _boxes(problem, start, tol)
+            return _boxes(problem, start, tol, budget)
         except NotConverged as error:
             try:
-                return _general(problem, None, tol)
+                return _general(problem, None, tol, polish, budget)
             except NotConverged:
                 raise error from None
     try:
-        return _general(problem, start, tol)
+        return _general(problem, start, tol, polish, budget)
     except NotConverged as error:
-        result = _proximal(problem, tol)
+        result = _proximal(problem, tol, budget)
         if result is None:
             raise
         logger.debug("proximal points where %s", error)
         return result
-
-
-def checked_options(tol: Any, host_below: Any) -> int:
-    """`host_below` as a number; `InputError` where it or `tol` is wrong."""
-    if not isinstance(tol, int | float | np.number) or not 0.0 < tol < 1.0:
-        raise InputError(f"tol is {tol!r}: it must be a number between 0 and 1")
-    return integer("host_below", host_below, 0)
 
 
 def _dual(problem: QPProblem, rows: Rows, start: Any, tol: float) -> QPResult | None:
@@ -256,7 +297,22 @@ def _widened(problem: QPProblem) -> StandardQP:
     return replace(p, row_low=sides[0], row_high=sides[1], lb=sides[2], ub=sides[3])
 
 
-def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
+def _unfinished(problem: QPProblem, budget: Budget) -> NotConverged:
+    """The error at the limits of the budget, with the best point."""
+    p, m = problem.program, problem.b.size
+    p = p.on_host() if isinstance(budget.best.x, np.ndarray) else p
+    point = certified(p, budget.best.x, budget.best.y)
+    y, z = point.y[:m], point.y[m:]
+    kkt = residuals_of(problem, point.x, y, z, point.z_box, p, point.residuals)
+    return NotConverged(
+        f"time_limit, max_steps: after {budget} the residuals are {kkt}; the attribute x is the "
+        "best point, where start= can go on",
+        x=namespace(problem.q).asarray(point.x),
+        kkt=kkt,
+    )
+
+
+def _proximal(problem: QPProblem, tol: float, budget: Budget) -> QPResult | None:
     r"""Solve a box problem with singular P by proximal points (Rockafellar 1976): each minimises
     :math:`\tfrac12 x^TPx + q^Tx + \tfrac12 |x - x_k|_M^2`, M a small diagonal, by active sets,
     exactly where an interior point ends in the rounding."""
@@ -272,7 +328,7 @@ def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
     for _ in range(LIMITS.steps):
         near = problem._replace(factor=factor, q=problem.q - weight * x)
         try:
-            last = _boxes(near, last, tol)
+            last = _boxes(near, last, tol, budget)
         except (NotConverged, Infeasible):
             return None
         x = last.x
@@ -290,7 +346,7 @@ def _proof(problem: QPProblem, row: int | None, sign: float = 1.0) -> Any:
     return proof
 
 
-def _on_host(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+def _on_host(problem: QPProblem, start: QPResult | ArrayLike | None, **options: Any) -> QPResult:
     """Solve a small device problem with NumPy; the result goes back to the device."""
     xp = namespace(problem.q)
     if isinstance(start, QPResult):
@@ -304,24 +360,34 @@ def _on_host(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float)
         result = solve_qp(
             matrix, q, G if general else None, row_high if general else None,
             A if equal else None, b if equal else None, lb, ub,
-            h_low=row_low if general else None, start=start, tol=tol,
+            h_low=row_low if general else None, start=start, **options,
         )  # fmt: skip
     except Infeasible as error:
         raise Infeasible(str(error), xp.asarray(error.certificate)) from None
     except Unbounded as error:
         raise Unbounded(str(error), xp.asarray(error.ray)) from None
+    except NotConverged as error:
+        error.x = None if error.x is None else xp.asarray(error.x)
+        raise
     return replace(result.moved(xp.asarray), _problem=problem)
 
 
-def _boxes(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+def _boxes(
+    problem: QPProblem, start: QPResult | ArrayLike | None, tol: float, budget: Budget
+) -> QPResult:
     """Bounds and equality rows, strictly convex, on the host."""
     norms = np.linalg.norm(problem.A * problem.factor.scale, axis=1)
     rows = 1.0 / power_of_two(np.where(norms > 0.0, norms, 1.0))
     iterate = _first_iterate(problem, rows, start)
+    iterate.spend = budget.count
     try:
         iterate.run(tol, max_steps=100 + 10 * problem.q.size)
     except Infeasible as error:
         raise Infeasible(str(error), rows * error.certificate) from None
+    except Spent:
+        x, y = problem.factor.scale * iterate.x, rows * iterate.y
+        budget.best = budget.best or certified(problem.program, x, y)
+        raise
     except np.linalg.LinAlgError:
         raise NotConverged(
             "a system of free variables and equality rows is singular to working precision: "
@@ -414,12 +480,18 @@ def _status(problem: QPProblem, loose: Any, active: Any, z_box: Any) -> Status:
     return Status.DEGENERATE if degenerate else Status.OPTIMAL
 
 
-def _general(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+def _general(
+    problem: QPProblem,
+    start: QPResult | ArrayLike | None,
+    tol: float,
+    polish: str | None,
+    budget: Budget,
+) -> QPResult:
     """The result of any checked problem, or the errors of `solve_qp`."""
     p = problem.program
     state = _first_state(problem, p, start)
     if problem.factor.definite and 3 * p.q.size >= p.row_low.size:
-        found = _whitened(problem, p, state)
+        found = _whitened(problem, p, state, budget)
         if found is not None:
             result = _general_result(problem, p.on_host(), *found, "active set")
             if result.kkt.worst <= tol:
@@ -428,19 +500,20 @@ def _general(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float)
         sides = Sides(state[p.row_low.size :], state[: p.row_low.size])
         point = polished(p, sides, start.x, p.xp.concatenate([start.y, start.z]))
         if point is not None:
-            point = _sharpened(problem, p, point, tol)
+            point = _sharpened(problem, p, point, tol, polish)
             result = _general_result(problem, p, point, (), "active set")
             if result.kkt.worst <= tol:
                 return result
     try:
-        point = minimise(p, tol)
+        point = minimise(p, tol, budget)
     except (NotConverged, Unbounded, Infeasible) as error:
         coarse = with_rounding(p, certain=isinstance(error, Infeasible))
         if coarse is None or (isinstance(error, Unbounded) and bool(coarse.q.any())):
             raise
         logger.debug("what may be rounding is not told from zero where %s", error)
-        p, point = coarse, minimise(coarse, tol)
-    result = _general_result(problem, p, _sharpened(problem, p, point, tol), (), "interior point")
+        p, point = coarse, minimise(coarse, tol, budget)
+    point = _sharpened(problem, p, point, tol, polish)
+    result = _general_result(problem, p, point, (), "interior point")
     if not result.kkt.worst <= tol:
         raise NotConverged(
             f"the residuals {result.kkt} stay above tol = {tol}: rescale the problem, drop rows "
@@ -468,7 +541,7 @@ def _first_state(problem: QPProblem, p: StandardQP, start: Any) -> Any:
 
 
 def _whitened(
-    problem: QPProblem, p: StandardQP, state: Any
+    problem: QPProblem, p: StandardQP, state: Any, budget: Budget
 ) -> tuple[Point, tuple[Step, ...]] | None:
     """The active-set method in units where P has a diagonal and the rows norms near one."""
     xp, d = p.xp, problem.factor.scale
@@ -483,19 +556,28 @@ def _whitened(
     method = WhitenedActiveSet(
         scaled, problem.factor.L, lambda x: d * symmetric_product(problem.factor.P, d * x)
     )
+    method.spend, spent = budget.count, False
     try:
         x, multipliers = method.run(state)
     except NotConverged:
         return None
-    x, y = d * x, e * multipliers[: e.size]
+    except Spent:
+        (x, multipliers), spent = method.latest, True
+    x, y = d * x, e * xp.asarray(multipliers)[: e.size]
     if xp is not np:
         p, x, y = p.on_host(), to_host(x), to_host(y)
-    return certified(p, x, y), tuple(method.history)
+    point = certified(p, x, y)
+    if spent:
+        budget.best = point
+        raise Spent
+    return point, tuple(method.history)
 
 
-def _sharpened(problem: QPProblem, p: StandardQP, point: Point, tol: float) -> Point:
+def _sharpened(
+    problem: QPProblem, p: StandardQP, point: Point, tol: float, polish: str | None
+) -> Point:
     """The point, or one with absolute residuals below `tol` too, where the problem is small."""
-    if p.xp is not np or not point.residuals.worst <= tol:
+    if polish is None or p.xp is not np or not point.residuals.worst <= tol:
         return point
     entries = p.P.nnz + p.C.nnz if p.is_sparse else np.count_nonzero(p.P) + np.count_nonzero(p.C)
     if entries > (LIMITS.sparse if p.is_sparse else LIMITS.dense):

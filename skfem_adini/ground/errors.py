@@ -110,6 +110,8 @@ class NotConverged(AdiniError, RuntimeError):
         Of a contact problem: one entry an iteration, as in `ContactResult.history`.
     eigenvalues, eigenvectors : array or None
         Of an eigenvalue problem: what did converge, shapes (j,) and (n, j).
+    x, kkt : (n,) array and KKT, or None
+        Of a quadratic program at its limit of time or steps: the best point and its residuals.
 
     Examples
     --------
@@ -130,9 +132,12 @@ class NotConverged(AdiniError, RuntimeError):
         *,
         eigenvalues: Any = None,
         eigenvectors: Any = None,
+        x: Any = None,
+        kkt: Any = None,
     ) -> None:
         super().__init__(message)
         self.history, self.eigenvalues, self.eigenvectors = history, eigenvalues, eigenvectors
+        self.x, self.kkt = x, kkt
 
 
 class Infeasible(AdiniError):

@@ -28,7 +28,8 @@ CALLS = {
     "solve_qp": (
         solve_qp,
         {"P": I, "q": ONES, "G": I, "h": ONES, "A": ROW, "b": [1.0], "lb": -5 * ONES,
-         "ub": 5 * ONES, "h_low": -ONES, "start": None, "tol": 1e-9, "host_below": 0},
+         "ub": 5 * ONES, "h_low": -ONES, "start": None, "tol": 1e-9, "host_below": 0,
+         "polish": "digits", "time_limit": 60.0, "max_steps": 100},
     ),
     "batch_solve_qp": (
         batch_solve_qp,

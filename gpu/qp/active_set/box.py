@@ -45,6 +45,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -163,6 +164,7 @@ class ActiveSet:
         self.compliance = float(np.max(lower_solve(L, problem.A.T) ** 2, initial=0.0)) or 1.0
         self.rho = LIMITS.rho * self.compliance
         self.history: list[Step] = []
+        self.spend: Callable[[], None] = lambda: None  # called after each step but the last
         self.block: FreeBlock | None = None
 
     def point(self, problem: BoxQP, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -246,6 +248,8 @@ class ActiveSet:
                 f"the active set has not settled in {max_steps} steps, {wrong.size} variables "
                 "are violated: pass start= from a nearby problem, or regularise P"
             )
+        if wrong.size:
+            self.spend()
 
     def run(self, tol: float, max_steps: int) -> None:
         """Exchange until the active set is right; with equality rows, for each proximal centre."""

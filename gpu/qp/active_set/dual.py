@@ -68,7 +68,7 @@ def plain_rows(P: Any, q: Any, G: Any, h: Any, A: Any, b: Any, lb: Any, ub: Any,
     if pair is None or type(q) is not np.ndarray:
         return None
     C = G if A is None else A if G is None else np.concatenate([A, G])
-    return Rows(P, np.zeros((0, n)) if C is None else C, q, *pair, m, l)
+    return Rows(P, np.zeros((0, n)) if C is None else C, q, pair[0], pair[1], m, l)
 
 
 def plain_sides(n: int, m: int, l: int, h: Any, b: Any, lb: Any, ub: Any, h_low: Any) -> Any:

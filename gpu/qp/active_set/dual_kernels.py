@@ -5,10 +5,12 @@ Import it inside functions only: it imports numba.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gpu.qp.active_set.dual import EMPTY, SOLVED, UNDECIDED
-from skfem_adini.ground.jit import summing, summing_part
+from skfem_adini.ground.jit import Array, Index, Real, summing, summing_part
 
 EPS = 2.220446049250313e-16
 NONE = np.inf
@@ -16,7 +18,7 @@ HUGE = 1e20  # numbers from here on count as infinite
 
 
 @summing
-def factor(P, D, J):
+def factor(P: Array, D: Array, J: Array) -> bool:
     """D = diag(P)^-1/2 in powers of two, and J = L^-1 of LL' = DPD; whether P is symmetric,
     finite and definite beyond rounding."""
     n = P.shape[0]
@@ -45,7 +47,7 @@ def factor(P, D, J):
 
 
 @summing_part
-def invert(L, J):
+def invert(L: Array, J: Array) -> None:
     """J = L^-1 of a lower triangle, row by row."""
     n = L.shape[0]
     for i in range(n):
@@ -62,7 +64,7 @@ def invert(L, J):
 
 
 @summing
-def scale_rows(C, D, S, size):
+def scale_rows(C: Array, D: Array, S: Array, size: Array) -> bool:
     """S = CD and the norms of its rows; whether C is finite."""
     m, n = C.shape
     good = True
@@ -78,7 +80,9 @@ def scale_rows(C, D, S, size):
 
 
 @summing_part
-def project(J, S, D, c, side, d):
+def project(
+    J: Array, S: Array, D: Array, c: Index, side: Real, d: Array,
+) -> None:  # fmt: skip
     """d = J a of the row a = side S[c], or of the bound c - m."""
     n, m = J.shape[0], S.shape[0]
     if c >= m:
@@ -93,7 +97,9 @@ def project(J, S, D, c, side, d):
 
 
 @summing_part
-def add(J, R, d, z, k, rest):
+def add(
+    J: Array, R: Array, d: Array, z: Array, k: Index, rest: Real,
+) -> None:  # fmt: skip
     """Make d column k of R: reflect the rows of J from k on, where z = J[k:]'d[k:]; rest is
     |d[k:]|^2."""
     n = J.shape[0]
@@ -111,7 +117,7 @@ def add(J, R, d, z, k, rest):
 
 
 @summing_part
-def drop(J, R, d, k, l):
+def drop(J: Array, R: Array, d: Array, k: Index, l: Index) -> None:
     """Take column l of k out of R (kept by columns) and rotate J, and d = J a, with it."""
     n = J.shape[0]
     for q in range(l, k - 1):
@@ -133,7 +139,7 @@ def drop(J, R, d, k, l):
 
 
 @summing_part
-def back(R, r, k):
+def back(R: Array, r: Array, k: Index) -> None:
     """r <- R^-1 r."""
     for j in range(k - 1, -1, -1):
         r[j] /= R[j, j]
@@ -143,7 +149,7 @@ def back(R, r, k):
 
 
 @summing_part
-def forward(R, r, k):
+def forward(R: Array, r: Array, k: Index) -> None:
     """r <- R^-T r."""
     for j in range(k):
         s = r[j]
@@ -153,7 +159,7 @@ def forward(R, r, k):
 
 
 @summing_part
-def combine(J, w, first, last, z):
+def combine(J: Array, w: Array, first: Index, last: Index, z: Array) -> None:
     """z = J[first:last]' w[first:last]."""
     n = J.shape[0]
     for j in range(n):
@@ -165,7 +171,7 @@ def combine(J, w, first, last, z):
 
 
 @summing_part
-def norm(x):
+def norm(x: Array) -> Real:
     """Euclidean norm."""
     s = 0.0
     for i in range(x.shape[0]):
@@ -174,7 +180,10 @@ def norm(x):
 
 
 @summing
-def begin(J, R, S, D, low, high, state, act, side):
+def begin(
+    J: Array, R: Array, S: Array, D: Array, low: Array, high: Array, state: Array, act: Array,
+    side: Array,
+) -> Index:  # fmt: skip
     """Factor the rows of a given state and equalities, but those that depend on others; their
     number."""
     n, m = J.shape[0], S.shape[0]
@@ -200,7 +209,9 @@ def begin(J, R, S, D, low, high, state, act, side):
 
 
 @summing_part
-def leave(J, R, act, side, w, k, l):
+def leave(
+    J: Array, R: Array, act: Array, side: Array, w: Array, k: Index, l: Index,
+) -> Index:  # fmt: skip
     """Take entry l out of an active set of k; the new k."""
     drop(J, R, w, k, l)
     for i in range(l, k - 1):
@@ -209,7 +220,10 @@ def leave(J, R, act, side, w, k, l):
 
 
 @summing_part
-def point(J, R, act, side, low, high, w, k, x, u):
+def point(
+    J: Array, R: Array, act: Array, side: Array, low: Array, high: Array, w: Array, k: Index, x:
+    Array, u: Array,
+) -> Index:  # fmt: skip
     """x and multipliers u of an active set, where J'w is the free minimum; drops what pulls."""
     n, v = J.shape[0], np.empty(J.shape[0])
     while True:
@@ -240,7 +254,10 @@ def point(J, R, act, side, low, high, w, k, x, u):
 
 
 @summing_part
-def choose(S, size, low, high, x, length, place, safe, path):
+def choose(
+    S: Array, size: Array, low: Array, high: Array, x: Array, length: Real, place: Array, safe:
+    Array, path: Real,
+) -> tuple[Index, Real, Index]:  # fmt: skip
     """The most violated row or bound (equal sides first), its side and the number of violated ones.
 
     What has more room than x moved since (by the Cauchy inequality) is not looked at.
@@ -270,7 +287,9 @@ def choose(S, size, low, high, x, length, place, safe, path):
 
 
 @summing_part
-def ratio(u, r, act, low, high, k):
+def ratio(
+    u: Array, r: Array, act: Array, low: Array, high: Array, k: Index,
+) -> tuple[Real, Index]:  # fmt: skip
     """The largest step of the multipliers u - t r, and what is dropped there."""
     t, l = NONE, -1
     for i in range(k):
@@ -280,7 +299,10 @@ def ratio(u, r, act, low, high, k):
 
 
 @summing_part
-def iterate(J, R, S, D, size, low, high, w, act, side, k, x, u, steps):
+def iterate(
+    J: Array, R: Array, S: Array, D: Array, size: Array, low: Array, high: Array, w: Array, act:
+    Array, side: Array, k: Index, x: Array, u: Array, steps: Array,
+) -> tuple[Index, Index, Index, Index, Real]:  # fmt: skip
     """From a dual feasible point to the solution, or to a contradiction.
 
     Returns the code, the number of active rows and of steps, and, where rows contradict each
@@ -352,7 +374,9 @@ def iterate(J, R, S, D, size, low, high, w, act, side, k, x, u, steps):
 
 
 @summing_part
-def gradient(P, C, q, x, y, box, Px, Cy):
+def gradient(
+    P: Array, C: Array, q: Array, x: Array, y: Array, box: Array, Px: Array, Cy: Array,
+) -> Real:  # fmt: skip
     """Px, C'y and the largest of their entries, of q and of the box's multipliers."""
     m, n = C.shape
     for i in range(n):
@@ -372,7 +396,10 @@ def gradient(P, C, q, x, y, box, Px, Cy):
 
 
 @summing_part
-def refine(P, C, J, R, S, D, low, high, q, act, side, k, x, u, y, box):
+def refine(
+    P: Array, C: Array, J: Array, R: Array, S: Array, D: Array, low: Array, high: Array, q:
+    Array, act: Array, side: Array, k: Index, x: Array, u: Array, y: Array, box: Array,
+) -> None:  # fmt: skip
     """A step of refinement of x and u by residuals in the units of the problem."""
     m, n = C.shape
     whole, Px, Cy = np.empty(n), np.empty(n), np.empty(n)
@@ -416,7 +443,9 @@ def refine(P, C, J, R, S, D, low, high, q, act, side, k, x, u, y, box):
 
 
 @summing_part
-def spread(act, side, u, D, k, m, y, box):
+def spread(
+    act: Array, side: Array, u: Array, D: Array, k: Index, m: Index, y: Array, box: Array,
+) -> None:  # fmt: skip
     """Multipliers of all rows and bounds, in the units and with the signs of the problem."""
     y[:] = 0.0
     box[:] = 0.0
@@ -429,7 +458,10 @@ def spread(act, side, u, D, k, m, y, box):
 
 
 @summing_part
-def certify(P, C, q, low, high, x, y, box, kkt):
+def certify(
+    P: Array, C: Array, q: Array, low: Array, high: Array, x: Array, y: Array, box: Array, kkt:
+    Array,
+) -> None:  # fmt: skip
     """Residuals as in `gpu.qp.data.standard_qp.residuals`, without their smaller sizes."""
     m, n = C.shape
     Px, Cy = np.empty(n), np.empty(n)
@@ -463,7 +495,10 @@ def certify(P, C, q, low, high, x, y, box, kkt):
 
 
 @summing_part
-def certify_box(P, C, q, low, high, x, y, box, kkt):
+def certify_box(
+    P: Array, C: Array, q: Array, low: Array, high: Array, x: Array, y: Array, box: Array, kkt:
+    Array,
+) -> None:  # fmt: skip
     """Residuals as in `gpu.qp.data.qp_result.kkt_residuals`, for bounds and equality rows."""
     m, n = C.shape
     Px, Cy, terms, root = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -509,13 +544,15 @@ def certify_box(P, C, q, low, high, x, y, box, kkt):
 
 
 @summing_part
-def over(value, size):
+def over(value: Real, size: Real) -> Real:
     """value / size, zero where value is."""
     return value / size if value != 0.0 else 0.0
 
 
 @summing_part
-def states(low, high, x, y, box, m, active):
+def states(
+    low: Array, high: Array, x: Array, y: Array, box: Array, m: Index, active: Array,
+) -> bool:  # fmt: skip
     """Signed states of rows and bounds; whether one that is held, of unequal sides, is idle."""
     idle = False
     for i in range(m):
@@ -532,7 +569,11 @@ def states(low, high, x, y, box, m, active):
 
 
 @summing
-def solve(P, C, q, low, high, D, J, S, size, R, act, side, k, boxes, x, y, box, active, steps, kkt):
+def solve(
+    P: Array, C: Array, q: Array, low: Array, high: Array, D: Array, J: Array, S: Array, size:
+    Array, R: Array, act: Array, side: Array, k: Index, boxes: bool, x: Array, y: Array, box:
+    Array, active: Array, steps: Array, kkt: Array,
+) -> tuple[Index, Index, Index, bool]:  # fmt: skip
     """Solve the problem whose sides are those of the rows, then of the bounds, from the factored
     active set of k entries; returns a code, the new k, the number of steps and whether idle rows
     are held."""
@@ -566,7 +607,7 @@ def solve(P, C, q, low, high, D, J, S, size, R, act, side, k, boxes, x, y, box, 
 
 
 @summing
-def plain(q, low, high):
+def plain(q: Array, low: Array, high: Array) -> bool:
     """Whether q is finite and sides are numbers in order; huge ones become infinite."""
     good = True
     for i in range(q.shape[0]):
@@ -581,7 +622,9 @@ def plain(q, low, high):
 
 
 @summing
-def solve_one(P, C, q, low, high, boxes, most):
+def solve_one(
+    P: Array, C: Array, q: Array, low: Array, high: Array, boxes: bool, most: Index,
+) -> tuple[Any, ...]:  # fmt: skip
     """Solve one problem with everything that is made of it; UNDECIDED also where a number is none.
 
     Returns a code, whether idle rows are held, x, multipliers of rows and bounds, signed states,
@@ -602,7 +645,10 @@ def solve_one(P, C, q, low, high, boxes, most):
 
 
 @summing
-def solve_many(P, C, q, low, high, state, boxes, chain, first, last, most, out):
+def solve_many(
+    P: Array, C: Array, q: Array, low: Array, high: Array, state: Array, boxes: bool, chain:
+    bool, first: Index, last: Index, most: Index, out: tuple[Array, ...],
+) -> None:  # fmt: skip
     """Solve problems first:last of a batch, see `gpu.qp.batch`; arrays of leading size 1 are shared
     by all. With `chain` a problem begins at the active set of the one before."""
     x, y, box, active, kkt, code, idle, count = out

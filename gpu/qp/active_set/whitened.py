@@ -39,6 +39,7 @@ from skfem_adini.ground.arrays import to_host
 
 class _Limits(NamedTuple):  # limits of the exchange
     hopeless: int = 3  # steps without fewer violations before the interior point
+    trial: int = 4  # exchanges after which violations must have become half as many
     most: int = 60  # all steps; an interior point costs fifteen factorisations of n x n
     rounding: float = 64 * float(np.finfo(float).eps)  # allowed violation over the moduli of terms
     origin: float = 1e-10  # relative to the forces, with diag(P) = 1: a smaller x may be rounding
@@ -71,6 +72,7 @@ class WhitenedActiveSet:
         self.t0 = -self.solve(p.q)
         self.force = float(xp.abs(p.q).max())
         self.history: list[Step] = []
+        self.spend: Callable[[], None] = lambda: None  # called after each step but the last
 
     def values(self, x: Array) -> Array:
         """Rows and variables at x."""
@@ -161,7 +163,7 @@ class WhitenedActiveSet:
     def run(self, state: Array) -> tuple[Array, Array]:
         """Exchange until nothing is violated; x and the multipliers of all rows and variables."""
         xp, state = self.xp, self.to_host(state)
-        fewest, stalled = self.m + self.n + 1, 0
+        fewest, worst, stalled = self.m + self.n + 1, 0, 0
         while True:
             try:
                 self.factor(state)
@@ -184,10 +186,14 @@ class WhitenedActiveSet:
             self.history.append(Step(self.active.size, wrong))
             if not wrong:
                 break
+            worst = max(worst, wrong)
             stalled = 0 if wrong < fewest else stalled + 1
             fewest = min(fewest, wrong)
-            if stalled >= LIMITS.hopeless or len(self.history) >= LIMITS.most:
+            slow = len(self.history) > LIMITS.trial and 2 * wrong > max(worst, 0.2 * self.n)
+            if slow or stalled >= LIMITS.hopeless or len(self.history) >= LIMITS.most:
                 raise NotConverged("the full exchange stalls")
+            self.latest = x, multiplier
+            self.spend()
             state = self._next(state, add, drop, below, above)
         x, mu = self.refine(x, mu)
         whole = xp.zeros(self.m + self.n)

@@ -234,7 +234,8 @@ def _sparse(
     C_act = sparse.csr_array(C)[rows]
     top, side = sparse.csr_array(P)[free][:, free], sparse.csc_array(C_act)[:, free]
     nothing = sparse.csr_array((rows.size, rows.size))
-    K = sparse.csc_array(sparse.bmat([[top, side.T], [side, nothing]], format="csc"))
+    blocks: Any = [[top, side.T], [side, nothing]]
+    K = sparse.csc_array(sparse.block_array(blocks, format="csc"))
     right = np.concatenate([(gx - P @ known)[free], gy[rows] - C_act @ known])
     try:
         factors = SuperLUFactor(K, threshold=1.0)

@@ -22,6 +22,7 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
 class _Limits(NamedTuple):  # limits of the scaling
     rounds: int = 12  # square roots of all sizes: sixteen decades become 16 / 2^12
+    even: float = 1.2  # between the sizes before a round: after it, less than powers of two see
     curvature: float = 1e-6  # relative to the largest: a smaller c gives x no length |q| / c
     moderate: float = 1e3  # lengths up to which iterates go without another unit
     apart: float = 1e11  # between lengths: the lesser ones may be rounding of the others
@@ -56,10 +57,13 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
     D, E = xp.ones(p.q.size), xp.ones(p.row_low.size)
     sizes = _Sizes(p.P, xp), _Sizes(p.C, xp)
     for _ in range(LIMITS.rounds):
-        column = xp.maximum(sizes[0].columns(D, D), sizes[1].columns(E, D))
-        row = sizes[1].rows(E, D)
-        D = D / xp.sqrt(xp.where(column > 0, column, 1.0))
-        E = E / xp.sqrt(xp.where(row > 0, row, 1.0))
+        column, row = sizes[1].both(E, D)
+        column = xp.maximum(sizes[0].columns(D, D), column)
+        column, row = (xp.where(size > 0, size, 1.0) for size in (column, row))
+        D, E = D / xp.sqrt(column), E / xp.sqrt(row)
+        both = xp.concatenate([column, row])
+        if float(both.max()) <= LIMITS.even * float(both.min()):
+            break
     # Entries keep their size when variables and sides change theirs.
     length = _length(p, D, E, sizes[0])
     D, E = xp.exp2(xp.round(xp.log2(D * length))), xp.exp2(xp.round(xp.log2(E / length)))
@@ -141,24 +145,28 @@ class _Sizes:
         self.M = abs(M)
         self.shape = M.shape
         if is_sparse(M):
-            coo = sparse.coo_array(self.M)
-            self.i, self.j, self.data = *coo.coords, coo.data
+            self.M = sparse.csr_array(self.M)
+            self.kept = np.flatnonzero(np.diff(self.M.indptr))
+            self.i = np.repeat(np.arange(M.shape[0]), np.diff(self.M.indptr))
 
-    def _reduce(self, E: Array, D: Array, axis: int) -> Array:
-        xp = self.xp
+    def both(self, E: Array, D: Array) -> tuple[Array, Array]:
+        """Those of columns and of rows."""
+        xp, (rows, columns) = self.xp, self.shape
         if is_sparse(self.M):
-            size = np.zeros(self.shape[1 - axis])
-            np.maximum.at(size, self.j if axis == 0 else self.i, E[self.i] * self.data * D[self.j])
-            return size
+            size, row = np.zeros(columns), np.zeros(rows)
+            entries = E[self.i] * self.M.data * D[self.M.indices]
+            np.maximum.at(size, self.M.indices, entries)
+            if self.kept.size:
+                row[self.kept] = np.maximum.reduceat(entries, self.M.indptr[self.kept])
+            return size, row
         if not self.M.size:
-            return xp.zeros(self.shape[1 - axis])
-        return (self.M * E[:, None] * D).max(axis=axis)
+            return xp.zeros(columns), xp.zeros(rows)
+        scaled = self.M * E[:, None]
+        scaled *= D
+        return scaled.max(axis=0), scaled.max(axis=1)
 
     def columns(self, E: Array, D: Array) -> Array:
-        return self._reduce(E, D, 0)
-
-    def rows(self, E: Array, D: Array) -> Array:
-        return self._reduce(E, D, 1)
+        return self.both(E, D)[0]
 
 
 def _scale(M: Matrix, E: Array, D: Array, xp: Any) -> Matrix:

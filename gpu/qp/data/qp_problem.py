@@ -131,6 +131,9 @@ def _nearly_convex(scaled: Any, n: int) -> bool:
 
 def _definite_when_shifted(scaled: Any, shift: float) -> bool:
     if is_sparse(scaled):
+        diagonal = scaled.diagonal()
+        if bool((abs(scaled).sum(axis=1) <= 2.0 * diagonal + shift).all()):
+            return True  # Gershgorin
         K = sparse.csc_array(scaled + shift * sparse.eye_array(scaled.shape[0]))
         return is_positive_definite(K)
     M = scaled.copy()

@@ -109,6 +109,11 @@ class StandardQP:
         return self.row_low == self.row_high
 
     @cached_property
+    def moduli(self) -> tuple[Matrix, Matrix]:
+        """``|P|`` and ``|C|``, kept."""
+        return abs(self.P), abs(self.C)
+
+    @cached_property
     def bounded(self) -> Array:
         """Which variables are confined on both sides: by bounds, or by a row and other bounds."""
         low, high = self.xp.isfinite(self.lb), self.xp.isfinite(self.ub)
@@ -171,6 +176,11 @@ class StandardQP:
             float(near.max()) if near.size else 0.0,
             float(forces.max()) if near.size else 0.0,
         )
+
+    def rounded_forces(self, x: Array, y: Array) -> float:
+        """The least size of forces that residuals are measured against, where terms cancel."""
+        terms = self.moduli[0] @ self.xp.abs(x) + self.moduli[1].T @ self.xp.abs(y)
+        return ROUNDING.cancellation * float(terms.max()) if terms.size else 0.0
 
     def gradient(self, x: Array, y: Array) -> Array:
         """``P x + q + C'y``."""
@@ -239,14 +249,12 @@ def residuals(
     primal = _over(
         largest(float(outside.max()) if outside.size else 0.0, 0.0),
         size_of(Cx, near),
-        lambda: largest(part * size_of(abs(p.C) @ size[0]), p.least_sizes[0]),
+        lambda: largest(part * size_of(p.moduli[1] @ size[0]), p.least_sizes[0]),
     )
     dual = _over(
         size_of(Px + p.q + Cy + z_box),
         size_of(Px, p.q, Cy, z_box),
-        lambda: largest(
-            part * size_of(abs(p.P) @ size[0] + abs(p.C).T @ size[1]), p.least_sizes[3]
-        ),
+        lambda: largest(p.rounded_forces(x, y), p.least_sizes[3]),
     )
     row = xp.where(y > 0, p.row_high, xp.where(y < 0, p.row_low, 0.0))
     bound = xp.where(z_box > 0, p.ub, xp.where(z_box < 0, p.lb, 0.0))
@@ -254,13 +262,13 @@ def residuals(
     error = abs(sum(terms))
     if bool(p.q.any()) and error > ROUNDING.sharp * largest(*(abs(term) for term in terms[:2])):
         near = xp.where(p.bounded, size[0], 0.0)
-        error -= min(error, ROUNDING.product * float(near @ (abs(p.P) @ near)))
+        error -= min(error, ROUNDING.product * float(near @ (p.moduli[0] @ near)))
     gap = _over(
         error,
         largest(*(abs(term) for term in terms[:2])),
         lambda: largest(
             # Without q nothing else has a size where Px = 0, and no x runs away.
-            part * float(size[0] @ (xp.abs(Px) if bool(p.q.any()) else abs(p.P) @ size[0])),
+            part * float(size[0] @ (xp.abs(Px) if bool(p.q.any()) else p.moduli[0] @ size[0])),
             part * float(xp.abs(p.q) @ size[0]),
             part * float(size[1] @ xp.abs(row)),
             part * float(xp.abs(z_box * bound).sum()),

@@ -39,13 +39,16 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     stalled: int = 40  # steps in which neither residual nor merit falls by a tenth
     at_floor: int = 10  # the same at the least products: the rest is rounding
     near: float = 1e-4  # relative: below, extended precision can end from the active set
+    trials: tuple[float, ...] = (1e-3, 1e-5, 1e-7)  # below: an active set, at the cost of a step
     below_target: int = 2  # steps without gain after which a point below the target is taken
     proximal: float = 1e-6  # first proximal terms; they fall with the average product
     corrections: int = 2  # most of Gondzio's, each of which costs one solve
     central: float = 1e-4  # of the average product: no product is below after a step
+    parts: tuple[float, ...] = (0.999, 0.99, *(6 * (0.9,)))  # of the step, one after the other
     least_proximal: float = 1e-14  # below, pivots are rounding
     most_proximal: float = 1e-3  # above, steps hardly move
     solved: float = 1e-8  # relative residual of an accurate solve
+    fine: float = 1e-10  # of a step that is taken: the next one makes up for the rest
     boost: float = 1e8  # how much the proximal terms may grow to reach it
     multiplier: float = 1e3  # largest at the start, over their size: where distances are tiny
     regularisation: float = 1e-10  # at the start: pivots with six digits
@@ -91,6 +94,7 @@ class InteriorPoint:
         self.reg, self.boost, self.last, self.floor = LIMITS.proximal, 1.0, 1.0, 0.0
         begin = (program, system, self.rows, low, high)
         self.v, self.y, self.s = inside(*begin, spread) if spread else balanced(*begin)
+        self._settle()
 
     def _dual(self, x: Array, y: Array) -> Array:
         """Gradient of the Lagrangian in (x, w) without the bounds."""
@@ -120,12 +124,14 @@ class InteriorPoint:
         rows[self.rows] = state[self.n :]
         return state[: self.n], rows
 
+    def _settle(self) -> None:
+        """The residuals of the present iterate."""
+        self.rd = self._dual(self.v[: self.n], self.y) - self.s.z_low + self.s.z_high
+        self.rp = self._primal()
+
     def merit(self) -> float:
         """Largest of the average product and of the residuals, in scaled units."""
-        s = self.s
-        rd = self._dual(self.v[: self.n], self.y) - s.z_low + s.z_high
-        rp = self._primal()
-        return largest(self.mu, *(float(abs(r).max()) for r in (rd, rp) if r.size))
+        return largest(self.mu, *(float(abs(r).max()) for r in (self.rd, self.rp) if r.size))
 
     def factor(self) -> None:
         """Factor the system of the present iterate."""
@@ -139,14 +145,16 @@ class InteriorPoint:
         E[self.rows] += 1.0 / self.slack
         self.system.factor(self.sigma[:n] + rho, E)
 
-    def direction(self, rd: Array, rp: Array, c_low: Array, c_high: Array) -> Step:
+    def direction(
+        self, rd: Array, rp: Array, c_low: Array, c_high: Array, fine: float = LIMITS.fine
+    ) -> Step:
         """Newton's direction for dual and primal right-hand sides and for the products."""
         s, n = self.s, self.n
         off_low, off_high = self.off_low, self.off_high
         f = rd + (c_low - s.z_low * off_low) / s.t_low - (c_high - s.z_high * off_high) / s.t_high
         rows = rp.copy()
         rows[self.rows] += f[n:] / self.slack
-        dx, dy = self.system.solve(f[:n], rows)
+        dx, dy = self.system.solve(f[:n], rows, fine=fine)
         dw = (f[n:] + dy[self.rows]) / self.slack
         dv = self.xp.concatenate([dx, dw])
         dz_low = (c_low - s.z_low * (dv + off_low)) / s.t_low
@@ -172,7 +180,7 @@ class InteriorPoint:
         """Steps shortened until no product is left far below the average."""
         s, xp = self.s, self.xp
         dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
-        for _ in range(8):
+        for part in LIMITS.parts:
             low = (s.t_low + ap * dt_low) * (s.z_low + ad * d.z_low)
             high = (s.t_high + ap * dt_high) * (s.z_high + ad * d.z_high)
             mu = (float(low[s.has_low].sum()) + float(high[s.has_high].sum())) / self.count
@@ -182,7 +190,7 @@ class InteriorPoint:
             )
             if least >= LIMITS.central * mu:
                 break
-            ap, ad = 0.9 * ap, 0.9 * ad
+            ap, ad = part * ap, part * ad
         return ap, ad
 
     def step(self) -> tuple[float, float]:
@@ -191,7 +199,7 @@ class InteriorPoint:
         mu = self.mu
         self.reg = max(min(self.reg, 1e-1 * LIMITS.proximal * mu), LIMITS.regularisation)
         self.boost = max(1.0, 0.2 * self.boost)
-        right = -(self._dual(self.v[: self.n], self.y) - s.z_low + s.z_high), self._primal()
+        right = -self.rd, self.rp
         self.off_low = xp.where(s.has_low, self.v - xp.where(s.has_low, s.low, 0.0) - s.t_low, 0.0)
         self.off_high = xp.where(
             s.has_high, xp.where(s.has_high, s.high, 0.0) - self.v - s.t_high, 0.0
@@ -207,6 +215,7 @@ class InteriorPoint:
         self.y = self.y + ad * d.y
         s.z_low, s.z_high = s.z_low + ad * d.z_low, s.z_high + ad * d.z_high
         self.last = min(ap, ad)
+        self._settle()
         return ap, ad
 
     def _predicted(self, right: tuple[Array, Array]) -> Step:
@@ -215,7 +224,8 @@ class InteriorPoint:
         while True:
             try:
                 self.factor()
-                d = self.direction(*right, -(s.z_low * s.t_low), -(s.z_high * s.t_high))
+                products = -(s.z_low * s.t_low), -(s.z_high * s.t_high)
+                d = self.direction(*right, *products, LIMITS.solved if self.count else LIMITS.fine)
                 if self.system.accuracy <= LIMITS.solved or self.boost > LIMITS.boost:
                     return d
             except np.linalg.LinAlgError:
@@ -284,6 +294,9 @@ class InteriorPoint:
         )
 
 
+Finish = Callable[[Array, Array, tuple[Array, Array]], list[Array]]
+
+
 def interior_point(
     program: StandardQP,
     system: System,
@@ -292,18 +305,21 @@ def interior_point(
     separate: bool = False,
     spread: float = 1.0,
     hurried: bool = False,
+    finish: Finish | None = None,
 ) -> tuple[Array, Array, tuple[Array, Array], int]:
     """Iterate until `measure` is below `target` and nothing improves, or if `hurried` until only
     rounding is left (extended precision is to follow). Returns x and y where `measure` was least,
-    the signed states of bounds and rows there, and the number of steps."""
+    the signed states of bounds and rows there, and the number of steps. `finish` may know the
+    solution, as x and y, from a point and its states near the end, else nothing."""
     iterate = InteriorPoint(program, system, separate, spread)
     best, least, stalled, steps = np.inf, np.inf, 0, 0
     x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
+    trials = list(LIMITS.trials)
 
     def patience() -> int:
-        if best <= target:
-            return LIMITS.below_target
         at_floor = best <= LIMITS.near and iterate.mu <= 2.0 * iterate.floor
+        if best <= target:
+            return 0 if at_floor else LIMITS.below_target
         return LIMITS.at_floor if hurried and at_floor else LIMITS.stalled
 
     while steps < LIMITS.steps and best > ROUNDING.sharp and stalled < patience():
@@ -325,6 +341,11 @@ def interior_point(
         if value < best:
             best, x, y = value, iterate.v[: iterate.n], iterate.y
             sides = iterate.sides()
+        if finish is not None and trials and target < best <= trials[0]:
+            trials = [trial for trial in trials if trial < best]
+            end = finish(x, y, sides)
+            if end:
+                return end[0], end[1], sides, steps
     return x, y, sides, steps
 
 

@@ -31,6 +31,7 @@ from gpu.qp.data.standard_qp import Array, StandardQP, largest
 
 class _Limits(NamedTuple):  # limits of refinement
     refinements: int = 3  # most; they end when a step does not halve the residual
+    fine: float = 1e-12  # relative residual at which refinement ends, unless less is needed
     poor: float = 1e-9  # relative residual above which refinement has failed
     directions: int = 20  # of GMRES, all kept: one for each perturbed pivot
     dense: int = 600  # most unknowns and rows for symmetric pivoting, if need be
@@ -61,8 +62,11 @@ class SparseSystem:
         self.D, self.E = D, E
         self.factors.factor(np.concatenate([self.diagonal + D, -E]))
 
-    def solve(self, r: Array, s: Array, thorough: bool = False) -> tuple[Array, Array]:
-        """Solve for (u, v), refined; if `thorough`, by GMRES where refinement fails."""
+    def solve(
+        self, r: Array, s: Array, thorough: bool = False, fine: float = LIMITS.fine
+    ) -> tuple[Array, Array]:
+        """Solve for (u, v), refined until the residual is `fine`; if `thorough`, by GMRES where
+        refinement fails."""
         right = np.concatenate([r, s])
         size = float(np.abs(right).max())
         w, best = self.factors.solve(right), np.inf
@@ -73,6 +77,8 @@ class SparseSystem:
             if not error < 0.5 * best:
                 break
             kept, best = w, error
+            if error <= fine * size:
+                break
             w = w + self.factors.solve(left)
         if thorough and best > LIMITS.poor * size and np.isfinite(kept).all():
             w = self._minimal_residual(right, kept)
@@ -159,9 +165,10 @@ class DenseSystem:
             v[self.ineq] = (self.G @ u - s[self.ineq]) / e
         return u, v
 
-    def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
+    def solve(self, r: Array, s: Array, fine: float = LIMITS.fine) -> tuple[Array, Array]:
         """Solve for (u, v), refined."""
         p = self.program
+        size = max(float(abs(r).max()), float(abs(s).max() if s.size else 0.0))
         u, v = self._once(r, s)
         kept, best = (u, v), np.inf
         for _ in range(LIMITS.refinements + 1):
@@ -171,9 +178,10 @@ class DenseSystem:
             if not error < 0.5 * best:
                 break
             kept, best = (u, v), error
+            if error <= fine * size:
+                break
             du, dv = self._once(top, low)
             u, v = u + du, v + dv
-        size = max(float(abs(r).max()), float(abs(s).max() if s.size else 0.0))
         self.accuracy = best / size if size else 0.0
         return kept
 
@@ -205,19 +213,20 @@ class IndefiniteSystem:
         if info:
             raise np.linalg.LinAlgError(f"pivot {info} vanishes")
 
-    def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
+    def solve(self, r: Array, s: Array, fine: float = LIMITS.fine) -> tuple[Array, Array]:
         """Solve for (u, v), refined."""
         right = np.concatenate([r, s])
+        size, best = float(np.abs(right).max()), np.inf
         w = kept = self._once(right)
-        best = np.inf
         for _ in range(LIMITS.refinements + 1):
             left = right - self.K @ w
             error = float(np.abs(left).max())
             if not error < 0.5 * best:
                 break
             kept, best = w, error
+            if error <= fine * size:
+                break
             w = w + self._once(left)
-        size = float(np.abs(right).max())
         self.accuracy = best / size if size else 0.0
         return kept[: self.n], kept[self.n :]
 

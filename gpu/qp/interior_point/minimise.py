@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from gpu.errors import Infeasible, NotConverged, Unbounded
+from gpu.qp.data.budget import Budget
 from gpu.qp.data.equilibrate import Scaling, equilibrate, largest_side, with_rounding
 from gpu.qp.data.standard_qp import (
     Array,
@@ -19,12 +20,13 @@ from gpu.qp.data.standard_qp import (
     Residuals,
     StandardQP,
     is_sparse,
+    largest,
     one_sided,
     residuals,
 )
 from gpu.qp.interior_point.interior_point import LIMITS as INTERIOR
 from gpu.qp.interior_point.interior_point import interior_point
-from gpu.qp.interior_point.kkt_system import System, kkt_system, safe_system
+from gpu.qp.interior_point.kkt_system import SparseSystem, System, kkt_system, safe_system
 from gpu.qp.interior_point.polish import PrimalDual, Sides, extended, polish
 from gpu.qp.interior_point.presolve import Presolved, contradiction, presolve
 
@@ -32,6 +34,7 @@ from gpu.qp.interior_point.presolve import Presolved, contradiction, presolve
 class _Proof(NamedTuple):  # tolerances of `farkas` and `ray`
     zero: float = 1e-12  # part of the terms of a sum: rounding of a few thousand reaches it
     margin: float = 1e-9  # of the inequality, over its terms: above what is taken for zero
+    clear: float = 1e-3  # the same of multipliers on their way: what they prove is not doubtful
     term: float = 64 * float(np.finfo(float).eps)  # over the largest q: rounding
     farther: float = 1e4  # over the largest side: reach of points along what counts as zero
     ray: float = 1e-10  # violation of a row by a ray, over the terms
@@ -40,6 +43,7 @@ class _Proof(NamedTuple):  # tolerances of `farkas` and `ray`
     vanishing: float = 1e-8  # components of C'y taken for zero if the largest y is one
     held: float = 1e-4  # relative size below which rows of a ray are taken for equalities
     projection: int = 4_000_000  # most entries of the dense block of a projection: 32 MB
+    sparsely: int = 250_000  # of a sparse block: beyond, it stays sparse
     dependent: float = 1e-13  # singular values of that block, over the largest: rounding
 
 
@@ -51,6 +55,7 @@ class _Limits(NamedTuple):  # residuals and sizes that decide what is tried
     attempts: tuple[tuple[bool, float], ...] = (
         (True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0)
     )  # fmt: skip
+    dropped: float = 1e-3  # forces over all: more of them off the sides are no rounding
     near_origin: float = 1e-6  # residual of x = 0, which may replace a point that tends to it
     target: float = 1e-14  # residual that the polish aims at: the accuracy of the arithmetic
     clean: float = 1e-12  # below, no other multipliers are tried: no digit would be gained
@@ -107,8 +112,14 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
     force = one_sided(-(products[0] + p.q + products[1]), p.lb, p.ub)
     at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
     held = xp.where(at_side, force, 0.0)
+    dropped, size = (
+        largest(*(float(xp.abs(a).max()) for a in arrays if a.size))
+        for arrays in ((force - held,), (*products, p.q))
+    )
+    if dropped > LIMITS.dropped * size and dropped > LIMITS.dropped * p.rounded_forces(x, y):
+        return Point(x, y, force, residuals(p, x, y, force, products), 0)
     clean = Point(x, y, held, residuals(p, x, y, held, products), 0)
-    if clean.residuals.sharp <= LIMITS.clean or bool((held == force).all()):
+    if clean.residuals.sharp <= LIMITS.clean or not dropped:
         return clean
     full = Point(x, y, force, residuals(p, x, y, force, products), 0)
     return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
@@ -116,12 +127,19 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
 def minimise(
-    p: StandardQP, tol: float, solver: str = "auto", proofs: bool = True, reduced: bool = True
+    p: StandardQP,
+    tol: float,
+    budget: Budget | None = None,
+    proofs: bool = True,
+    reduced: bool = True,
+    auxiliary: bool = False,
 ) -> Point:
     """The solution, with residuals of at most `tol` and polished to the accuracy of the arithmetic,
-    else raise `Infeasible`, `Unbounded` or `NotConverged`. `solver` of sparse systems: "auto",
-    "pardiso" or "superlu". Without `proofs` the best point is returned, whatever its residuals;
-    unless `reduced`, presolve makes no reductions."""
+    else raise `Infeasible`, `Unbounded` or `NotConverged`. Without `proofs` the best point is
+    returned, whatever its residuals; unless `reduced`, presolve makes no reductions. The points of
+    an `auxiliary` problem are not those of the budget."""
+    budget = budget or Budget()
+    again = functools.partial(minimise, p, tol, budget, proofs, False, auxiliary)
     if not bool(p.q.any()):
         nothing = certified(p, p.xp.zeros_like(p.q), p.xp.zeros_like(p.row_low))
         if nothing.residuals.worst <= (0.0 if p.near is None else tol):
@@ -133,24 +151,25 @@ def minimise(
     if not small.free.size:
         point = certified(p, *small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)))
         if point.residuals.worst <= tol:
-            return _afloat(p, small, point, lambda: minimise(p, tol, solver, proofs, False))
+            return _afloat(p, small, point, again)
         small = presolve(p, search=False)
         if not small.free.size:
             raise infeasible(_violated(p, point.x))
     scaled, scaling = equilibrate(small.program)
     rewritten = curvature_rows(scaled)
 
-    def whole(x: Array, y: Array) -> Point:
+    def original(x: Array, y: Array) -> tuple[Array, Array]:
         point = (x, y) if rewritten is None else rewritten.point(x, y)
-        return certified(p, *small.point(*scaling.point(*point)))
+        return small.point(*scaling.point(*point))
 
     search = _Search(
-        p, scaled if rewritten is None else rewritten.program, whole, tol, solver, proofs
-    )
+        p, scaled if rewritten is None else rewritten.program, original, tol, proofs,
+        budget, auxiliary or not proofs,
+    )  # fmt: skip
     # Where q is rounding beside P, small residuals do not show that the objective is bounded.
     best, steps = search.run(unproved=rewritten is not None and not bool(p.bounded.all()))
     if proofs and _lost_in_rounding(p, best.x):
-        _prove_unbounded(p, solver, best.x if float(p.q @ best.x) < 0.0 else -best.x)
+        _prove_unbounded(p, budget, best.x if float(p.q @ best.x) < 0.0 else -best.x)
         far = float(p.xp.abs(best.x[small.free] / scaling.variables).max())
         if far > LIMITS.runaway * max(1.0, _size(search.scaled)):
             raise NotConverged(
@@ -158,7 +177,7 @@ def minimise(
                 "found along which the objective falls for ever: bound the variables"
             )
     found = Point(best.x, best.y, best.z_box, best.residuals, steps)
-    return _afloat(p, small, found, lambda: minimise(p, tol, solver, proofs, False))
+    return _afloat(p, small, found, again)
 
 
 def _afloat(p: StandardQP, small: Presolved, found: Point, again: Callable[[], Point]) -> Point:
@@ -182,17 +201,18 @@ class _Search:
 
     p: StandardQP
     scaled: StandardQP
-    whole: Callable[[Array, Array], Point]  # from the scaled to the original
+    original: Callable[[Array, Array], tuple[Array, Array]]  # from the scaled one
     tol: float
-    solver: str
     proofs: bool
+    budget: Budget
+    auxiliary: bool
 
     def run(self, unproved: bool) -> tuple[Point, int]:
         """The best point of all attempts, and their steps; raises what `minimise` raises.
         `unproved`: small residuals alone do not show that the objective is bounded.
         """
         p, tol, proofs = self.p, self.tol, self.proofs
-        system = kkt_system(self.scaled, self.solver)
+        system = kkt_system(self.scaled)
         small_enough = p.q.size + p.row_low.size <= LIMITS.extended
         sharpen = proofs and p.xp is np and p.is_sparse and small_enough
         best, steps = None, 0
@@ -208,11 +228,11 @@ class _Search:
             if sharpen and tol < best.residuals.worst <= INTERIOR.near:
                 best = self._sharpened(best)
             if attempt == 0 and proofs and unproved and best.residuals.primal <= tol:
-                _prove_unbounded(p, self.solver)
+                _prove_unbounded(p, self.budget)
             if best.residuals.worst <= tol:
                 break
             if attempt == 0 and proofs:
-                _prove(p, best, self.solver)
+                _prove(p, best, self.budget)
                 if p.near is None and with_rounding(p, certain=True) is not None:
                     break  # it is solved as that
         if best is None:
@@ -235,33 +255,47 @@ class _Search:
         """
         separate, spread = LIMITS.attempts[attempt]
         aim = (0.1 if attempt == 0 else 1e-3) * self.tol
+        spend = self.budget.count if self.auxiliary else self.budget.step
+
+        def measure(x: Array, y: Array) -> float:
+            x, y = self.original(x, y)
+            point = certified(self.p, x, y)
+            if self.proofs and point.residuals.primal > LIMITS.plausible:
+                _refute(self.p, y)
+            spend(point, self.tol)
+            return point.residuals.worst
+
+        def sharp(x: Array, y: Array) -> float:
+            return self.whole(x, y).residuals.sharp
+
+        end: list[Array] = []
+
+        def finish(x: Array, y: Array, sides: Any) -> list[Array]:
+            *point, error = polish(
+                self.scaled, system, Sides(*sides), x, y, sharp, LIMITS.target, brief=True
+            )
+            end[:] = point if error <= LIMITS.clean else []
+            return end
+
         try:
             x, y, sides, count = interior_point(
-                self.scaled,
-                system,
-                lambda x, y: self.whole(x, y).residuals.worst,
-                aim,
-                separate,
-                spread,
-                hurried=hurried,
+                self.scaled, system, measure, aim, separate, spread, hurried, finish
             )
         except np.linalg.LinAlgError:
             return [], 0
         found = [self.whole(x, y)]
-        x, y, _ = polish(
-            self.scaled,
-            system,
-            Sides(*sides),
-            x,
-            y,
-            lambda x, y: self.whole(x, y).residuals.sharp,
-            LIMITS.target,
-        )
-        found.append(self.whole(x, y))
+        if not end:
+            x, y, _ = polish(self.scaled, system, Sides(*sides), x, y, sharp, LIMITS.target)
+            found.append(self.whole(x, y))
         logger.debug(
-            "attempt %d: %d steps, %s, polished %s", attempt, count, *(f.residuals for f in found)
-        )
+            "attempt %d: %d steps, %s, polished %s",
+            attempt, count, found[0].residuals, found[-1].residuals,
+        )  # fmt: skip
         return found, count
+
+    def whole(self, x: Array, y: Array) -> Point:
+        """The point of the original program."""
+        return certified(self.p, *self.original(x, y))
 
     def _sharpened(self, best: Point) -> Point:
         """The solution of the same active set in extended precision, if its residuals are less."""
@@ -300,7 +334,7 @@ def polished(p: StandardQP, sides: Sides, x: Array, y: Array) -> Point | None:
     return whole(x, y)
 
 
-def _prove(p: StandardQP, best: Point, solver: str) -> None:
+def _prove(p: StandardQP, best: Point, budget: Budget) -> None:
     """Raise with a certificate if there is one."""
     # Both are sought: beside iterates that diverge even contradictory rows have small residuals.
     if best.residuals.worst <= LIMITS.plausible:
@@ -308,7 +342,21 @@ def _prove(p: StandardQP, best: Point, solver: str) -> None:
     small, scaling = equilibrate(p)
     likely = (_no_point, _no_bound)
     for seek in likely if best.residuals.primal > LIMITS.plausible else likely[::-1]:
-        seek(small, scaling, functools.partial(_solution, solver))
+        seek(small, scaling, budget)
+
+
+def _refute(p: StandardQP, y: Array) -> None:
+    """Raise where multipliers of an iteration, which grow if there is no point, prove so."""
+    xp, size = p.xp, float(p.xp.abs(y).max()) if y.size else 0.0
+    if not 0.0 < size < np.inf:
+        return
+    y = _one_sided(p, -y / size)
+    proof, c = _verified(p, y, PROOF.clear), p.C.T @ y
+    beyond = xp.where(c > 0, xp.isinf(p.ub), xp.isinf(p.lb)) * xp.abs(c)
+    if proof is None and 0.0 < float(beyond.max()) <= PROOF.vanishing * float(xp.abs(c).max()):
+        proof = _supported(p, y, PROOF.clear)
+    if proof is not None:
+        raise infeasible(proof)
 
 
 def _lost_in_rounding(p: StandardQP, x: Array) -> bool:
@@ -327,32 +375,33 @@ def _size(p: StandardQP) -> float:
     return max(sides, float(p.xp.abs(p.q).max()))
 
 
-def _prove_unbounded(p: StandardQP, solver: str, towards: Array | None = None) -> None:
+def _prove_unbounded(p: StandardQP, budget: Budget, towards: Array | None = None) -> None:
     """Raise with a ray if there is one."""
-    _no_bound(*equilibrate(p), functools.partial(_solution, solver), towards)
+    _no_bound(*equilibrate(p), budget, towards)
 
 
-def _solution(solver: str, program: StandardQP) -> Array:
-    return minimise(program, 1e-10, solver, proofs=False).x
+def _solution(budget: Budget, program: StandardQP) -> Array:
+    return minimise(program, 1e-10, budget, proofs=False).x
 
 
-def _no_point(small: StandardQP, scaling: Scaling, solve: Solve) -> None:
-    y = farkas(small, solve)
+def _no_point(small: StandardQP, scaling: Scaling, budget: Budget) -> None:
+    y = farkas(small, functools.partial(_solution, budget))
     if y is not None:
         raise infeasible(scaling.rows * y)
 
 
 def _no_bound(
-    small: StandardQP, scaling: Scaling, solve: Solve, towards: Array | None = None
+    small: StandardQP, scaling: Scaling, budget: Budget, towards: Array | None = None
 ) -> None:
-    direction = ray(small, solve, None if towards is None else towards / scaling.variables)
+    towards = None if towards is None else towards / scaling.variables
+    direction = ray(small, functools.partial(_solution, budget), towards)
     if direction is None:
         return
     # Without a feasible point a ray says nothing: the one nearest to zero is sought.
     one = small.xp.ones_like(small.q)
     P = sparse.diags_array(one, format="csr") if small.is_sparse else small.xp.diag(one)
     try:
-        minimise(replace(small, P=P, q=0.0 * one), LIMITS.feasible)
+        minimise(replace(small, P=P, q=0.0 * one), LIMITS.feasible, budget, auxiliary=True)
     except Infeasible as error:
         raise infeasible(scaling.rows * error.certificate) from None
     raise Unbounded(
@@ -464,13 +513,18 @@ def farkas(p: StandardQP, solve: Solve) -> Array | None:
     y[eq] = v[:first]
     y[up] += v[first:second]
     y[down] -= v[second : second + down.size]
-    largest = float(xp.abs(y).max()) if m else 0.0
-    if not largest or not np.isfinite(largest):
+    size = float(xp.abs(y).max()) if m else 0.0
+    if not size or not np.isfinite(size):
         return None
+    return _supported(p, -y / size)
+
+
+def _supported(p: StandardQP, y: Array, clear: float = PROOF.margin) -> Array | None:
+    """A Farkas vector next to y, whose largest entry is one, some small entries taken for zero."""
     for small in PROOF.negligible:
-        support = xp.where(xp.abs(y) <= small * largest, 0.0, -y / largest)
+        support = p.xp.where(p.xp.abs(y) <= small, 0.0, y)
         for candidate in (support, _projected(p, support)):
-            proof = _verified(p, candidate)
+            proof = _verified(p, candidate, clear)
             if proof is not None:
                 return proof
     return None
@@ -481,10 +535,9 @@ def _projected(p: StandardQP, y: Array) -> Array:
     xp = p.xp
     rows = xp.flatnonzero(y)
     columns = xp.flatnonzero(xp.isinf(p.lb) | xp.isinf(p.ub))
-    if not rows.size or not columns.size or rows.size * columns.size > PROOF.projection:
+    block = _block(p.C, rows, columns)
+    if block is None:
         return y
-    block = p.C[rows][:, columns]
-    block = block.toarray() if is_sparse(block) else block
     c = p.C.T @ y
     loose = xp.isinf(p.lb[columns]) & xp.isinf(p.ub[columns])
     # A column with one side only must vanish where it points to the other, or nearly does so.
@@ -492,14 +545,44 @@ def _projected(p: StandardQP, y: Array) -> Array:
     wrong = xp.where(xp.isinf(p.ub[columns]), c[columns] > -small, c[columns] < small)
     keep = loose | wrong
     y = y.copy()
-    y[rows] -= xp.linalg.lstsq(block[:, keep].T, c[columns][keep], rcond=PROOF.dependent)[0]
+    y[rows] = _orthogonal(block[:, keep].T, y[rows], xp)
     return y
 
 
-def _verified(p: StandardQP, y: Array) -> Array | None:
-    xp = p.xp
-    y = xp.where((y > 0) & xp.isinf(p.row_low), 0.0, y)
-    y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
+def _block(C: Matrix, rows: Array, columns: Array) -> Matrix | None:
+    """A part of C, dense where it is small; None where it is empty, or dense and too large."""
+    size = rows.size * columns.size
+    if not size or (size > PROOF.projection and not is_sparse(C)):
+        return None
+    block = C[rows][:, columns]
+    return block.toarray() if is_sparse(C) and size <= PROOF.sparsely else block
+
+
+def _orthogonal(M: Matrix, y: Array, xp: Any) -> Array:
+    """The y next to the given one with ``M y = 0``."""
+    if not is_sparse(M):
+        return y - xp.linalg.lstsq(M, M @ y, rcond=PROOF.dependent)[0]
+    # Beside y, so that small entries change little; each pass leaves `dependent` of the error.
+    weighted = M @ sparse.diags_array(np.abs(y))
+    unit = 1.0 / np.maximum(abs(weighted).max(axis=1).toarray(), np.finfo(float).tiny)
+    weighted = sparse.csr_array(sparse.diags_array(unit) @ weighted)
+    k, n = weighted.shape
+    one, nothing = np.ones(n), np.zeros(n)
+    square = sparse.csr_array((n, n))
+    system = SparseSystem(StandardQP(square, nothing, weighted, unit, unit, nothing, nothing))
+    system.factor(one, np.full(k, PROOF.dependent))
+    for _ in range(2):
+        y = y + np.abs(y) * system.solve(nothing, -unit * (M @ y))[0]
+    return y
+
+
+def _one_sided(p: StandardQP, y: Array) -> Array:
+    return one_sided(y, -p.row_high, -p.row_low)
+
+
+def _verified(p: StandardQP, y: Array, clear: float = PROOF.margin) -> Array | None:
+    """The y without what points to no side, if it is a Farkas vector by `clear` of the terms."""
+    xp, y = p.xp, _one_sided(p, y)
     c = p.C.T @ y
     corner = xp.where(c > 0, p.ub, xp.where(c < 0, p.lb, 0.0))
     rounded = xp.isinf(corner) & (xp.abs(c) <= PROOF.zero * (abs(p.C).T @ xp.abs(y)))
@@ -509,7 +592,7 @@ def _verified(p: StandardQP, y: Array) -> Array | None:
     most, least = float(c @ corner), float(y @ row)
     terms = float(xp.abs(c) @ xp.abs(corner)) + float(xp.abs(y) @ xp.abs(row))
     margin = least - most
-    if not margin > PROOF.margin * terms:
+    if not margin > clear * terms:
         return None
     # What was rounded off leaves points far away: they must be farther than any of the data.
     size = largest_side(p.row_low, p.row_high, p.lb, p.ub)
@@ -544,11 +627,11 @@ def ray(p: StandardQP, solve: Solve, towards: Array | None = None) -> Array | No
         xp.where(xp.isfinite(p.lb), 0.0, -xp.inf), xp.where(xp.isfinite(p.ub), 0.0, xp.inf),
     )  # fmt: skip
     for d in (solve(cone), *(() if towards is None else (towards,))):
-        largest = float(xp.abs(d).max())
-        if not largest or not np.isfinite(largest):
+        length = float(xp.abs(d).max())
+        if not length or not np.isfinite(length):
             continue
         for small in PROOF.negligible:
-            v = xp.clip(xp.where(xp.abs(d) <= small * largest, 0.0, d / largest), cone.lb, cone.ub)
+            v = xp.clip(xp.where(xp.abs(d) <= small * length, 0.0, d / length), cone.lb, cone.ub)
             for candidate in (_straightened(cone, v), v):
                 if _falls(p, cone, candidate):
                     return candidate
@@ -577,12 +660,11 @@ def _straightened(cone: StandardQP, v: Array) -> Array:
     near = (cone.row_low > -xp.inf) | (cone.row_high < xp.inf)
     rows = xp.flatnonzero(near & (xp.abs(cone.C @ v) <= PROOF.held * terms) & (terms > 0.0))
     columns = xp.flatnonzero(v)
-    if not rows.size or not columns.size or rows.size * columns.size > PROOF.projection:
+    block = _block(cone.C, rows, columns)
+    if block is None:
         return v
-    block = cone.C[rows][:, columns]
-    block = block.toarray() if is_sparse(block) else block
     v = v.copy()
-    v[columns] -= xp.linalg.lstsq(block, block @ v[columns], rcond=PROOF.dependent)[0]
+    v[columns] = _orthogonal(block, v[columns], xp)
     return v
 
 

@@ -53,12 +53,14 @@ def polish(
     y: Array,
     measure: Callable[[Array, Array], float],
     target: float,
+    brief: bool = False,
 ) -> tuple[Array, Array, float]:
-    """The best (x, y) that active-set steps find; `measure` is what is made small."""
+    """The best (x, y) that active-set steps find; `measure` is what is made small. If `brief`, only
+    the given active set is tried."""
     best, error = (x, y), measure(x, y)
-    for regularisation in LIMITS.regularisations:
+    for regularisation in LIMITS.regularisations[: 1 if brief else None]:
         state, point = sides, (x, y)
-        for _ in range(LIMITS.exchanges):
+        for _ in range(1 if brief else LIMITS.exchanges):
             try:
                 found = _at(p, system, state, *point, regularisation, measure, target)
             except np.linalg.LinAlgError:

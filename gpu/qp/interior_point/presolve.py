@@ -33,6 +33,7 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 class _Presolve(NamedTuple):  # limits of the search
     rounds: int = 10  # most passes over all rows; they end after a few
     activity: float = 1e-14  # of a row's terms: with less room it is a forcing row
+    parallel: float = 1e-10  # between weighted sums of rows: nearer ones are compared
     entries: int = 4_000_000  # most of a dense matrix that is searched (32 MB): few are zero
 
 
@@ -134,7 +135,8 @@ Reduction = Parallel | Single | Forcing
 
 def presolve(p: StandardQP, search: bool = True) -> Presolved:
     """Remove fixed variables and empty rows; if `search`, on the host, make all reductions."""
-    if search and p.xp is np and (p.is_sparse or p.C.size <= PRESOLVE.entries):
+    small = p.xp is np and (p.is_sparse or p.C.size <= PRESOLVE.entries)
+    if search and small and not _irreducible(p):
         tight, dropped, reductions = _Search(p).run()
     else:
         tight, dropped, reductions = p, p.xp.zeros(p.row_low.size, dtype=bool), ()
@@ -158,6 +160,18 @@ def presolve(p: StandardQP, search: bool = True) -> Presolved:
         tight.ub[free],
     )
     return Presolved(program, free, kept, x, p, tight, reductions)
+
+
+def _irreducible(p: StandardQP) -> bool:
+    """Whether a glance at a dense matrix without zeros shows that nothing can be reduced."""
+    loose = np.isinf(p.lb) & np.isinf(p.ub)
+    if p.is_sparse or not loose.any() or p.q.size < 2 or not p.C.all():
+        return False
+    weights = np.random.default_rng(0).random(p.q.size)
+    sums = np.sort((p.C @ weights) / p.C[:, 0])
+    # Rows that are multiples of each other have the same sum but for rounding.
+    near = np.diff(sums) <= PRESOLVE.parallel * np.abs(sums[1:])
+    return not (near.any() or (p.lb == p.ub).any())
 
 
 def contradiction(p: StandardQP, tol: float) -> Array | None:
@@ -219,9 +233,13 @@ class _Search:
         first = np.ones(len(count))
         first[used] = C.data[C.indptr[used]]
         data = C.data / np.repeat(first, count)
+        # Rows that are multiples have equal sums with any weights, added in one order.
+        weights = np.random.default_rng(0).random(C.shape[1])
+        sums = sparse.csr_array((data, C.indices, C.indptr), shape=C.shape) @ weights
+        _, place, often = np.unique(sums, return_inverse=True, return_counts=True)
         group: dict[bytes, int] = {}
         rows, kept = [], []
-        for i in used:
+        for i in used[often[place[used]] > 1]:
             part = slice(C.indptr[i], C.indptr[i + 1])
             key = C.indices[part].tobytes() + data[part].tobytes()
             k = group.setdefault(key, int(i))
@@ -285,6 +303,8 @@ class _Search:
             self.found.append(Single(self.C, *(part[some] for part in parts)))
 
     def _activities(self, rows: Array, free: Any, low: Array, high: Array, rounding: Array) -> None:
+        # Without a bound on either side a variable lets a row reach any value.
+        rows = rows[~((free.astype(bool) @ (np.isinf(self.lb) & np.isinf(self.ub)))[rows])]
         if not rows.size:
             return
         up, down = free.maximum(0), -free.minimum(0)

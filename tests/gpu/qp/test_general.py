@@ -17,6 +17,7 @@ from gpu import (
     register_qpsolvers,
     solve_qp,
 )
+from gpu.qp.data.budget import Budget
 from gpu.qp.data.qp_problem import check_problem
 from gpu.qp.solve_qp import _proximal
 
@@ -91,7 +92,7 @@ def test_proximal_points_reach_singular_boxes_at_1e_12(seed):
     B = rng.standard_normal((8, 12))[rng.integers(0, 8, 14)]  # rows that return
     P, q = B @ B.T, -B @ rng.standard_normal(12)
     ub = rng.exponential(1.0, 14)
-    found = _proximal(check_problem(P, q, None, None, None, None, -ub, ub, None), 1e-12)
+    found = _proximal(check_problem(P, q, None, None, None, None, -ub, ub, None), 1e-12, Budget())
     assert not QPFactor(P).definite
     # The definition, not the solver's residuals: a projected gradient step leads nowhere.
     step = np.clip(found.x - (P @ found.x + q), -ub, ub)
