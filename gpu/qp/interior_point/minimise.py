@@ -559,7 +559,9 @@ def _block(C: Matrix, rows: Array, columns: Array) -> Matrix | None:
 
 
 def _orthogonal(M: Matrix, y: Array, xp: Any) -> Array:
-    """The y next to the given one with ``M y = 0``."""
+    """The y next to the given one with ``M y = 0``, or y itself where that cannot be computed."""
+    if not M.shape[0]:
+        return y
     if not is_sparse(M):
         return y - xp.linalg.lstsq(M, M @ y, rcond=PROOF.dependent)[0]
     # Beside y, so that small entries change little; each pass leaves `dependent` of the error.
@@ -570,7 +572,10 @@ def _orthogonal(M: Matrix, y: Array, xp: Any) -> Array:
     one, nothing = np.ones(n), np.zeros(n)
     square = sparse.csr_array((n, n))
     system = SparseSystem(StandardQP(square, nothing, weighted, unit, unit, nothing, nothing))
-    system.factor(one, np.full(k, PROOF.dependent))
+    try:
+        system.factor(one, np.full(k, PROOF.dependent))
+    except np.linalg.LinAlgError:
+        return y
     for _ in range(2):
         y = y + np.abs(y) * system.solve(nothing, -unit * (M @ y))[0]
     return y
