@@ -92,6 +92,32 @@ def qp_device_peers(record: Record) -> str:
     return f"{table}\n\n{source('qp', record, device=record['device'])}"
 
 
+def qp_small(record: Record) -> str:
+    """Small dense programs on one thread beside quadprog, daqp and PIQP; a batch on a device."""
+    names = ("quadprog", "daqp", "piqp")
+    table = rows_of(
+        f"problem | ours, microseconds | {' | '.join(names)} | wrong answers of theirs",
+        (
+            (
+                row["case"],
+                f"{row['microseconds']['ours']:,.0f}",
+                *(f"{row['microseconds'][name]:,.0f}" for name in names),
+                ", ".join(f"{name} {row['wrong'][name]}" for name in names if row["wrong"][name])
+                if row.get("wrong")
+                else "",
+            )
+            for row in record["rows"]
+        ),
+    )
+    one = record["batch"]
+    batch = (
+        f"A batch of {one['count']:,} with n = {one['n']} and {one['rows']} rows on one "
+        f"{one['device']}: {one['seconds']:.3f} s, all certified; quadprog on the host's "
+        f"{record['machine']['cores']} cores {one['quadprog']:.2f} s."
+    )
+    return f"{table}\n\n{batch} {source('qp_small', record, *names)}"
+
+
 def qp_peers(record: Record) -> str:
     """The same programs by the solvers of qpsolvers on the host."""
     names = list(record["rows"][0]["peers"])

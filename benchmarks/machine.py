@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 _PACKAGES = (
-    "numpy", "scipy", "scikit-fem", "pypardiso", "mkl", "qpsolvers", "osqp", "piqp", "clarabel",
-    "proxsuite", "pyamg", "numba", "ngsolve", "xfem", "pymor", "tamaas",
+    "numpy", "scipy", "scikit-fem", "pypardiso", "mkl", "qpsolvers", "osqp", "piqp", "quadprog",
+    "daqp", "clarabel", "proxsuite", "pyamg", "numba", "ngsolve", "xfem", "pymor", "tamaas",
 )  # fmt: skip
 
 _MEASURED = ("skfem_adini", "contact", "cip", "gpu", "benchmarks/*.py")

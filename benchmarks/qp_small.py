@@ -278,7 +278,7 @@ def main() -> None:
     rows.append(sequence(rng, 30, 200))
     rows += [batch(rng, 200, n, m) for n, m in ((30, 60), (60, 100))]
     rows.append(row("n = 500, 1500 rows", [random(rng, 500, 1500)], 3))
-    record: dict[str, Any] = describe() | {"rows": rows}
+    record: dict[str, Any] = {"machine": describe(), "rows": rows}
     if options.device:
         record["batch"] = on_device()
     for one in rows:

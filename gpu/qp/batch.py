@@ -206,9 +206,7 @@ class _Given:
                 self.values[place] = value
             self.own[place] = value.ndim == dimensions
             if self.own[place] and len(value) != count:
-                raise InputError(
-                    f"{name} is given for {len(value)} problems: there are {count} linear terms q"
-                )
+                raise InputError(f"{name} has {len(value)} rows: there are {count} linear terms q")
 
     def member(self, i: int) -> dict[str, Any]:
         """The arguments of `solve_qp` for one problem."""

@@ -174,18 +174,24 @@ def solve_qp(
     >>> result.active, result.kkt.worst < 1e-15
     (array([ 0,  0, -1], dtype=int8), True)
     """
-    plain = start is None and polish is None and time_limit is None and max_steps is None
+    budget = Budget(time_limit, max_steps)
+    plain = start is None and polish is None and type(host_below) is int and host_below >= 0
     if plain and type(tol) is float and ROUNDING.sharp <= tol < 1.0:
         rows = plain_rows(P, q, G, h, A, b, lb, ub, h_low)
         result = None if rows is None else result_of(rows, dual_active_set(rows))
-        if result is not None:
+        if result is not None and budget.allows(result.iterations):
             return result
     with np.errstate(all="ignore"):  # what overflows shows in the residuals
         problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
         checked_options(tol, host_below, polish)
-        small = rows_of(problem) if plain and not isinstance(P, FactoredMatrix) else None
-        limits = {"polish": polish, "time_limit": time_limit, "max_steps": max_steps}
-        return _any(problem, start, tol, host_below, small, limits)
+        small = None if polish or isinstance(P, FactoredMatrix) else rows_of(problem)
+        if host_below and not isinstance(problem.q, np.ndarray) and problem.q.size < host_below:
+            limits = {"polish": polish, "time_limit": time_limit, "max_steps": max_steps}
+            return _on_host(problem, start, tol=tol, **limits)
+        try:
+            return _any(problem, start, tol, polish, budget, small)
+        except Spent:
+            raise _unfinished(problem, budget) from None
 
 
 def checked_options(tol: Any, host_below: Any, polish: Any = None) -> None:
@@ -198,11 +204,10 @@ def checked_options(tol: Any, host_below: Any, polish: Any = None) -> None:
 
 
 def _any(
-    problem: QPProblem, start: Any, tol: float, host_below: int, small: Rows | None,
-    limits: dict[str, Any],
+    problem: QPProblem, start: Any, tol: float, polish: str | None, budget: Budget,
+    small: Rows | None,
 ) -> QPResult:  # fmt: skip
     """The result of checked data; contradictions in single rows and bounds are found first."""
-    budget = Budget(limits["time_limit"], limits["max_steps"])
     if not isinstance(start, QPResult):
         unmasked("start", start)
     for low, high, names in (
@@ -231,16 +236,11 @@ def _any(
                     f"{name}[{i}] is zero, and its sides from {low[i]} to {high[i]} are not",
                     _proof(problem, first + i, sign),
                 )
-    if host_below and not isinstance(problem.q, np.ndarray) and problem.q.size < host_below:
-        return _on_host(problem, start, tol=tol, **limits)
     if small is not None:
-        result = _dual(problem, small, start, tol)
+        result = _dual(problem, small, start, tol, budget)
         if result is not None:
             return result
-    try:
-        return _solved(problem, start, tol, limits["polish"], budget)
-    except Spent:
-        raise _unfinished(problem, budget) from None
+    return _solved(problem, start, tol, polish, budget)
 
 
 def _solved(
@@ -269,10 +269,14 @@ def _solved(
         return result
 
 
-def _dual(problem: QPProblem, rows: Rows, start: Any, tol: float) -> QPResult | None:
+def _dual(
+    problem: QPProblem, rows: Rows, start: Any, tol: float, budget: Budget
+) -> QPResult | None:
     """The answer of the compiled dual method, `Infeasible`, or None where another has to decide."""
     state = _first_state(problem, problem.program, start)
     found = dual_active_set(rows, state)
+    if not budget.allows(len(found.steps)):
+        return None
     if found.code == EMPTY and with_rounding(problem.program, certain=True) is None:
         proof = proven(_widened(problem), -found.y)
         if proof is not None:

@@ -27,13 +27,13 @@ References
 from __future__ import annotations
 
 import logging
-from functools import partial
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from gpu.qp.data.qp_problem import QPProblem, Rows
-from gpu.qp.data.qp_result import KKT, QPResult, Status, Step
+from gpu.qp.data.qp_result import KKT, QPResult, Status
 from gpu.qp.data.standard_qp import ROUNDING
 
 
@@ -64,8 +64,7 @@ def plain_rows(P: Any, q: Any, G: Any, h: Any, A: Any, b: Any, lb: Any, ub: Any,
     if not l and n > LIMITS.boxes:
         return None
     pair = plain_sides(n, m, l, h, b, lb, ub, h_low)
-    q = _plain_vector(q, n)
-    if pair is None or type(q) is not np.ndarray:
+    if pair is None or type(q) is not np.ndarray or q.dtype != float or q.shape != (n,):
         return None
     C = G if A is None else A if G is None else np.concatenate([A, G])
     return Rows(P, np.zeros((0, n)) if C is None else C, q, pair[0], pair[1], m, l)
@@ -73,29 +72,23 @@ def plain_rows(P: Any, q: Any, G: Any, h: Any, A: Any, b: Any, lb: Any, ub: Any,
 
 def plain_sides(n: int, m: int, l: int, h: Any, b: Any, lb: Any, ub: Any, h_low: Any) -> Any:
     """Lower and upper sides of m equality rows, l other rows and n bounds; None as `plain_rows`."""
-    low, high = np.empty(m + l + n), np.empty(m + l + n)
-    low[: m + l], high[: m + l], low[m + l :], high[m + l :] = -np.inf, np.inf, -np.inf, np.inf
-    end = m + l
-    for value, first, last, side in (
+    low, high, end = np.empty(m + l + n), np.empty(m + l + n), m + l
+    low.fill(-np.inf)
+    high.fill(np.inf)
+    given = (
         (b, 0, m, low), (b, 0, m, high), (h, m, end, high), (h_low, m, end, low),
         (lb, end, end + n, low), (ub, end, end + n, high),
-    ):  # fmt: skip
-        if value is not None:
-            vector = _plain_vector(value, last - first, value is not b)
-            if vector is None:
+    )  # fmt: skip
+    for value, first, last, side in given:
+        if value is None:
+            continue
+        if type(value) is np.ndarray:
+            if value.dtype != float or value.shape != (last - first,):
                 return None
-            side[first:last] = vector
+        elif type(value) is not float or value is b:
+            return None
+        side[first:last] = value
     return low, high
-
-
-def _plain_vector(value: Any, size: int, or_number: bool = False) -> Any:
-    """A vector of plain doubles as it is, or one number for all; else None."""
-    kind = type(value)
-    if kind is np.ndarray:
-        good = value.dtype == float and value.shape == (size,)
-    else:
-        good = or_number and kind is float
-    return value if good else None
 
 
 def plain_array(value: Any) -> Any:
@@ -141,14 +134,20 @@ class Found(NamedTuple):
     steps: np.ndarray
 
 
+@cache
+def _kernels() -> Any:
+    """The compiled functions; numba is loaded when they are needed."""
+    from gpu.qp.active_set import dual_kernels
+
+    return dual_kernels
+
+
 def dual_active_set(rows: Rows, state: np.ndarray | None = None) -> Found:
     """Solve a problem, from signed states of rows and bounds if they are given."""
-    from gpu.qp.active_set.dual_kernels import solve_one
-
     if state is None or not state.any():
-        P, C, q, low, high, *_ = rows
-        most = LIMITS.steps * low.size
-        return Found(*solve_one(P, C, q, low, high, rows.boxes_only, most))
+        P, C, q, low, high, equal, general = rows
+        boxes = not general and equal <= q.size
+        return Found(*_kernels().solve_one(P, C, q, low, high, boxes, LIMITS.steps * low.size))
     kept = Kept(rows.P, rows.C)
     kept.begin(rows, state)
     return kept.run(rows)
@@ -158,14 +157,12 @@ class Kept:
     """What is made of a matrix and rows, with the factored active set of the last problem."""
 
     def __init__(self, P: np.ndarray, C: np.ndarray) -> None:
-        from gpu.qp.active_set import dual_kernels
-
-        (m, n), self.kernels = C.shape, dual_kernels
+        (m, n), self.kernels = C.shape, _kernels()
         self.D, self.J, self.R = np.empty(n), np.empty((n, n)), np.empty((n, n))
         self.S, self.size = np.empty((m, n)), np.empty(m)
         self.act, self.side, self.k = np.empty(n, np.int64), np.empty(n), 0
-        self.good = dual_kernels.factor(P, self.D, self.J)
-        self.good &= dual_kernels.scale_rows(C, self.D, self.S, self.size)
+        self.good = self.kernels.factor(P, self.D, self.J)
+        self.good &= self.kernels.scale_rows(C, self.D, self.S, self.size)
         self.first = self.J.copy()
 
     def begin(self, rows: Rows, state: np.ndarray) -> None:
@@ -208,9 +205,6 @@ def room(m: int, n: int, *front: int) -> tuple[np.ndarray, ...]:
     return x, y, box, np.empty((*front, m + n), np.int8), np.full((*front, 5), np.inf)
 
 
-_STEP = partial(tuple.__new__, Step)  # `Step._make` without the check of a length
-
-
 def result_of(rows: Rows, found: Found, kkt: KKT | None = None) -> QPResult | None:
     """The answer if its residuals are those of rounding, else None."""
     code, idle, x, y, z_box, active, plain, steps = found
@@ -218,8 +212,7 @@ def result_of(rows: Rows, found: Found, kkt: KKT | None = None) -> QPResult | No
     if code or not kkt.worst <= ROUNDING.sharp:
         return None
     m, end = rows.equal, rows.equal + rows.general
-    history = tuple(map(_STEP, steps.tolist()))
     return QPResult(
         x, y[:m], y[m:], z_box, Status.DEGENERATE if idle else Status.OPTIMAL, active[end:], kkt,
-        len(history), history, active[m:end], "active set", rows,
+        len(steps), steps, active[m:end], "active set", rows,
     )  # fmt: skip

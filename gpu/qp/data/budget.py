@@ -30,6 +30,10 @@ class Budget:
     def __str__(self) -> str:
         return f"{self.steps} steps and {time.perf_counter() - self.begin:.3g} s"
 
+    def allows(self, steps: int) -> bool:
+        """Whether so many steps, made just now, are within it."""
+        return steps <= self.most and time.perf_counter() - self.begin <= self.seconds
+
     def count(self, *_: Any) -> None:
         """Count a step of an auxiliary problem; raise `Spent` after the last."""
         self.steps += 1

@@ -121,10 +121,15 @@ class QPResult:
     active: Any
     kkt: KKT
     iterations: int
-    history: tuple[Step, ...]
+    _history: Any  # steps, or rows of what they hold
     active_rows: Any = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
     path: str = "active set"
     _problem: Any = field(default=None, repr=False)
+
+    @property
+    def history(self) -> tuple[Step, ...]:
+        """The steps, see above."""
+        return tuple(Step(int(active), int(violated)) for active, violated in self._history)
 
     def __repr__(self) -> str:
         return (
