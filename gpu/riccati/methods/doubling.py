@@ -10,12 +10,18 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arrays.denormals import filled
-from gpu.errors import NotConverged
+from gpu.errors import InputError, NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found
-from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem, scaled_hamiltonian
+from gpu.riccati.problem.lqr_problem import (
+    DenseProblem,
+    LQRProblem,
+    check_lqr,
+    scaled_hamiltonian,
+)
 from gpu.riccati.problem.lqr_problem import solve as solve_linear
 from gpu.riccati.problem.state_matrix import EPS
+from gpu.riccati.proof.discrete import refined
 from gpu.riccati.proof.lyapunov import cayley_shift
 from gpu.riccati.proof.refinement import finished, refine
 from skfem_adini.ground.arrays import namespace, to_host
@@ -48,8 +54,10 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     standard = problem.standard()
     candidates: list[Candidate] = [_by_doubling]
     if fallback:
-        candidates.append(partial(_by_doubling, moved=True))
-        candidates += [_by_qz, _by_newton] if problem.n <= LIMITS.qz else [_by_newton]
+        small = [_by_qz] if problem.n <= LIMITS.qz else []
+        if isinstance(problem.signs, float):
+            small = [partial(_by_doubling, moved=True), *small, _by_newton]
+        candidates += small
     best: Found | None = None
     for candidate in candidates:
         try:
@@ -93,10 +101,9 @@ def _by_doubling(
 def _by_qz(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
     xp = problem.xp
     A, E, Q, N = (None if M is None else to_host(M) for M in problem.full())
-    assert A is not None
-    assert Q is not None
+    qz: Any = linalg.solve_discrete_are if problem.discrete else linalg.solve_continuous_are
     try:
-        S = linalg.solve_continuous_are(A, to_host(problem.B), Q, problem.R, e=E, s=N)
+        S = qz(A, to_host(problem.B), Q, problem.R, e=E, s=N)
     except ValueError as error:
         raise np.linalg.LinAlgError(str(error)) from None
     return xp.asarray((S + S.T) / 2), {"iterations": 1, "path": "qz"}
@@ -130,8 +137,15 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
     # `half` solves with the transposed matrix, as G and Q are symmetric.
     A = half.T.copy()
     A[places, places] += 1.0
-    G, H = (G + G.T) / 2, (H + H.T) / 2
     del moved, inverse, reach, half
+    return double_discrete(A, (G + G.T) / 2, (H + H.T) / 2)
+
+
+def double_discrete(A: Any, G: Any, H: Any) -> Doubled:
+    r"""The same iteration for :math:`A^T X (I + G X)^{-1} A - X + H = 0` itself (Chu, Fan, Lin and
+    Wang 2004)."""
+    xp, n = namespace(A), len(A)
+    places = xp.arange(n)
     converged, iteration = False, 0
     while iteration < LIMITS.iterations and not converged:
         iteration += 1
@@ -174,3 +188,65 @@ def _shift(A: Any, G: Any, Q: Any) -> float:
     distance = np.minimum(distance, np.abs((own - trials) / (np.abs(own) + trials)).min(axis=1))
     clear = distance >= min(0.05, distance.max())
     return float(trials[clear][rate[clear].argmin(), 0])
+
+
+def solve_discrete(problem: LQRProblem) -> Found:
+    """The first certified solution of a discrete problem, or that of least residual: by doubling;
+    by doubling of a shifted problem; by QZ (on the host, up to 600 states). Each is refined."""
+    candidates: list[Candidate] = [
+        _by_discrete_doubling,
+        partial(_by_discrete_doubling, moved=True),
+    ]
+    candidates += [_by_qz] if problem.n <= LIMITS.qz else []
+    first, _ = regular(problem)
+    best: Found | None = None
+    for candidate in candidates:
+        try:
+            with np.errstate(all="ignore"):
+                S, info = candidate(problem, first.standard())
+            if not bool(problem.xp.isfinite(S).all()):
+                continue
+            found = refined(problem, S, first.unit, info)
+        except np.linalg.LinAlgError:
+            continue
+        if found.verdict.certified:
+            return found
+        if best is None or found.verdict.residual < best.verdict.residual:
+            best = found
+    if best is None:
+        raise NotConverged("neither doubling nor QZ found a Riccati solution")
+    return best
+
+
+def regular(problem: LQRProblem, moved: bool = False) -> tuple[LQRProblem, float]:
+    """The problem of ``S - c I``, and c: zero unless `moved` or R is singular. `InputError` if
+    ``R + c B^T B``, its cost of inputs, is singular."""
+    if problem.root is not None and not moved:
+        return problem, 0.0
+    A, E, Q, N = problem.full()
+    B, xp = problem.B, problem.xp
+    mass = xp.eye(problem.n) if E is None else E.T @ E
+    size = float(xp.linalg.norm(Q)) / float(xp.linalg.norm(mass))
+    c = size if size > 0.0 else 1.0
+    cross = c * (A.T @ B) if N is None else N + c * (A.T @ B)
+    cost = Q + c * (A.T @ A - mass)
+    inner = to_host(xp.asarray(problem.R) + c * (B.T @ B))
+    cost, inner = (cost + cost.T) / 2, (inner + inner.T) / 2
+    shifted = check_lqr(A, B, cost, inner, cross, E, definite=False, discrete=True)
+    if shifted.root is None:
+        raise InputError("R is singular for inputs without effect: each needs a cost or an effect")
+    return shifted, c
+
+
+def _by_discrete_doubling(
+    problem: LQRProblem, standard: DenseProblem, moved: bool = False
+) -> tuple[Any, dict[str, Any]]:
+    """``S = c I + X`` with the solution X of a problem with a regular R."""
+    problem, shift = regular(problem, moved)
+    standard = problem.standard() if shift else standard
+    found = double_discrete(*scaled_hamiltonian(standard, problem.unit))
+    if not found.converged:
+        raise np.linalg.LinAlgError("doubling did not converge")
+    S = problem.value_of(found.X) + shift * problem.xp.eye(problem.n)
+    path = "shifted doubling" if shift else "doubling"
+    return S, {"iterations": found.iterations, "path": path}

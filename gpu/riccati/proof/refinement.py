@@ -137,7 +137,8 @@ def riccati_residual(
         B = problem.B.astype(np.longdouble)
         half = (S if E is None else E.T @ S) @ A
         cross = (S if E is None else E.T @ S) @ B
-        inputs = _lower_solve(_cholesky(problem.R), (cross if N is None else cross + N).T)
+        cross = cross if N is None else cross + N
+        quadratic = cross @ solved_in_extended(problem.R, cross.T)
     else:
         A, E, Q, N = problem.full()
         ES = S if E is None else E.T @ S
@@ -145,8 +146,7 @@ def riccati_residual(
         cross = ES @ problem.input
         if N is not None:
             cross = cross + N @ xp.asarray(np.linalg.inv(problem.root).T)
-        inputs = cross.T
-    quadratic = inputs.T @ inputs
+        quadratic = (cross * problem.signs) @ cross.T
     R = half + half.T + Q - quadratic
     R = (R + R.T) / 2
     weights = 1.0 if unit is None else unit * unit[:, None]
@@ -171,28 +171,24 @@ def gain_in_extended(problem: LQRProblem, S: Any) -> np.ndarray:
     E, N = (_long(M) for M in (problem.full()[1], problem.N))
     S = np.asarray(S, dtype=np.longdouble)
     cross = (S if E is None else E.T @ S) @ problem.B.astype(np.longdouble)
-    L = _cholesky(problem.R)
-    inputs = _lower_solve(L, (cross if N is None else cross + N).T)
-    return np.asarray(_lower_solve(L[::-1, ::-1].T, inputs[::-1])[::-1], dtype=float)
+    return solved_in_extended(problem.R, (cross if N is None else cross + N).T).astype(float)
 
 
 def _long(M: Any) -> Any:
     return None if M is None else np.asarray(M, dtype=np.longdouble)
 
 
-def _cholesky(R: np.ndarray) -> np.ndarray:
-    """Lower factor in extended precision; R has been found definite before."""
-    M = to_host(R).astype(np.longdouble)
-    L = np.zeros_like(M)
-    for j in range(len(M)):
-        row = L[j, :j]
-        L[j, j] = np.sqrt(max(M[j, j] - row @ row, np.finfo(np.longdouble).tiny))
-        L[j + 1 :, j] = (M[j + 1 :, j] - L[j + 1 :, :j] @ row) / L[j, j]
-    return L
-
-
-def _lower_solve(L: np.ndarray, right: np.ndarray) -> np.ndarray:
-    X = np.array(right, dtype=np.longdouble)
-    for j in range(len(L)):
-        X[j] = (X[j] - L[j, :j] @ X[:j]) / L[j, j]
-    return X
+def solved_in_extended(R: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """``R^-1 right`` for a symmetric R by elimination in extended precision, with pivots compared
+    after scaling R to a diagonal of ones."""
+    R = to_host(R).astype(np.longdouble)
+    m, size = len(R), np.sqrt(np.abs(R.diagonal()).astype(float))
+    unit = np.exp2(-np.round(np.log2(np.where(size > 0.0, size, 1.0))))
+    M = np.concatenate([R * unit * unit[:, None], right * unit[:, None]], axis=1)
+    for j in range(m):
+        pivot = j + int(np.argmax(np.abs(M[j:, j])))
+        M[[j, pivot]] = M[[pivot, j]]
+        M[j + 1 :] -= M[j + 1 :, j, None] / M[j, j] * M[j]
+    for j in reversed(range(m)):
+        M[j, m:] = (M[j, m:] - M[j, j + 1 : m] @ M[j + 1 :, m:]) / M[j, j]
+    return np.asarray(M[:, m:] * unit[:, None])
