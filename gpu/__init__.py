@@ -9,6 +9,7 @@ problem, and every failure is a `GpuError`.
 """
 
 from gpu.eigenvalues.eigs import eigs
+from gpu.eigenvalues.eigsh import eigsh
 from gpu.eigenvalues.svds import svds
 from gpu.errors import (
     GpuError,
@@ -53,6 +54,7 @@ __all__ = [
     "dare",
     "dlqr",
     "eigs",
+    "eigsh",
     "hamiltonian_inverse",
     "lqe",
     "lqr",

@@ -225,8 +225,9 @@ def dare(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     >>> float(dare([[2.0]], [[1.0]], [[0.0]], [[1.0]])[0, 0])
     3.0
     """
-    if complex_among(a, b, q, r, e, s):
-        return through_reals(dare, a=a, b=b, q=q, r=r, e=e, s=s)
+    given = {"a": a, "b": b, "q": q, "r": r, "e": e, "s": s}
+    if complex_among(**given):
+        return through_reals(dare, **given)
     return _solved(_checked(a, b, q, r, s, e), indefinite=True).value
 
 

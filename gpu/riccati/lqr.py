@@ -191,8 +191,9 @@ def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     >>> bool(abs(X[0, 0] - (4 + 52**0.5) / 3) < 1e-14)
     True
     """
-    if complex_among(a, b, q, r, e, s):
-        return through_reals(care, a=a, b=b, q=q, r=r, e=e, s=s)
+    given = {"a": a, "b": b, "q": q, "r": r, "e": e, "s": s}
+    if complex_among(**given):
+        return through_reals(care, **given)
     problem = check_lqr(a, b, q, r, s, e, definite=False)
     if not problem.dense:
         A, E = problem.full()[:2]

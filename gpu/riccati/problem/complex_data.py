@@ -11,10 +11,10 @@ from gpu.riccati.problem.lqr_problem import numbers
 from skfem_adini.ground.arrays import namespace
 
 
-def complex_among(*matrices: Any) -> bool:
+def complex_among(**matrices: Any) -> bool:
     """Whether an argument holds complex numbers."""
-    kinds = (M if M is None or hasattr(M, "dtype") else np.asarray(M) for M in matrices)
-    return any(M is not None and np.dtype(M.dtype).kind == "c" for M in kinds)
+    given = (numbers(name, M, True) for name, M in matrices.items() if M is not None)
+    return any(M.dtype is not None and np.dtype(M.dtype).kind == "c" for M in given)
 
 
 def through_reals(solve: Callable[..., Any], **matrices: Any) -> Any:
