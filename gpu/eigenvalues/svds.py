@@ -99,7 +99,9 @@ def svds(
         if value is not None:
             integer(name, value, 1)
     choice("solver", solver, ("arpack", "lobpcg", "propack"))
-    if not (isinstance(return_singular_vectors, str) and return_singular_vectors in ("u", "vh")):
+    if isinstance(return_singular_vectors, str):
+        choice("return_singular_vectors", return_singular_vectors, ("u", "vh"))
+    else:
         return_singular_vectors = flag("return_singular_vectors", return_singular_vectors)
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
         raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
