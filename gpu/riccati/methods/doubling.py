@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from functools import partial
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,9 +33,14 @@ class _Limits(NamedTuple):  # limits of the method
     iterations: int = 60  # most doublings: 2^60 steps of the transformed loop
     best_shift: int = 100  # order up to which the shift is chosen from all eigenvalues
     qz: int = 600  # order up to which QZ is tried if doubling fails
+    announced: int = 500  # order from which the log says beforehand how long it may take
+    operations: float = 250.0  # over n^3, measured: two thirds to one and a half of this
 
 
 LIMITS = _Limits()
+
+
+logger = logging.getLogger(__name__)
 
 
 Candidate = Callable[[LQRProblem, DenseProblem], tuple[Any, dict[str, Any]]]
@@ -51,6 +58,7 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     """Solve a dense problem by doubling, then refine by at most `newton` Newton steps on the
     residual. With `fallback`, failing a certified solution, try doubling of a stabilised problem,
     then QZ (on the host, up to 600 states) and Newton-Kleinman."""
+    _announce(problem)
     standard = problem.standard()
     candidates: list[Candidate] = [_by_doubling]
     if fallback:
@@ -77,6 +85,21 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     if best is None:
         raise NotConverged("neither doubling nor what stands in for it found a Riccati solution")
     return best
+
+
+def _announce(problem: LQRProblem) -> None:
+    """Log how long a large problem may take, by the time of a small product."""
+    n, xp = problem.n, problem.xp
+    if n < LIMITS.announced:
+        return
+    M = xp.ones((256, 256))
+    for _ in range(2):  # the first one may load libraries
+        begin = perf_counter()
+        float((M @ M @ M @ M).sum())
+        spent = perf_counter() - begin
+    seconds = spent / (6 * 256.0**3) * LIMITS.operations * n**3
+    size = 20 * 8 * n * n / 2**30
+    logger.info("doubling with all entries of %d states: about %.1g s, %.1g GiB", n, seconds, size)
 
 
 def _by_doubling(
@@ -198,6 +221,7 @@ def solve_discrete(problem: LQRProblem) -> Found:
         partial(_by_discrete_doubling, moved=True),
     ]
     candidates += [_by_qz] if problem.n <= LIMITS.qz else []
+    _announce(problem)
     first, _ = regular(problem)
     best: Found | None = None
     for candidate in candidates:
