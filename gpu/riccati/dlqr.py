@@ -163,7 +163,7 @@ def dlqr(A: Any, B: Any, Q: Any, R: Any = None, N: Any = None, E: Any = None) ->
     >>> from gpu import dlqr
     >>> K, S, E = dlqr([[1.0, 1.0], [0.0, 1.0]], [0.5, 1.0], np.diag([1.0, 0.0]), 1.0)
     >>> K.round(4), abs(E).round(4)
-    (array([[0.4345, 1.0285]]), array([0.4221, 0.4221]))
+    (array([[0.5, 1. ]]), array([0.5, 0.5]))
     """
     problem = _checked(A, B, Q, R, N, E)
     found = _solved(problem, indefinite=False)
