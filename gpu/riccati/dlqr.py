@@ -13,6 +13,9 @@ from gpu.riccati.methods.doubling import regular, solve_discrete
 from gpu.riccati.problem.candidate import Found
 from gpu.riccati.problem.complex_data import complex_among, through_reals
 from gpu.riccati.problem.lqr_problem import (
+    LIMITS as WEIGHTS,
+)
+from gpu.riccati.problem.lqr_problem import (
     NOT_SEMIDEFINITE,
     LQRProblem,
     check_lqr,
@@ -166,13 +169,16 @@ def dlqr(A: Any, B: Any, Q: Any, R: Any = None, N: Any = None, E: Any = None) ->
     (array([[0.5, 1. ]]), array([0.5, 0.5]))
     """
     problem = _checked(A, B, Q, R, N, E)
+    costs = np.linalg.eigvalsh(problem.R)
+    if costs[0] < -WEIGHTS.asymmetry * np.abs(costs).max():
+        raise InputError("R is not positive semidefinite: an input would have a negative cost")
     found = _solved(problem, indefinite=False)
-    _check_cost(problem, found)
+    _check_cost(problem, found.value)
     verdict, info = found.verdict, found.info
     loop = verdict.loop
     return DLQRResult(
         found.gain, found.value, loop.poles, True, loop.radius, verdict.residual, loop.error,
-        info["iterations"], {name: info[name] for name in ("path", "newton_steps")}, problem,
+        info.pop("iterations"), info, problem,
     )  # fmt: skip
 
 
@@ -270,10 +276,10 @@ def _explained(problem: LQRProblem, error: Exception, indefinite: bool) -> Excep
     return explain(regular(problem)[0]) or error
 
 
-def _check_cost(problem: LQRProblem, found: Found) -> None:
-    """Raise unless the solution is the least cost, which is nonnegative."""
-    values, inner = (np.linalg.eigvalsh(to_host(M)) for M in (found.value, found.info["inner"]))
-    if values[0] >= -1e-9 * np.abs(values).max() and inner[0] > 0.0:
+def _check_cost(problem: LQRProblem, S: Any) -> None:
+    """Raise if some states would have a negative cost."""
+    values = np.linalg.eigvalsh(to_host(S))
+    if values[0] >= -1e-9 * np.abs(values).max():
         return
     if semidefinite(problem):
         raise NotConverged(

@@ -198,5 +198,5 @@ def refined(problem: LQRProblem, S: Any, unit: Any, info: dict[str, Any]) -> Fou
     gain, double = residual.gain, S.astype(float)
     rounded = residual_of(problem, double, unit)
     loop = loop_of(problem, S, unit, residual)
-    info = {**info, "newton_steps": taken, "inner": residual.inner}
+    info = {**info, "newton_steps": taken}
     return Found(gain, double, info, Verdict(rounded.relative, loop))

@@ -67,7 +67,8 @@ def test_double_eigenvalues(which, k):
 def test_pencils(n, complex_too, mass, sigma, which):
     A, M = pencil(n, complex_too=complex_too)
     M = M if mass else None
-    w, v = eigsh(A, 5, M, sigma, which)
+    # With maxiter no decomposition stands in for an iteration that fails.
+    w, v = eigsh(A, 5, M, sigma, which, maxiter=None if n < 100 else 300)
     check(A, M, w, v, wanted(linalg.eigh(A, M, eigvals_only=True), 5, which, sigma))
 
 

@@ -8,6 +8,8 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from gpu import InputError, NotConverged, RiccatiError, dare, dlqr
 from gpu.riccati.methods import doubling
+from gpu.riccati.problem.lqr_problem import check_lqr
+from gpu.riccati.proof.discrete import loop_of, residual_of
 
 
 def system(seed, n=6, m=2, kind="real"):
@@ -89,7 +91,9 @@ def test_beside_fifty_digits():
 
 def test_inputs_for_nothing_reach_the_origin_at_once():
     A, B, Q, *_ = system(5, 3, 3)
-    K, S, E = dlqr(A, B, Q, 0.0)
+    result = dlqr(A, B, Q, 0.0)
+    K, S, E = result
+    assert result.info["path"] == "shifted doubling"
     np.testing.assert_allclose(S, Q, rtol=0, atol=1e-14 * np.abs(Q).max())
     np.testing.assert_allclose(K, np.linalg.solve(B, A), rtol=1e-12)
     assert np.abs(E).max() < 1e-13
@@ -157,8 +161,18 @@ def test_no_solution_where_poles_meet_on_the_circle():
     assert x == pytest.approx((2.5 + np.sqrt(2.5**2 - 2)) / 2, rel=1e-14)
 
 
+def test_a_solution_of_few_digits_near_the_circle_is_not_called_stable():
+    """(x - 1)^2 = 0 of a = 2, q = -1 has its pole at one; x = 1 + 1e-9 seems to be inside."""
+    problem = check_lqr([[2.0]], [[1.0]], [[-1.0]], [[1.0]], None, None, discrete=True)
+    S, unit = np.array([[1.0 + 1e-9]]), np.ones(1)
+    loop = loop_of(problem, S, unit, residual_of(problem, S, unit))
+    assert loop.radius < 1.0 - 1e-10
+    assert not loop.is_stable()
+
+
 BAD = {
-    "positive semidefinite": ([[0.5]], [[1.0]], -0.1, 1.0),
+    "Q is not positive semidefinite": ([[0.5]], [[1.0]], -0.1, 1.0),
+    "R is not positive semidefinite": ([[0.5]], [[1.0]], 1.0, -10.0),
     "R is singular": ([[2.0]], [[1.0, 1.0]], 1.0, 0.0),
     "E is singular": ([[2.0]], [[1.0]], 1.0, 1.0, None, [[0.0]]),
     "Q is not symmetric": (np.eye(2), np.eye(2), [[1.0, 1.0], [0.0, 1.0]]),
