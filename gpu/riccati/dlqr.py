@@ -13,9 +13,6 @@ from gpu.riccati.methods.doubling import regular, solve_discrete
 from gpu.riccati.problem.candidate import Found
 from gpu.riccati.problem.complex_data import complex_among, through_reals
 from gpu.riccati.problem.lqr_problem import (
-    LIMITS as WEIGHTS,
-)
-from gpu.riccati.problem.lqr_problem import (
     NOT_SEMIDEFINITE,
     LQRProblem,
     check_lqr,
@@ -170,7 +167,7 @@ def dlqr(A: Any, B: Any, Q: Any, R: Any = None, N: Any = None, E: Any = None) ->
     """
     problem = _checked(A, B, Q, R, N, E)
     costs = np.linalg.eigvalsh(problem.R)
-    if costs[0] < -WEIGHTS.asymmetry * np.abs(costs).max():
+    if costs[0] < -1e-12 * np.abs(costs).max():
         raise InputError("R is not positive semidefinite: an input would have a negative cost")
     found = _solved(problem, indefinite=False)
     _check_cost(problem, found.value)

@@ -20,6 +20,7 @@ from gpu import (
     RiccatiError,
     Unbounded,
     batch_solve_qp,
+    dlqr,
     eigs,
     hamiltonian_inverse,
     lqe,
@@ -172,6 +173,7 @@ def public_objects():
     result = solve_qp(P, q, lb=0.0)
     low = lqr(LONG, np.ones((49, 1)), np.ones((1, 49)), 1.0, factored=True)
     found = [result, result.kkt, result.status, *result.history[:1], QPFactor(P), low, low.S]
+    found.append(dlqr(P, P, P))
     return {type(value).__name__: value for value in found}
 
 
