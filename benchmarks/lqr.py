@@ -158,6 +158,7 @@ def main() -> None:
     parser.add_argument("--modes", type=int, nargs="+", default=[50, 100, 200])
     parser.add_argument("--modal", type=int, nargs="*", default=[], help="N, default method")
     parser.add_argument("--sparse", type=int, nargs="*", default=[], help="refinements")
+    parser.add_argument("--rail", type=int, nargs="*", default=[], help="nodes along a side")
     parser.add_argument("--device", action="store_true")
     parser.add_argument(
         "--output", type=Path, default=Path(__file__).parent / "results" / "lqr.json"
@@ -189,9 +190,13 @@ def main() -> None:
     for N in options.modal:
         write("default", f"N={N}", default(N))
     for refine in options.sparse:
-        from lqr_sparse import sparse_row  # needs scikit-fem, which a device machine may lack
+        from lqr_sparse import model, sparse_row  # needs scikit-fem, which may be missing
 
-        write("sparse", f"refine={refine}", sparse_row(refine))
+        write("sparse", f"refine={refine}", sparse_row(*model(refine)))
+    for nodes in options.rail:
+        from lqr_sparse import rail, sparse_row
+
+        write("sparse", f"rail of {nodes**2}", sparse_row(*rail(nodes)))
 
 
 if __name__ == "__main__":

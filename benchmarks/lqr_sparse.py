@@ -1,7 +1,8 @@
-"""One row of `lqr.py`: a sparse generalised problem with a low-rank weight, beside pyMOR's RADI.
+"""Rows of `lqr.py`: sparse generalised problems with a low-rank weight, beside pyMOR's RADI.
 
-The heated plate of `examples/heat_skfem.py`. Both gains are compared with one of a
-hundredth of the tolerance.
+The heated plate of `examples/heat_skfem.py`, and one that is cooled like the steel profile of the
+Oberwolfach collection (rail_1357 and its kind). Both gains are compared with one of a hundredth of
+the tolerance.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from gpu.riccati.methods.reduced import solve
 from gpu.riccati.problem.lqr_problem import check_lqr
@@ -26,7 +28,32 @@ def model(refine: int) -> tuple[Any, ...]:
     sys.path.insert(0, str(EXAMPLES))
     import heat_skfem  # type: ignore[import-not-found]
 
-    return heat_skfem.heat_model(refine)[1:]
+    E, A, B, C = heat_skfem.heat_model(refine)[1:]
+    return E, A, B, 10.0 * C
+
+
+def rail(nodes: int) -> tuple[Any, ...]:
+    """E, A, B, C of bilinear elements on a square of `nodes` x `nodes`: seven parts of its rim are
+    cooled, six differences of temperatures are seen."""
+    h = 1.0 / (nodes - 1)
+    ends = np.ones(nodes)
+    ends[[0, -1]] = 0.5
+    line = sparse.eye_array(nodes, k=1) + sparse.eye_array(nodes, k=-1)
+    K = (sparse.diags_array(2 * ends) - line) / h
+    M = (sparse.diags_array(4 * ends) + line) * h / 6
+    E = sparse.csr_array(sparse.kron(M, M))
+    grid = np.arange(nodes**2).reshape(nodes, nodes)
+    rim = np.concatenate([grid[0], grid[1:, -1], grid[-1, -2::-1], grid[-2:0:-1, 0]])
+    cooled = np.zeros(nodes**2)
+    cooled[rim] = h
+    B = np.zeros((nodes**2, 7))
+    for j, part in enumerate(np.array_split(rim, 7)):
+        B[part, j] = h
+    A = -0.05 * (sparse.kron(K, M) + sparse.kron(M, K) + sparse.diags_array(cooled))
+    C = np.zeros((6, nodes**2))
+    for row, (i, j) in zip(C, np.random.default_rng(0).integers(0, nodes**2, (6, 2)), strict=True):
+        row[i], row[j] = 10.0, -10.0
+    return E, sparse.csr_array(A), B, C
 
 
 def by_pymor(E: Any, A: Any, B: Any, C: Any, tol: float) -> tuple[np.ndarray, int]:
@@ -34,7 +61,6 @@ def by_pymor(E: Any, A: Any, B: Any, C: Any, tol: float) -> tuple[np.ndarray, in
     from pymor.core.logger import set_log_levels
     from pymor.solvers.matrix_equations.equations import RiccatiEquation
     from pymor.solvers.matrix_equations.radi import RADIRiccatiSolver
-    from scipy import sparse
 
     set_log_levels({"pymor": "ERROR"})
     A, E = sparse.csc_matrix(A), sparse.csc_matrix(E)
@@ -44,10 +70,8 @@ def by_pymor(E: Any, A: Any, B: Any, C: Any, tol: float) -> tuple[np.ndarray, in
     return (B.T @ Z) @ (E.T @ Z).T, Z.shape[1]
 
 
-def sparse_row(refine: int, tol: float = 1e-8) -> dict[str, Any]:
+def sparse_row(E: Any, A: Any, B: Any, C: Any, tol: float = 1e-8) -> dict[str, Any]:
     """Seconds, rank, and residual of both."""
-    E, A, B, C = model(refine)
-    C = 10.0 * C
     problem = check_lqr(A, B, C, np.eye(B.shape[1]), E=E, factored=True)
     begin, used = time.perf_counter(), time.process_time()
     found = solve(problem, tol=tol)

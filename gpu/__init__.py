@@ -2,12 +2,14 @@
 
 `solve_qp` minimises a convex quadratic over a box with equality and inequality rows, dense or
 sparse, by primal-dual active sets and interior points; `QPFactor` serves many problems with one
-matrix. `eigs` and `svds` find a few eigenvalues or singular values of a large matrix, `lqr`, `care`
-and `lqe` the gains of regulators. Each runs on the host or on a device, where its arrays lie, every
-result carries residuals recomputed from the problem, and every failure is a `GpuError`.
+matrix. `eigs`, `eigsh` and `svds` find a few eigenvalues or singular values of a large matrix,
+`lqr`, `dlqr` and `lqe` the gains of regulators, `care` and `dare` solve their equations. Each runs
+on the host or on a device, where its arrays lie, every result carries residuals recomputed from the
+problem, and every failure is a `GpuError`.
 """
 
 from gpu.eigenvalues.eigs import eigs
+from gpu.eigenvalues.eigsh import eigsh
 from gpu.eigenvalues.svds import svds
 from gpu.errors import (
     GpuError,
@@ -25,6 +27,7 @@ from gpu.qp.data.qp_result import KKT, QPResult, Status, Step
 from gpu.qp.qpsolvers_backend import register_qpsolvers
 from gpu.qp.sequence import QPFactor
 from gpu.qp.solve_qp import solve_qp
+from gpu.riccati.dlqr import DLQRResult, dare, dlqr
 from gpu.riccati.lqr import care, lqe, lqr
 from gpu.riccati.lqr_result import LQRResult
 from gpu.riccati.methods.hamiltonian_inverse import hamiltonian_inverse
@@ -32,6 +35,7 @@ from gpu.riccati.problem.candidate import LowRankValue
 
 __all__ = [
     "KKT",
+    "DLQRResult",
     "GpuError",
     "Gradients",
     "Infeasible",
@@ -50,7 +54,10 @@ __all__ = [
     "Unbounded",
     "batch_solve_qp",
     "care",
+    "dare",
+    "dlqr",
     "eigs",
+    "eigsh",
     "hamiltonian_inverse",
     "lqe",
     "lqr",

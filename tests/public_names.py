@@ -62,6 +62,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "cip.Sensors": (),
     "cip.IdentifiedVelocity": (),
     "gpu.LQRResult": (),
+    "gpu.DLQRResult": (),
     "gpu.LowRankValue": (),
 }
 
@@ -77,7 +78,7 @@ _REASONS = {
         cip.Placement
         cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.Source cip.State cip.Trajectory
         cip.Velocity
-        gpu.KKT gpu.LQRResult gpu.QPFactor
+        gpu.KKT gpu.LQRResult gpu.DLQRResult gpu.QPFactor
         gpu.QPBatch gpu.QPResult gpu.Status gpu.Step""",
     "geometry of school": """
         contact.ClosestPoint contact.Cylinder contact.Moved contact.Plane contact.Rigid

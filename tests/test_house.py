@@ -110,6 +110,7 @@ def test_modules_hold_one_concept() -> None:
 ALONE = {
     "cip.engines.cpu_engine": "one of two engines, chosen where the solver runs",
     "contact.condensation.bisection": "kernels that numba compiles, imported where they run",
+    "gpu.qp.active_set.dual_device": "the door to one CUDA kernel, imported where a device is",
     "skfem_adini.assembly.affine_kernels": "kernels that numba compiles, imported where they run",
 }
 

@@ -47,7 +47,7 @@ def gpu_objects():
     result = gpu.solve_qp(np.eye(n), -np.ones(n), lb=np.zeros(n))
     yield from (result, result.kkt, gpu.QPFactor(np.eye(n)), *result.history)
     yield from (gpu.lqr(A, B, np.eye(n)), gpu.lqe(A, B, B.T, np.eye(2), np.eye(2)))
-    yield gpu.LowRankValue(B, np.eye(2))
+    yield from (gpu.dlqr(A / 4, B, np.eye(n)), gpu.LowRankValue(B, np.eye(2)))
 
 
 def adini_objects():

@@ -62,6 +62,7 @@ def eigs(
     tol: float = 0.0,
     return_eigenvectors: bool = True,
     *,
+    rng: Any = None,
     restart: str = "krylov-schur",
 ) -> Any:
     r"""Find k eigenvalues and eigenvectors of ``A x = lambda x`` or ``A x = lambda M x``.
@@ -88,17 +89,20 @@ def eigs(
         Largest or smallest modulus, real part, imaginary part (for real A its modulus). With
         `sigma` it refers to 1 / (lambda - sigma). "SM" with stored entries means ``sigma=0``.
     v0 : array, shape (n,), optional
-        Start vector; a fixed random one by default.
+        Start vector; by default one drawn from `rng`.
     ncv : int, optional
         Dimension of the Krylov space, at least k + 3; default ``max(2 k + 20, 40)``, and half as
         much again if the first restarts do not suffice. The search for missed eigenvalues needs
         about half as many further vectors, or k.
     maxiter : int, optional
-        Most restarts, each of at least two products; by default enough for about 40 n products.
+        Most restarts, each of at least two products; by default enough for about 40 n products. If
+        it is given, all eigenvalues are computed only where a Krylov space would be as large as A.
     tol : float
         Residual relative to \|lambda\|. The default, 0, means the smallest one that rounding
         allows: 100 machine epsilons times \|A\|, or with `sigma` times the norm of the inverse.
     return_eigenvectors : bool
+    rng : Generator or seed, optional
+        Of NumPy, for the start vector; by default this is fixed.
     restart : {"krylov-schur", "implicit"}
         "implicit" restarts by explicitly shifted QR steps on the Hessenberg matrix (Sorensen 1992,
         Algorithm 6 of the dissertation): the same spaces in exact arithmetic, kept for comparison.
@@ -154,6 +158,47 @@ def eigs(
     >>> w.real.round(10)
     array([300., 299.])
     """
+    given = (A, k, M, sigma, v0, ncv, maxiter, tol, rng, restart)
+    matrix, mass, k, sigma, effort = prepared(*given)
+    choice("which", which, ORDERS)
+    return_eigenvectors = flag("return_eigenvectors", return_eigenvectors)
+    if sigma is None and which == "SM" and stored(matrix, mass):
+        sigma, which = 0.0, "LM"
+    units = even_units(matrix) if sigma is not None and mass is None else None
+    if units is not None:
+        try:
+            start = None if effort.start is None else effort.start / units
+            found = _in_units(matrix, units, k, sigma, which, effort._replace(start=start))
+            return found if return_eigenvectors else found[0]
+        except NotConverged as error:
+            logger.debug("eigenvalues in the units given, as in even ones %s", error)
+    values, vectors = solved(Task(matrix, mass, sigma, which, k), effort)
+    return (values, vectors) if return_eigenvectors else values
+
+
+class Effort(NamedTuple):
+    """The checked arguments of `eigs` that tell how to search."""
+
+    start: Any
+    ncv: int | None
+    maxiter: int | None
+    tol: float
+    restart: str
+
+
+def prepared(
+    A: Any,
+    k: Any,
+    M: Any,
+    sigma: Any,
+    v0: Any,
+    ncv: Any,
+    maxiter: Any,
+    tol: Any,
+    rng: Any,
+    restart: str = "krylov-schur",
+) -> tuple[Matrix, Matrix | None, int, Any, Effort]:
+    """A, M, k, sigma and the effort, checked."""
     matrix, mass = as_matrix("A", A, v0), None if M is None else as_matrix("M", M)
     n, xp = matrix.n, matrix.xp
     k = integer("k", k, 1, n)
@@ -161,81 +206,77 @@ def eigs(
         _matching(matrix, mass)
         if mass.explicit is not None:
             _ = mass.magnitude  # raises InputError if entries are not finite
-    start = None if v0 is None else start_vector(v0, n, xp)
     choice("restart", restart, ("krylov-schur", "implicit"))
-    choice("which", which, ORDERS)
-    return_eigenvectors = flag("return_eigenvectors", return_eigenvectors)
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
         raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
     if maxiter is not None:
         maxiter = integer("maxiter", maxiter, 1, np.inf)
-    size = max(2 * k + 20, 40) if ncv is None else integer("ncv", ncv, k + 2, np.inf)
-    size = max(size, k + 3)
+    if ncv is not None:
+        ncv = integer("ncv", ncv, k + 2, np.inf)
     if sigma is not None and not is_finite_number(sigma):
         raise InputError(f"sigma={shown(sigma)}: expected a finite number")
-    if sigma is None and which == "SM" and _stored(matrix, mass):
-        sigma, which = 0.0, "LM"
     sigma = float(np.real(sigma)) if sigma is not None and np.imag(sigma) == 0 else sigma
-    units = even_units(matrix) if sigma is not None and mass is None else None
-    if units is not None:
-        try:
-            settings = (sigma, which, None if start is None else start / units, ncv, maxiter, tol)
-            found = _in_units(matrix, units, k, settings, restart)
-            return found if return_eigenvectors else found[0]
-        except NotConverged as error:
-            logger.debug("eigenvalues in the units given, as in even ones %s", error)
-    task = _Task(matrix, mass, sigma, which, k)
-    if start is not None and start.dtype.kind == "c" and task.real:
+    real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
+    start = drawn(rng, n, real, xp) if v0 is None else start_vector(v0, n, xp)
+    if start is not None and start.dtype.kind == "c" and real:
         raise InputError("v0 is complex, but A, M and sigma are real: pass its real part")
+    return matrix, mass, k, sigma, Effort(start, ncv, maxiter, float(tol), restart)
+
+
+def solved(task: Task, effort: Effort) -> tuple[Any, Any]:
+    """The certified values and vectors."""
+    n, k, tol, maxiter = task.matrix.n, task.k, effort.tol, effort.maxiter
+    size = max(2 * k + 20, 40) if effort.ncv is None else max(effort.ncv, k + 3)
     # Whether all eigenvalues may be computed if the iteration does not find the wanted ones.
     spare = maxiter is None and task.decomposable
-    small = LIMITS.dense if _stored(matrix, mass) else LIMITS.products
+    small = LIMITS.dense if stored(task.matrix, task.mass) else LIMITS.products
     scale = 0.0
+    if maxiter is not None:
+        small = 0
     if n <= max(small, room_for(k, size)) or (task.inner and task.decomposable):
         pairs = _decomposed(task)
     else:
         grown = size + size // 2
         limits = Limits(
             size,
-            grown if ncv is None and room_for(k, grown) < n else size,
+            grown if effort.ncv is None and room_for(k, grown) < n else size,
             maxiter or max(20, n // 6 if spare else 40 * n // max(3, (size - k) // 3)),
-            restart,
+            effort.restart,
         )
-        task, pairs, scale = _by_iteration(task, limits, tol, start, spare)
+        task, pairs, scale = _by_iteration(task, limits, tol, effort.start, spare)
     try:
-        values, vectors = _certified(task, pairs, tol, scale)
+        return _certified(task, pairs, tol, scale)
     except NotConverged:
         # Shift-and-invert loses digits if sigma is much closer to one eigenvalue than to others.
         if not spare:
             raise
-        values, vectors = _certified(task, _decomposed(task), tol, scale)
-    return (values, vectors) if return_eigenvectors else values
+        return _certified(task, _decomposed(task), tol, scale)
 
 
 def _in_units(
-    matrix: Matrix, units: Any, k: int, settings: tuple[Any, ...], restart: str
+    matrix: Matrix, units: Any, k: int, sigma: Any, which: str, effort: Effort
 ) -> tuple[Any, Any]:
     """The certified result for A, from the similar matrix D^-1 A D, D the units of the unknowns."""
     D = sparse.diags_array(units)
     similar = sparse.csr_array(sparse.diags_array(1.0 / units) @ matrix.explicit @ D)
-    sigma, which, v0, ncv, maxiter, tol = settings
-    values, vectors = eigs(similar, k, None, sigma, which, v0, ncv, maxiter, tol, restart=restart)
+    values, vectors = solved(Task(as_matrix("A", similar), None, sigma, which, k), effort)
     vectors = units[:, None] * vectors
     vectors /= np.abs(vectors).max(axis=0)
     vectors /= np.linalg.norm(vectors, axis=0)
-    certify(matrix, None, values, vectors, tol, 0.0)
+    certify(matrix, None, values, vectors, effort.tol, 0.0)
     return values, vectors
 
 
 @dataclass(frozen=True)
-class _Task:
-    """The checked arguments of `eigs` that define the problem and the wanted eigenvalues."""
+class Task:
+    """The checked arguments of `eigs` and `eigsh` that define the problem and the wanted values."""
 
     matrix: Matrix
     mass: Matrix | None
     sigma: Any
     which: str
     k: int
+    hermitian: bool = False  # then vectors are M-orthonormal
 
     @property
     def real(self) -> bool:
@@ -262,12 +303,12 @@ class _Task:
     @property
     def decomposable(self) -> bool:
         """Whether computing all eigenvalues from stored entries takes reasonable time."""
-        return self.matrix.n <= LIMITS.fallback and _stored(self.matrix, self.mass)
+        return self.matrix.n <= LIMITS.fallback and stored(self.matrix, self.mass)
 
 
 def _by_iteration(
-    task: _Task, limits: Limits, tol: float, start: Any, spare: bool
-) -> tuple[_Task, Pairs, float]:
+    task: Task, limits: Limits, tol: float, start: Any, spare: bool
+) -> tuple[Task, Pairs, float]:
     """The task as it was solved, its eigenpairs, and a lower bound of |A| (zero if none is known).
     With `spare`, all eigenvalues may be computed if the iteration fails.
     """
@@ -299,7 +340,7 @@ def _by_iteration(
     return task, made, scale
 
 
-def _judge(task: _Task, values: np.ndarray, pairs: Eigenpairs, found: Any, size: float) -> None:
+def _judge(task: Task, values: np.ndarray, pairs: Eigenpairs, found: Any, size: float) -> None:
     """Warn as `_warn_of` does where the condition of eigenvalues found by iteration, estimated from
     below, leaves them few digits; `size` is a lower bound of the norm of A."""
     whole, diagonal = float(np.linalg.norm(found.T)), float(np.linalg.norm(found.values))
@@ -312,18 +353,19 @@ def _judge(task: _Task, values: np.ndarray, pairs: Eigenpairs, found: Any, size:
     _warn_of(condition, reach, size)
 
 
-def _certified(task: _Task, pairs: Pairs, tol: float, scale: float) -> tuple[Any, Any]:
+def _certified(task: Task, pairs: Pairs, tol: float, scale: float) -> tuple[Any, Any]:
     """Values and unit vectors in the array module of A, certified by recomputed residuals."""
     xp, vectors = task.matrix.xp, pairs.vectors
+    made = vectors = xp.asarray(vectors)
     if pairs.squares is None:
-        vectors = xp.asarray(vectors)
         vectors = vectors / xp.linalg.norm(vectors, axis=0)
     certify(task.matrix, task.mass, pairs.values, vectors, tol, scale, pairs.squares)
-    return xp.asarray(pairs.values) if pairs.there is None else pairs.there, vectors
+    values = xp.asarray(pairs.values) if pairs.there is None else pairs.there
+    return values, made if task.hermitian else vectors
 
 
 def _iterated(
-    task: _Task, limits: Limits, tol: float, start: Any
+    task: Task, limits: Limits, tol: float, start: Any
 ) -> tuple[Any, Any, GpuError | None]:
     """Outcome of the iteration, its eigenpairs, and an error if they cannot be used. If sigma is an
     eigenvalue, the rounding error of its huge image under the inverse exceeds the images of the
@@ -338,7 +380,7 @@ def _iterated(
         problem = EigenProblem.of(matrix, mass, shift)
         if problem is None:
             continue
-        pairs = Eigenpairs(matrix, mass, problem, rank, k)
+        pairs = Eigenpairs(matrix, mass, problem, rank, k, task.hermitian)
         try:
             with np.errstate(all="ignore"):  # overflow shows in the coefficients
                 found = krylov_schur(
@@ -367,7 +409,7 @@ def _iterated(
     return found, pairs, reason
 
 
-def _decomposed(task: _Task, judged: bool = False) -> Pairs:
+def _decomposed(task: Task, judged: bool = False) -> Pairs:
     """The k best of all eigenvalues, computed by LAPACK on the host. If `judged`, warn where the
     condition of the eigenvalues of A leaves them few correct digits.
     """
@@ -379,7 +421,11 @@ def _decomposed(task: _Task, judged: bool = False) -> Pairs:
     if sigma is not None:
         sigma = sigma * unit
     condition = None
-    if mass is None:
+    if task.hermitian:
+        values, vectors = hermitian_pencil(full, None if mass is None else mass.dense())
+        if len(values) < k:
+            raise InputError(f"M is singular: {len(values)} eigenvalues are finite, and k is {k}")
+    elif mass is None:
         if judged:
             decompose: Any = linalg.eig
             values, left, vectors = decompose(full, left=True)
@@ -407,7 +453,7 @@ def _decomposed(task: _Task, judged: bool = False) -> Pairs:
         # A distance below rounding counts as this, so that its inverse stays finite.
         tiny = 1e-300 + 1e-15 * np.abs(values).max(initial=0.0)
         key = 1.0 / np.where(np.abs(distance) < tiny, tiny, distance)
-    order = best_first(key, task.rank, k, task.real, values)
+    order = best_first(key, task.rank, k, task.real and not task.hermitian, values)
     if condition is not None:
         reach = float(np.abs(values[order] - (0.0 if sigma is None else sigma)).max())
         _warn_of(condition[order], reach, float(np.linalg.norm(full)))
@@ -428,7 +474,30 @@ def _warn_of(condition: np.ndarray, reach: float, size: float) -> None:
         )
 
 
-def _stored(matrix: Matrix, mass: Matrix | None) -> bool:
+def hermitian_pencil(A: np.ndarray, M: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """All finite eigenvalues of ``A x = lambda M x``, ascending, and M-orthonormal vectors, M
+    positive definite or semidefinite; `InputError` if it is neither."""
+    try:
+        return linalg.eigh(A, M)
+    except np.linalg.LinAlgError:
+        assert M is not None
+    weights, U = linalg.eigh(M)
+    some = np.abs(weights) > len(M) * np.finfo(float).eps * np.abs(weights).max()
+    if not some.any() or weights[some].min() < 0.0:
+        raise InputError("M is not positive semidefinite: a vector has a negative norm")
+    # What M does not see is eliminated, x = X y + Z z with Z^* A (X y + Z z) = 0.
+    X, Z = U[:, some] / np.sqrt(weights[some]), U[:, ~some]
+    try:
+        X = X - Z @ np.linalg.solve(Z.conj().T @ A @ Z, Z.conj().T @ A @ X)
+    except np.linalg.LinAlgError:
+        raise InputError("A and M are singular for the same vector") from None
+    reduced = X.conj().T @ A @ X
+    values, Y = linalg.eigh((reduced + reduced.conj().T) / 2)
+    return values, X @ Y
+
+
+def stored(matrix: Matrix, mass: Matrix | None) -> bool:
+    """Whether all entries are."""
     return matrix.explicit is not None and (mass is None or mass.explicit is not None)
 
 
@@ -452,6 +521,18 @@ def start_vector(v0: Any, n: int, xp: Any) -> Any:
     return vector
 
 
+def drawn(rng: Any, n: int, real: bool, xp: Any) -> Any:
+    """A random start vector; None, for the fixed one, without `rng`."""
+    if rng is None:
+        return None
+    try:
+        generator = np.random.default_rng(rng)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"rng: {error}") from None
+    parts = generator.standard_normal((1 if real else 2, n))
+    return xp.asarray(parts[0] if real else parts[0] + 1j * parts[1])
+
+
 class Pairs(NamedTuple):
     """Eigenvalues, best first, with their vectors."""
 
@@ -470,12 +551,16 @@ class Eigenpairs:
     problem: EigenProblem  # T has the eigenvalues of its operator
     rank: Rank  # the larger, the more wanted
     k: int  # number of pairs
+    hermitian: bool = False
     _T: Any = None
     _made: Pairs | None = None
 
     def of(self, T: np.ndarray, basis: Arnoldi) -> Pairs:
         """The pairs of T, the k best first; for the same T again, the cached ones."""
         if T is self._T and self._made is not None:
+            return self._made
+        if self.hermitian:
+            self._T, self._made = T, self._orthonormal(T, basis)
             return self._made
         theta, Y = np.linalg.eig(T)
         theta = theta.astype(complex)
@@ -492,6 +577,17 @@ class Eigenpairs:
             made = Pairs(values, self.matrix.xp.asarray(values), basis.combine(Y), None)
         self._T, self._made = T, made
         return made
+
+    def _orthonormal(self, T: np.ndarray, basis: Arnoldi) -> Pairs:
+        """The M-orthonormal pairs of an operator that is self-adjoint in the inner product of M,
+        from the Schur vectors V: of the pencil ``V^* M V T``, ``V^* M V``."""
+        V = basis.combine(np.eye(len(T), dtype=T.dtype))
+        G = np.eye(len(T)) if self.mass is None else to_host(V.conj().T @ product(self.mass, V))
+        H = G @ T
+        theta, Y = hermitian_pencil((H + H.conj().T) / 2, (G + G.conj().T) / 2)
+        order = np.argsort(-self.rank(theta), kind="stable")[: self.k]
+        values = self.problem.values(theta[order])
+        return Pairs(values, self.matrix.xp.asarray(values), basis.combine(Y[:, order]), None)
 
     def conditions(self, T: np.ndarray, basis: Arnoldi, enough: float) -> np.ndarray:
         r"""Lower estimates of the condition :math:`|x| |y| / |y^*x|` of the k best eigenvalues.
@@ -549,8 +645,8 @@ def certify(
     # All numbers are copied to the host at once, as each copy waits for the device.
     if squares is None:
         xp = matrix.xp
-        left = _product(matrix, vectors * unit)
-        right = vectors if mass is None else _product(mass, vectors)
+        left = product(matrix, vectors * unit)
+        right = vectors if mass is None else product(mass, vectors)
         error = xp.linalg.norm(left - right * (xp.asarray(values) * unit), axis=0)
         error, size = to_host(xp.stack([error, xp.linalg.norm(left, axis=0)]))
     else:
@@ -574,7 +670,7 @@ def certify(
         )
 
 
-def _product(matrix: Matrix, X: Any) -> Any:
+def product(matrix: Matrix, X: Any) -> Any:
     """``A X``; a real A is multiplied by the real and the nonzero imaginary parts of X instead."""
     xp = matrix.xp
     if not matrix.real or X.dtype.kind != "c":

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from gpu.eigenvalues.eigs import LIMITS, eigs, start_vector
+from gpu.eigenvalues.eigs import LIMITS, drawn, eigs, start_vector
+from gpu.eigenvalues.krylov.krylov_schur import room_for
 from gpu.eigenvalues.operator import real_products
 from gpu.errors import InputError, NotConverged
 from skfem_adini.ground.arguments import choice, flag, integer, unmasked
@@ -22,7 +23,9 @@ def svds(
     which: str = "LM",
     v0: Any = None,
     maxiter: int | None = None,
-    return_singular_vectors: bool = True,
+    return_singular_vectors: bool | str = True,
+    solver: str = "arpack",
+    rng: Any = None,
 ) -> Any:
     r"""Find k singular triplets, ``A v = s u`` and ``A^* u = s v``.
 
@@ -44,8 +47,13 @@ def svds(
     which : {"LM", "SM"}
         Largest or smallest.
     v0 : array, shape (min(m, n),), optional
-        Start vector.
-    return_singular_vectors : bool
+        Start vector; by default one drawn from `rng`.
+    return_singular_vectors : bool or {"u", "vh"}
+        "u" or "vh": None stands for the other ones.
+    solver : {"arpack", "lobpcg", "propack"}
+        SciPy's names; here all mean the same iteration.
+    rng : Generator or seed, optional
+        Of NumPy, for the start vector; by default this is fixed.
 
     Returns
     -------
@@ -90,14 +98,22 @@ def svds(
     for name, value in (("ncv", ncv), ("maxiter", maxiter)):
         if value is not None:
             integer(name, value, 1)
-    return_singular_vectors = flag("return_singular_vectors", return_singular_vectors)
+    choice("solver", solver, ("arpack", "lobpcg", "propack"))
+    if isinstance(return_singular_vectors, str):
+        choice("return_singular_vectors", return_singular_vectors, ("u", "vh"))
+    else:
+        return_singular_vectors = flag("return_singular_vectors", return_singular_vectors)
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
         raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
-    v0 = None if v0 is None else start_vector(v0, small, factors.xp)
+    xp, real = factors.xp, factors.dtype.kind == "f"
+    v0 = drawn(rng, small, real, xp) if v0 is None else start_vector(v0, small, xp)
     explicit = factors.explicit is not None
-    if small <= (LIMITS.dense if explicit else LIMITS.products) or (
-        explicit and which == "SM" and small <= LIMITS.fallback
-    ):
+    most = LIMITS.dense if explicit else LIMITS.products
+    if explicit and which == "SM":
+        most = LIMITS.fallback
+    elif maxiter is not None:  # then only where a Krylov space would be as large as A
+        most = room_for(k, max(2 * k + 20, 40) if ncv is None else max(ncv, k + 3))
+    if small <= most:
         triplets = _decomposed(factors, k, which)
         _certify(factors, *triplets)
     else:
@@ -111,7 +127,10 @@ def svds(
             _certify(factors, *triplets)
     u, s, vh = triplets
     s = s / factors.unit
-    return (u, s, vh) if return_singular_vectors else s
+    if not return_singular_vectors:
+        return s
+    left, right = return_singular_vectors != "vh", return_singular_vectors != "u"
+    return u if left else None, s, vh if right else None
 
 
 class _Factors:

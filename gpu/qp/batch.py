@@ -56,10 +56,13 @@ class QPBatch(Sequence[QPResult]):
     [0.0]
     """
 
-    def __init__(
-        self, data: _Data | None, found: _Found, equal: int, errors: dict[int, GpuError],
+    @classmethod
+    def _of(
+        cls, data: _Data | None, found: _Found, equal: int, errors: dict[int, GpuError],
         alone: dict[int, QPResult],
-    ) -> None:  # fmt: skip
+    ) -> QPBatch:  # fmt: skip
+        """What was found, the errors, and problems that were solved by themselves."""
+        self = object.__new__(cls)
         m = equal
         self.x, self.z_box, self.kkt = found.x, found.z_box, found.kkt
         self.y, self.z = found.y[:, :m], found.y[:, m:]
@@ -74,6 +77,7 @@ class QPBatch(Sequence[QPResult]):
             else Status.DEGENERATE if idle[i] else Status.OPTIMAL
             for i in range(len(self.x))
         )  # fmt: skip
+        return self
 
     def __repr__(self) -> str:
         solved, worst = len(self) - len(self.errors), np.nanmax(to_host(self.kkt), initial=0.0)
@@ -345,7 +349,7 @@ def batch_solve_qp(
         else:
             _put(found, i, last)
             alone[i] = last
-    return QPBatch(data, found, 0 if first is None else first.b.size, errors, alone)
+    return QPBatch._of(data, found, 0 if first is None else first.b.size, errors, alone)
 
 
 def _fits(first: QPProblem) -> bool:

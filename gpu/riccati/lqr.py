@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from gpu.errors import GpuError, InputError, NotConverged, NotSupported, Riccati
 from gpu.riccati.lqr_result import LQRResult, certified, in_given_units
 from gpu.riccati.methods import doubling, hamiltonian, newton_kleinman, reduced
 from gpu.riccati.problem.candidate import Found
+from gpu.riccati.problem.complex_data import complex_among, through_reals
 from gpu.riccati.problem.lqr_problem import (
     NOT_SEMIDEFINITE,
     LQRProblem,
@@ -23,36 +23,12 @@ from gpu.riccati.problem.lqr_problem import (
     semidefinite,
 )
 from gpu.riccati.problem.state_matrix import EPS, stored
-from gpu.riccati.problem.units import in_moderate_units
+from gpu.riccati.problem.units import in_moderate_units, within_range
 from gpu.riccati.proof.closed_loop import LIMITS as LOOP
 from gpu.riccati.proof.closed_loop import explain, named
 from skfem_adini.ground.arguments import choice, flag
 from skfem_adini.ground.arrays import namespace, to_host
 from skfem_adini.ground.errors import warn
-
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
-
-
-def within_range(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Decorator: suppresses warnings of overflow, which the certificates detect; where LAPACK's
-    wrappers reject overflowed numbers first, `NotConverged` is raised.
-    """
-
-    @functools.wraps(function)
-    def judged(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        try:
-            with np.errstate(all="ignore"):
-                return function(*args, **kwargs)
-        except ValueError as error:
-            if isinstance(error, GpuError) or "infs or NaNs" not in str(error):
-                raise
-            raise NotConverged(
-                "numbers beyond the range of double precision came up: measure states, inputs or "
-                "costs in other units"
-            ) from None
-
-    return judged
 
 
 @within_range
@@ -164,30 +140,39 @@ def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     r"""Solve :math:`A^T X E + E^T X A - (E^T X B + S) R^{-1} (E^T X B + S)^T + Q = 0`.
 
     The signature is that of `scipy.linalg.solve_continuous_are`. The result is the certified
-    stabilising solution; Q may be indefinite if there is one.
+    stabilising solution, for which every eigenvalue of :math:`(A - B R^{-1} (B^T X E + S^T), E)`
+    has a negative real part; Q and R may be indefinite if there is one, as in H-infinity problems.
 
     Parameters
     ----------
     a : array, shape (n, n)
+        Real or complex; if an argument is complex, transposes in the equation are adjoints.
     b : array, shape (n, m)
     q : array, shape (n, n)
+        Symmetric or hermitian, as r.
     r : array, shape (m, m)
-        Positive definite.
+        Not singular.
     e : array, shape (n, n), optional
     s : array, shape (n, m), optional
 
     Returns
     -------
     x : array, shape (n, n)
+        Symmetric or hermitian.
 
     Raises
     ------
     InputError
         An argument is malformed.
     RiccatiError
-        There is no stabilising solution; names the mode in its way.
+        There is no stabilising solution; names the mode in its way (of complex data, it or its
+        conjugate).
     NotConverged
         What was found could not be certified.
+
+    Notes
+    -----
+    Complex data are solved as real ones of twice the order.
 
     References
     ----------
@@ -198,10 +183,21 @@ def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     >>> from gpu import care
     >>> float(care([[1.0]], [[1.0]], [[3.0]], [[1.0]])[0, 0])
     3.0
+
+    A disturbance beside the input, :math:`X^2 (1 - 1/4) - 2 X - 3 = 0` (of H-infinity type):
+
+    >>> import numpy as np
+    >>> X = care([[1.0]], [[1.0, 1.0]], [[3.0]], np.diag([1.0, -4.0]))
+    >>> bool(abs(X[0, 0] - (4 + 52**0.5) / 3) < 1e-14)
+    True
     """
-    problem = check_lqr(a, b, q, r, s, e)
+    given = {"a": a, "b": b, "q": q, "r": r, "e": e, "s": s}
+    if complex_among(**given):
+        return through_reals(care, **given)
+    problem = check_lqr(a, b, q, r, s, e, definite=False)
     if not problem.dense:
-        problem = check_lqr(*(problem.full()[0], b, q, r, s, problem.full()[1]))
+        A, E = problem.full()[:2]
+        problem = check_lqr(A, b, q, r, s, E, definite=False)
     return solve_problem(problem, "doubling", "raise", {}, indefinite=True).S
 
 

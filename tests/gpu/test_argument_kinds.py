@@ -14,7 +14,10 @@ from gpu import (
     QPFactor,
     batch_solve_qp,
     care,
+    dare,
+    dlqr,
     eigs,
+    eigsh,
     hamiltonian_inverse,
     lqe,
     lqr,
@@ -54,6 +57,13 @@ CALLS = {
          "factored": False, "inverse": None, "unstable": "warn"},
     ),
     "care": (care, {"a": -I, "b": ROW.T, "q": I, "r": np.eye(1), "e": I, "s": None}),
+    "dare": (dare, {"a": -I, "b": I, "q": I, "r": I, "e": I, "s": None}),
+    "dlqr": (dlqr, {"A": -I, "B": ONES, "Q": I, "R": 1.0, "N": None, "E": I}),
+    "eigsh": (
+        eigsh,
+        {"A": SPECTRUM, "k": 2, "M": I, "sigma": None, "which": "LM", "v0": ONES, "ncv": None,
+         "maxiter": None, "tol": 0.0, "return_eigenvectors": True},
+    ),
     "lqe": (
         lqe,
         {"A": -I, "G": I, "C": ROW, "W": I, "V": 1.0, "N": None, "E": None, "method": "auto",
@@ -93,6 +103,8 @@ with warnings.catch_warnings():
     OTHERS["matrix"] = np.matrix(I)
 # These may be complex, and functions; the last is not looked at where A is no function.
 COMPLEX = {("eigs", "A"), ("eigs", "M"), ("eigs", "sigma"), ("svds", "A"), ("svds", "v0")}
+COMPLEX |= {("eigsh", "A"), ("eigsh", "M")}
+COMPLEX |= {(call, name) for call in ("care", "dare") for name in "abqres"}
 
 
 @pytest.mark.filterwarnings("ignore:the gain of method")
@@ -115,10 +127,8 @@ def test_masked_entries_are_not_taken_for_numbers(call, name):
     """9.97e36 may lie under a mask."""
     function, given = CALLS[call]
     masked = np.ma.masked_array(I, mask=I > 0)
-    # `care` has SciPy's names, and tells of `lqr`'s.
-    told = {"s": "N"}.get(name, name)
     for value in (masked, list(masked), tuple(masked), [[np.ma.masked, 0.0, 0.0], *I[1:]]):
-        with pytest.raises(InputError, match=rf"(?i)^{re.escape(told)}"):
+        with pytest.raises(InputError, match=rf"(?i)^{re.escape(name)}"):
             function(**(given | {name: value}))
 
 

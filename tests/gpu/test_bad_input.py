@@ -171,7 +171,7 @@ CALLS = {
     eigs: (SPECTRA, {"A": np.eye(6), "k": 2}),
     svds: ([("k=151", {"k": 151})], {"A": np.eye(180, 150)}),
     lqr: (REGULATORS, {"A": -I3, "B": ONE, "Q": I3, "R": np.eye(1)}),
-    care: ([("R is not positive", {"r": -np.eye(1)})], {"a": I2, "b": ONE[:2], "q": I2}),
+    care: ([("R is singular", {"r": np.zeros((1, 1))})], {"a": I2, "b": ONE[:2], "q": I2}),
     lqe: (FILTERS, {"A": -I3, "G": ONE, "C": ONE.T, "W": 1.0, "V": 1.0}),
     hamiltonian_inverse: (INVERSES, {"A": np.array([-1.0, -2.0]), "B": np.ones((2, 1)), "Q": 1.0}),
 }

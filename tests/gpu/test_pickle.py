@@ -20,6 +20,7 @@ from gpu import (
     RiccatiError,
     Unbounded,
     batch_solve_qp,
+    dlqr,
     eigs,
     hamiltonian_inverse,
     lqe,
@@ -173,6 +174,7 @@ def public_objects():
     low = lqr(LONG, np.ones((49, 1)), np.ones((1, 49)), 1.0, factored=True)
     found = [result, result.kkt, result.status, *result.history[:1], QPFactor(P), low, low.S]
     found += [batch_solve_qp(P, [q, -q], lb=0.0), result.vjp(q)]
+    found.append(dlqr(P, P, P))
     return {type(value).__name__: value for value in found}
 
 

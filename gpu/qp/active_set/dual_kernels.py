@@ -254,6 +254,18 @@ def point(
 
 
 @summing_part
+def value_of(S: Array, x: Array, c: Index) -> Real:
+    """Row c, or variable c - m, at x."""
+    m, n = S.shape
+    if c >= m:
+        return x[c - m]
+    s = 0.0
+    for j in range(n):
+        s += S[c, j] * x[j]
+    return s
+
+
+@summing_part
 def choose(
     S: Array, size: Array, low: Array, high: Array, x: Array, length: Real, place: Array, safe:
     Array, path: Real,
@@ -267,12 +279,7 @@ def choose(
     for c in range(m + n):
         if place[c] >= 0 or path < safe[c]:
             continue
-        if c < m:
-            value, unit = 0.0, size[c]
-            for j in range(n):
-                value += S[c, j] * x[j]
-        else:
-            value, unit = x[c - m], 1.0
+        value, unit = value_of(S, x, c), size[c] if c < m else 1.0
         below, above = low[c] - value, value - high[c]
         e, s, limit = (below, 1.0, low[c]) if below > above else (above, -1.0, high[c])
         if e > 8 * n * EPS * (abs(limit) + unit * length):
@@ -334,12 +341,7 @@ def iterate(
             t, l = ratio(u, r, act, low, high, k)
             whole = NONE
             if rest > 1e-22 * n * total:
-                value = 0.0
-                if c < m:
-                    for j in range(n):
-                        value += S[c, j] * x[j]
-                else:
-                    value = x[c - m]
+                value = value_of(S, x, c)
                 whole = ((low[c] - value) if s > 0.0 else (value - high[c])) / rest
             if t == NONE and whole == NONE:
                 for i in range(k):
@@ -416,12 +418,7 @@ def refine(
             s += J[i, j] * z[j]
         t[i] = s
     for i in range(k):
-        c, value = act[i], 0.0
-        if c < m:
-            for j in range(n):
-                value += S[c, j] * x[j]
-        else:
-            value = x[c - m]
+        c, value = act[i], value_of(S, x, act[i])
         v[i] = low[c] - value if side[i] > 0.0 else value - high[c]
     forward(R, v, k)
     for i in range(n):

@@ -40,9 +40,14 @@ LIMITS = _Limits()
 class Gradients(NamedTuple):
     """Gradients by the arguments of `solve_qp`; None for those that the problem does not have.
 
-    `degenerate` is true where rows or bounds are touched without force, or active rows depend on
-    each other: the solution has one-sided derivatives only, and these are those of one side, with
-    what is touched without force taken as free.
+    Parameters
+    ----------
+    P, q, G, h, h_low, A, b, lb, ub : array or sparse array
+        The gradients, with the shapes of the arguments; that by P is symmetric.
+    degenerate : bool
+        Whether rows or bounds are touched without force, or active rows depend on each other: the
+        solution has one-sided derivatives only, and these are those of one side, with what is
+        touched without force taken as free.
 
     Examples
     --------

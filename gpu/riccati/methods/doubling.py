@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from functools import partial
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
 
 from gpu.arrays.denormals import filled
-from gpu.errors import NotConverged
+from gpu.errors import InputError, NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found
-from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem, scaled_hamiltonian
+from gpu.riccati.problem.lqr_problem import (
+    DenseProblem,
+    LQRProblem,
+    check_lqr,
+    scaled_hamiltonian,
+)
 from gpu.riccati.problem.lqr_problem import solve as solve_linear
 from gpu.riccati.problem.state_matrix import EPS
+from gpu.riccati.proof.discrete import refined
 from gpu.riccati.proof.lyapunov import cayley_shift
+from gpu.riccati.proof.refinement import LIMITS as EXACT
 from gpu.riccati.proof.refinement import finished, refine
 from skfem_adini.ground.arrays import namespace, to_host
 
@@ -25,9 +34,14 @@ class _Limits(NamedTuple):  # limits of the method
     iterations: int = 60  # most doublings: 2^60 steps of the transformed loop
     best_shift: int = 100  # order up to which the shift is chosen from all eigenvalues
     qz: int = 600  # order up to which QZ is tried if doubling fails
+    announced: int = 500  # order from which the log says beforehand how long it may take
+    operations: float = 250.0  # over n^3, measured: two thirds to one and a half of this
 
 
 LIMITS = _Limits()
+
+
+logger = logging.getLogger(__name__)
 
 
 Candidate = Callable[[LQRProblem, DenseProblem], tuple[Any, dict[str, Any]]]
@@ -45,11 +59,14 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     """Solve a dense problem by doubling, then refine by at most `newton` Newton steps on the
     residual. With `fallback`, failing a certified solution, try doubling of a stabilised problem,
     then QZ (on the host, up to 600 states) and Newton-Kleinman."""
+    _announce(problem)
     standard = problem.standard()
     candidates: list[Candidate] = [_by_doubling]
     if fallback:
-        candidates.append(partial(_by_doubling, moved=True))
-        candidates += [_by_qz, _by_newton] if problem.n <= LIMITS.qz else [_by_newton]
+        small = [_by_qz] if problem.n <= LIMITS.qz else []
+        if isinstance(problem.signs, float):
+            small = [partial(_by_doubling, moved=True), *small, _by_newton]
+        candidates += small
     best: Found | None = None
     for candidate in candidates:
         try:
@@ -68,7 +85,26 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
             best = found
     if best is None:
         raise NotConverged("neither doubling nor what stands in for it found a Riccati solution")
+    if best.verdict.residual <= EXACT.residual and problem.n <= EXACT.exact and problem.xp is np:
+        # Poles nearly on the axis take more digits of the residual.
+        S, steps = refine(problem, best.value, newton, exact=True)
+        return finished(problem, S, {**best.info, "newton_steps": steps}, exact=True)
     return best
+
+
+def _announce(problem: LQRProblem) -> None:
+    """Log how long a large problem may take, by the time of a small product."""
+    n, xp = problem.n, problem.xp
+    if n < LIMITS.announced:
+        return
+    M = xp.ones((256, 256))
+    for _ in range(2):  # the first one may load libraries
+        begin = perf_counter()
+        float((M @ M @ M @ M).sum())
+        spent = perf_counter() - begin
+    seconds = spent / (6 * 256.0**3) * LIMITS.operations * n**3
+    size = 20 * 8 * n * n / 2**30
+    logger.info("doubling with all entries of %d states: about %.1g s, %.1g GiB", n, seconds, size)
 
 
 def _by_doubling(
@@ -93,10 +129,9 @@ def _by_doubling(
 def _by_qz(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
     xp = problem.xp
     A, E, Q, N = (None if M is None else to_host(M) for M in problem.full())
-    assert A is not None
-    assert Q is not None
+    qz: Any = linalg.solve_discrete_are if problem.discrete else linalg.solve_continuous_are
     try:
-        S = linalg.solve_continuous_are(A, to_host(problem.B), Q, problem.R, e=E, s=N)
+        S = qz(A, to_host(problem.B), Q, problem.R, e=E, s=N)
     except ValueError as error:
         raise np.linalg.LinAlgError(str(error)) from None
     return xp.asarray((S + S.T) / 2), {"iterations": 1, "path": "qz"}
@@ -130,8 +165,15 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
     # `half` solves with the transposed matrix, as G and Q are symmetric.
     A = half.T.copy()
     A[places, places] += 1.0
-    G, H = (G + G.T) / 2, (H + H.T) / 2
     del moved, inverse, reach, half
+    return double_discrete(A, (G + G.T) / 2, (H + H.T) / 2)
+
+
+def double_discrete(A: Any, G: Any, H: Any) -> Doubled:
+    r"""The same iteration for :math:`A^T X (I + G X)^{-1} A - X + H = 0` itself (Chu, Fan, Lin and
+    Wang 2004)."""
+    xp, n = namespace(A), len(A)
+    places = xp.arange(n)
     converged, iteration = False, 0
     while iteration < LIMITS.iterations and not converged:
         iteration += 1
@@ -174,3 +216,66 @@ def _shift(A: Any, G: Any, Q: Any) -> float:
     distance = np.minimum(distance, np.abs((own - trials) / (np.abs(own) + trials)).min(axis=1))
     clear = distance >= min(0.05, distance.max())
     return float(trials[clear][rate[clear].argmin(), 0])
+
+
+def solve_discrete(problem: LQRProblem) -> Found:
+    """The first certified solution of a discrete problem, or that of least residual: by doubling;
+    by doubling of a shifted problem; by QZ (on the host, up to 600 states). Each is refined."""
+    candidates: list[Candidate] = [
+        _by_discrete_doubling,
+        partial(_by_discrete_doubling, moved=True),
+    ]
+    candidates += [_by_qz] if problem.n <= LIMITS.qz else []
+    _announce(problem)
+    first, _ = regular(problem)
+    best: Found | None = None
+    for candidate in candidates:
+        try:
+            with np.errstate(all="ignore"):
+                S, info = candidate(problem, first.standard())
+            if not bool(problem.xp.isfinite(S).all()):
+                continue
+            found = refined(problem, S, first.unit, info)
+        except np.linalg.LinAlgError:
+            continue
+        if found.verdict.certified:
+            return found
+        if best is None or found.verdict.residual < best.verdict.residual:
+            best = found
+    if best is None:
+        raise NotConverged("neither doubling nor QZ found a Riccati solution")
+    return best
+
+
+def regular(problem: LQRProblem, moved: bool = False) -> tuple[LQRProblem, float]:
+    """The problem of ``S - c I``, and c: zero unless `moved` or R is singular. `InputError` if
+    ``R + c B^T B``, its cost of inputs, is singular."""
+    if problem.root is not None and not moved:
+        return problem, 0.0
+    A, E, Q, N = problem.full()
+    B, xp = problem.B, problem.xp
+    mass = xp.eye(problem.n) if E is None else E.T @ E
+    size = float(xp.linalg.norm(Q)) / float(xp.linalg.norm(mass))
+    c = size if size > 0.0 else 1.0
+    cross = c * (A.T @ B) if N is None else N + c * (A.T @ B)
+    cost = Q + c * (A.T @ A - mass)
+    inner = to_host(xp.asarray(problem.R) + c * (B.T @ B))
+    cost, inner = (cost + cost.T) / 2, (inner + inner.T) / 2
+    shifted = check_lqr(A, B, cost, inner, cross, E, definite=False, discrete=True)
+    if shifted.root is None:
+        raise InputError("R is singular for inputs without effect: each needs a cost or an effect")
+    return shifted, c
+
+
+def _by_discrete_doubling(
+    problem: LQRProblem, standard: DenseProblem, moved: bool = False
+) -> tuple[Any, dict[str, Any]]:
+    """``S = c I + X`` with the solution X of a problem with a regular R."""
+    problem, shift = regular(problem, moved)
+    standard = problem.standard() if shift else standard
+    found = double_discrete(*scaled_hamiltonian(standard, problem.unit))
+    if not found.converged:
+        raise np.linalg.LinAlgError("doubling did not converge")
+    S = problem.value_of(found.X) + shift * problem.xp.eye(problem.n)
+    path = "shifted doubling" if shift else "doubling"
+    return S, {"iterations": found.iterations, "path": path}

@@ -32,7 +32,7 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: floa
         )
     standard = problem.standard()
     unit = problem.unit
-    balanced = A, B, _ = standard.scaled(unit)
+    balanced = A, B, *_ = standard.scaled(unit)
     if start is None:
         K = stabilising_gain(balanced)
     else:
@@ -50,7 +50,7 @@ def stabilising_gain(problem: DenseProblem) -> Any:
     """A gain that stabilises a dense problem in standard form: zero, or Bass' gain. Raises
     `NotConverged` if none was found, usually because there is none.
     """
-    A, B, _ = problem
+    A, B, *_ = problem
     if DenseLoop(A, 4 * EPS * float(namespace(A).linalg.norm(A))).is_stable():
         return namespace(A).zeros((B.shape[1], len(A)))
     return B.T @ stabilising_value(problem)
@@ -63,7 +63,7 @@ def stabilising_value(problem: DenseProblem) -> Any:
     B` and :math:`U^T A = F U^T` of all modes that are not stable: Bass' construction, restricted to
     them. For a problem too large for a Schur form U is the identity.
     """
-    A, B, _ = problem
+    A, B, *_ = problem
     xp = namespace(A)
     U, F = _not_stable_part(A)
     # The norm of F vanishes for modes at zero: take at least 1 % of the norm of A.
@@ -112,7 +112,7 @@ def _not_stable_part(A: Any) -> tuple[Any, Any]:
 
 
 def _iterate(problem: DenseProblem, K: Any, steps: int, tol: float) -> tuple[Any, list[float]]:
-    A, B, Q = problem
+    A, B, Q, _ = problem
     xp = namespace(A)
     X = lyapunov_solver(A - B @ K)(Q + K.T @ K)
     history: list[float] = []

@@ -12,6 +12,7 @@ from scipy import linalg
 
 from gpu.arrays.sparse_factor import SuperLUFactor
 from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
+from gpu.riccati.methods.doubling import double
 from gpu.riccati.methods.hamiltonian import of_subspace
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
 from gpu.riccati.problem.candidate import Found, LowRankValue
@@ -29,6 +30,7 @@ from gpu.riccati.problem.state_matrix import (
     vanishing,
 )
 from gpu.riccati.problem.weights import low_rank_factor
+from gpu.riccati.proof.lyapunov import lyapunov_solver
 from skfem_adini.ground.arguments import choice
 from skfem_adini.ground.arrays import namespace, to_host
 
@@ -42,6 +44,7 @@ class _Limits(NamedTuple):  # limits of the method
     quadratic: float = 1e-6  # relative size of a Newton step after which the error is its square
     condition: float = 1e8  # condition above which half of the digits or more are lost
     drop: float = 1e-11  # least part of a unit vector outside the space that is not rounding
+    outside: float = 1e-14  # least part of a unit vector outside a basis that is followed
     margin: float = 1e-2  # least eigenvalue in `proves_stable`, which is one for the exact P
 
 
@@ -132,13 +135,15 @@ def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
     seed = xp.concatenate([_mass(state).solve_transposed(C.T), *moved], axis=1)
     space = RationalKrylov(state, seed, shifts, transposed=True)
     projected, residual, history, misses = None, np.inf, [], 0
+    terms = Terms(problem, C)
     while True:
         for _ in range(2 * LIMITS.stride):
             space.grow()
         projected = Projected.of(problem, space.W, projected)
+        terms.grow(space.W)
         try:
             P = projected.solve()
-            residual = projected.residual(P, C)
+            residual = terms.residual(P, projected.B)
         except RiccatiError:
             # The projected problem need not be stabilisable even if the whole one is.
             misses += 1
@@ -565,6 +570,28 @@ def _definite(P: np.ndarray) -> bool:
     return bool(values[0] > 1e-13 * values[-1])  # above the rounding of P
 
 
+def _by_doubling(A: np.ndarray, B: np.ndarray, Q: np.ndarray) -> np.ndarray | None:
+    """The stabilising solution of the small equation, or None."""
+    with np.errstate(all="ignore"):
+        found = double(A, B @ B.T, Q)
+    if not found.converged or not np.isfinite(found.X).all():
+        return None
+    P, stable = _newton_step(found.X, A, B, Q)
+    return P if stable else None
+
+
+def _newton_step(
+    P: np.ndarray, A: np.ndarray, B: np.ndarray, Q: np.ndarray
+) -> tuple[np.ndarray, bool]:
+    """P after a Newton step, which leaves rounding of the residual, and whether its gain
+    stabilises."""
+    gain = B.T @ P
+    half = P @ A - gain.T @ gain / 2
+    loop = lyapunov_solver(A - B @ gain)
+    P = P + loop(half + half.T + Q)
+    return P, loop.poles is None or bool(loop.poles.real.max() < 0.0)
+
+
 @dataclass(frozen=True)
 class Projected:
     """The problem on a basis W: :math:`W^T E W, W^T A W, W^T B, W^T Q W`, on the host."""
@@ -613,13 +640,10 @@ class Projected:
             # SciPy's argument e loses digits if it is not symmetric: solve for E^T P E instead.
             moved = np.linalg.solve(self.E, np.hstack([self.A, self.B * np.sqrt(rho)]))
             A, B = moved[:, : len(self.A)], moved[:, len(self.A) :]
-            P = linalg.solve_continuous_are(A, B, self.Q / rho, unit)
-            # One Newton step reduces the residual of SciPy's result (by QZ) to rounding.
-            half = P @ A - P @ B @ (B.T @ P) / 2
-            step = linalg.solve_continuous_lyapunov(
-                (A - B @ (B.T @ P)).T, -(half + half.T + self.Q / rho)
-            )
-            P = P + (step + step.T) / 2
+            P = _by_doubling(A, B, self.Q / rho)
+            if P is None:  # by QZ, which takes many times as long
+                P = linalg.solve_continuous_are(A, B, self.Q / rho, unit)
+                P, _ = _newton_step(P, A, B, self.Q / rho)
             P = np.linalg.solve(self.E.T, np.linalg.solve(self.E.T, P).T)
         except (np.linalg.LinAlgError, ValueError) as error:
             raise RiccatiError(
@@ -648,17 +672,64 @@ class Projected:
     def _EtW(self) -> Any:
         return self.problem.state.mass_transposed(self.W)
 
-    def residual(self, P: np.ndarray, C: Any) -> float:
-        """``|A^T X E + E^T X A - E^T X B B^T X E + C^T C| / |C^T C|`` of ``X = W P W^T``, exactly,
-        because the columns of :math:`A^T W, E^T W, C^T` span the range of all terms.
-        """
-        state, xp = self.problem.state, self.problem.xp
-        AtW, EtW = state.apply_transposed(self.W), self._EtW()
-        R = to_host(xp.linalg.qr(xp.concatenate([AtW, EtW, C.T], axis=1), mode="r"))
-        r, p = len(P), C.shape[0]
-        core = np.zeros((2 * r + p,) * 2)
-        core[:r, r : 2 * r] = core[r : 2 * r, :r] = P
-        core[r : 2 * r, r : 2 * r] = -P @ self.B @ self.B.T @ P
-        core[2 * r :, 2 * r :] = np.eye(p)
-        cost = np.linalg.norm(R[:, 2 * r :] @ R[:, 2 * r :].T)
-        return float(np.linalg.norm(R @ core @ R.T) / (cost or 1.0))
+
+class Terms:
+    """The terms of the equation of ``X = W P W^T`` in an orthonormal basis of the columns of A^T W,
+    E^T W and C^T, which span the range of its residual. The basis grows with W: a factorisation of
+    all columns for each W takes most of the time of a large problem."""
+
+    def __init__(self, problem: LQRProblem, C: Any) -> None:
+        self._state, self._known = problem.state, 0
+        self._blocks: list[Any] = []  # of the basis, each shape (n, few)
+        self._C = self._coefficients(C.T)
+        self._A = self._E = np.zeros((0, 0))
+
+    def grow(self, W: Any) -> None:
+        """Take the new columns of W into account."""
+        new, state = W[:, self._known :], self._state
+        self._known, few = W.shape[1], new.shape[1]
+        columns = [state.mass_transposed(new), state.apply_transposed(new)]
+        both = self._coefficients(state.xp.concatenate(columns, axis=1))
+        self._E, self._A = _beside(self._E, both[:, :few]), _beside(self._A, both[:, few:])
+
+    def residual(self, P: np.ndarray, B: np.ndarray) -> float:
+        """``|A^T X E + E^T X A - E^T X B B^T X E + C^T C| / |C^T C|``, B that of the projection."""
+        rows = sum(block.shape[1] for block in self._blocks)
+        A, E, C = (_filled_up(M, rows) for M in (self._A, self._E, self._C))
+        half, gain = A @ P @ E.T, E @ (P @ B)
+        cost = C @ C.T
+        left = half + half.T - gain @ gain.T + cost
+        return float(np.linalg.norm(left) / (np.linalg.norm(cost) or 1.0))
+
+    def _coefficients(self, X: Any) -> np.ndarray:
+        """Those of the columns of X, after the basis is extended by what lies outside of it."""
+        xp = self._state.xp
+        size = xp.linalg.norm(X, axis=0)
+        X = X / xp.where(size > 0.0, size, 1.0)
+        inside: list[Any] = [0.0] * len(self._blocks)
+        for _ in range(2):
+            for place, block in enumerate(self._blocks):
+                part = block.T @ X
+                X = X - block @ part
+                inside[place] = inside[place] + part
+        Q, triangle = xp.linalg.qr(X)
+        directions, left, _ = np.linalg.svd(to_host(triangle))
+        new = Q @ xp.asarray(directions[:, left > LIMITS.outside])
+        for block in self._blocks:  # once more: what was small has lost its orthogonality
+            new = new - block @ (block.T @ new)
+        if new.shape[1]:
+            new = xp.linalg.qr(new)[0]
+            inside.append(new.T @ X)
+            self._blocks.append(new)
+        rows = [to_host(part) for part in inside]
+        return np.concatenate(rows) * to_host(size)
+
+
+def _beside(known: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Coefficients of further columns beside those of fewer rows."""
+    return np.concatenate([_filled_up(known, len(new)), new], axis=1)
+
+
+def _filled_up(M: np.ndarray, rows: int) -> np.ndarray:
+    """M with rows of zeros below."""
+    return np.concatenate([M, np.zeros((rows - len(M), M.shape[1]))])

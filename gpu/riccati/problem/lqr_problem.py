@@ -42,11 +42,13 @@ class LQRProblem:
     state: StateMatrix  # A and E
     B: Any  # (n, m), as given
     input: Any  # (n, m): B L^-T, for inputs of unit cost (the sum of their squares)
-    root: np.ndarray  # (m, m): L, the Cholesky factor of R = L L^T
+    root: Any  # (m, m): L of R = L diag(signs) L^T, triangular for a definite R
     weight: Weight  # Q
     N: Any  # (n, m) or None
     R: np.ndarray  # (m, m)
     units: Any = None  # `Units` of the numbers, if different from the arguments'
+    signs: Any = 1.0  # (m,), of -1 and 1, where R is indefinite
+    discrete: bool = False  # x_{k+1} in place of x', a sum in place of the integral
 
     @property
     def n(self) -> int:
@@ -74,11 +76,12 @@ class LQRProblem:
         return balance(self.standard())
 
     def gain(self, scaled: Any) -> Any:
-        """``K = L^-T (K~ + L^-1 N^T)``, shape (m, n), from the gain K~ for inputs of unit cost."""
-        inverse = self.xp.asarray(self._inverse_root())
+        """``K = L^-T J (K~ + L^-1 N^T)``, shape (m, n), from K~, the gain for inputs of unit cost
+        (without their signs J)."""
+        inverse = self.xp.asarray(inverse_of(self.root))
         if self.N is not None:
             scaled = scaled + inverse @ self.N.T
-        return inverse.T @ scaled
+        return (inverse * self.signs).T @ scaled
 
     def gain_of(self, value: Any) -> Any:
         """``K = R^-1 (B^T S E + N^T)``, shape (m, n), of a dense or low-rank S."""
@@ -90,12 +93,9 @@ class LQRProblem:
         """The gain K~ for inputs of unit cost, after the feedback R^-1 N^T of the standard form."""
         gain = self.xp.asarray(self.root.T) @ gain
         if self.N is not None:
-            gain = gain - self.xp.asarray(np.linalg.inv(self.root)) @ self.N.T
+            inverse = self.xp.asarray(np.linalg.inv(self.root))
+            gain = gain - (inverse.T * self.signs).T @ self.N.T
         return gain
-
-    def _inverse_root(self) -> np.ndarray:
-        eye = np.eye(len(self.root))
-        return np.asarray(linalg.solve_triangular(self.root, eye, lower=True))
 
     def rate(self, value: complex) -> complex:
         """A pole, real or complex, in the units of the arguments."""
@@ -127,20 +127,21 @@ class LQRProblem:
         A, E, Q, N = self.full()
         B = self.input
         if N is not None:
-            crossed = N @ self.xp.asarray(self._inverse_root().T)
-            A = A - B @ crossed.T
-            Q = Q - crossed @ crossed.T
+            crossed = N @ self.xp.asarray(inverse_of(self.root).T)
+            A = A - (B * self.signs) @ crossed.T
+            Q = Q - (crossed * self.signs) @ crossed.T
         if E is not None:
             try:
                 moved = solve(E, self.xp.concatenate([A, B], axis=1))
             except np.linalg.LinAlgError:
                 raise InputError(SINGULAR_MASS) from None
             A, B = moved[:, : self.n], moved[:, self.n :]
-        return DenseProblem(A, B, (Q + Q.T) / 2)
+        return DenseProblem(A, B, (Q + Q.T) / 2, self.signs)
 
-    def value_of(self, standard: Any) -> Any:
+    def value_of(self, standard: Any, unit: Any = None) -> Any:
         """The value ``S = E^-T X E^-1`` from the solution X of the balanced standard form."""
-        standard = standard / self.unit / self.unit[:, None]
+        unit = self.unit if unit is None else unit
+        standard = standard / unit / unit[:, None]
         if self.state.E is None:
             return standard
         E = _full(self.state.E)
@@ -159,8 +160,11 @@ def check_lqr(
     *,
     factored: bool = False,
     inverse: Any = None,
+    definite: bool = True,
+    discrete: bool = False,
 ) -> LQRProblem:
-    """Check the arguments of `gpu.lqr` and make them one problem."""
+    """Check the arguments of `gpu.lqr` and make them one problem. Without `definite` R may be any
+    symmetric matrix that is not singular, and of a discrete problem any at all."""
     state = StateMatrix(numbers("A", A), numbers("E", E), inverse)
     n, xp = state.n, state.xp
     B = columns("B", B, n, xp)
@@ -171,13 +175,10 @@ def check_lqr(
     if not scaled and float(abs(B).max()) > LIMITS.largest:
         raise InputError("B is too large, its squares overflow: measure inputs in other units")
     R_host = _input_cost(R, m)
-    try:
-        root = np.linalg.cholesky(R_host)
-    except np.linalg.LinAlgError:
-        raise InputError("R is not positive definite: every input needs a cost") from None
-    if not np.diag(root).min() > m * EPS * np.diag(root).max():
+    root, signs = _root(R_host, definite)
+    if root is None and not discrete:
         raise InputError("R is singular to working precision: every input needs a cost")
-    unit = linalg.solve_triangular(root, np.eye(m), lower=True)
+    scaled_B = None if root is None else B @ xp.asarray(inverse_of(root).T)
     N = None if N is None else columns("N", N, n, xp)
     if N is not None and N.shape != B.shape:
         raise InputError(f"N has shape {N.shape}: expected {B.shape}, that of B")
@@ -187,11 +188,38 @@ def check_lqr(
         weight = Weight(state, C=_factor("Q", Q, n, xp))
     else:
         weight = Weight(state, _weight_argument(Q, n))
-    problem = LQRProblem(state, B, B @ xp.asarray(unit.T), root, weight, N, R_host)
+    there = signs if isinstance(signs, float) else xp.asarray(signs)
+    problem = LQRProblem(
+        state, B, scaled_B, root, weight, N, R_host, signs=there, discrete=discrete
+    )
     known = problem.dense or (state.E is not None and state.E.ndim == 1) or sparse.issparse(state.E)
     if state.E is not None and known and not _regular(state.E, xp, problem.dense):
         raise InputError(SINGULAR_MASS)
     return problem
+
+
+def _root(R: np.ndarray, definite: bool) -> tuple[Any, Any]:
+    """L and signs of ``R = L diag(signs) L^T``; None for L if R is singular."""
+    m = len(R)
+    try:
+        root = np.linalg.cholesky(R)
+        regular = np.diag(root).min() > m * EPS * np.diag(root).max()
+        return (root if regular else None), 1.0
+    except np.linalg.LinAlgError:
+        if definite:
+            raise InputError("R is not positive definite: every input needs a cost") from None
+    values, vectors = np.linalg.eigh(R)
+    size = np.abs(values)
+    if not size.min() > m * EPS * size.max():
+        return None, 1.0
+    return vectors * np.sqrt(size), np.sign(values)
+
+
+def inverse_of(root: np.ndarray) -> np.ndarray:
+    """``L^-1``, by substitution where L is triangular."""
+    if np.triu(root, 1).any():
+        return np.asarray(np.linalg.inv(root))
+    return np.asarray(linalg.solve_triangular(root, np.eye(len(root)), lower=True))
 
 
 def _size(state: StateMatrix) -> float:
@@ -221,7 +249,7 @@ def _full(M: Any) -> Any:
     return namespace(M).diag(M) if M.ndim == 1 else M
 
 
-def numbers(name: str, value: Any) -> Any:
+def numbers(name: str, value: Any, complex_too: bool = False) -> Any:
     """An argument as an array of real numbers; matrices and operators are returned as they are."""
     if value is None:
         if name not in ("E", "R"):
@@ -240,7 +268,7 @@ def numbers(name: str, value: Any) -> Any:
     if value.ndim == 0 and not hasattr(value, "matvec"):
         value = value.reshape(1, 1)
     if not hasattr(value, "matvec"):
-        _real(name, value)
+        _check_kind(name, value, complex_too)
         if value.ndim not in (1, 2) or 0 in value.shape:
             raise InputError(
                 f"{name} has shape {value.shape}: expected (n, n), or (n,) for a diagonal, n > 0"
@@ -248,11 +276,13 @@ def numbers(name: str, value: Any) -> Any:
     return value
 
 
-def _real(name: str, value: Any) -> None:
+def _check_kind(name: str, value: Any, complex_too: bool) -> None:
     kind = np.dtype(value.dtype).kind
-    if kind == "c":
-        raise InputError(f"{name} holds complex numbers: only real problems are solved")
-    if kind not in "buif":
+    if kind == "c" and not complex_too:
+        raise InputError(
+            f"{name} holds complex numbers: only gpu.care and gpu.dare solve complex problems"
+        )
+    if kind not in "buifc":
         raise InputError(f"{name} holds {value.dtype}: expected real numbers")
 
 
@@ -386,16 +416,27 @@ def _regular(E: Any, xp: Any, dense: bool) -> bool:
 
 
 class DenseProblem(NamedTuple):
-    r"""The standard form :math:`A^T X + X A - X B B^T X + Q = 0`, dense."""
+    r"""The standard form :math:`A^T X + X A - X B J B^T X + Q = 0`, dense; J holds the signs. The
+    discrete one is :math:`A^T X (I + B J B^T X)^{-1} A - X + Q = 0`."""
 
     A: Any
     B: Any
     Q: Any
+    signs: Any = 1.0
+
+    @property
+    def G(self) -> Any:
+        """``B J B^T``, exactly symmetric."""
+        if isinstance(self.signs, float):
+            return self.B @ self.B.T
+        G = (self.B * self.signs) @ self.B.T
+        return (G + G.T) / 2
 
     def scaled(self, unit: Any) -> DenseProblem:
         """The same in states x' with ``x = diag(unit) x'``."""
-        A, B, Q = self
-        return DenseProblem(A * unit / unit[:, None], B / unit[:, None], Q * unit * unit[:, None])
+        A, B, Q, signs = self
+        both = unit * unit[:, None]
+        return DenseProblem(A * unit / unit[:, None], B / unit[:, None], Q * both, signs)
 
 
 def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
@@ -406,9 +447,9 @@ def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
     rows and columns. The sums include the diagonal, so that much smaller entries, mostly rounding,
     do not count.
     """
-    A, B, Q = standard
+    A, _, Q, _ = standard
     xp = namespace(A)
-    inner, G, Q = abs(A), abs(B @ B.T), abs(Q)
+    inner, G, Q = abs(A), abs(standard.G), abs(Q)
     log = xp.zeros(len(A))
     for _ in range(sweeps):
         s = xp.exp2(log)
@@ -422,5 +463,5 @@ def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
 
 def scaled_hamiltonian(standard: DenseProblem, unit: Any) -> tuple[Any, Any, Any]:
     """The blocks A, G, Q of the Hamiltonian balanced with the scale factors `unit`."""
-    A, B, Q = standard.scaled(unit)
-    return A, B @ B.T, Q
+    scaled = standard.scaled(unit)
+    return scaled.A, scaled.G, scaled.Q

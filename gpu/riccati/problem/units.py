@@ -10,16 +10,21 @@ the equation of :math:`S = q (ae)^{-1} S'` is the same; gains are :math:`K = a b
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from scipy import linalg
 
-from gpu.riccati.problem.lqr_problem import LQRProblem
+from gpu.errors import GpuError, NotConverged
+from gpu.riccati.problem.lqr_problem import LQRProblem, inverse_of
 from gpu.riccati.problem.state_matrix import StateMatrix
 from gpu.riccati.problem.weights import Weight
 from skfem_adini.ground.arrays import namespace
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 # Largest exponent of two of a moderate number, whose square is far from overflow and underflow.
 MODERATE = 150
@@ -121,11 +126,31 @@ def power_of_two(M: Any, exponent: int) -> Any:
 
 
 def _of_unit_cost(B: Any, root: np.ndarray) -> Any:
-    inverse = linalg.solve_triangular(root, np.eye(len(root)), lower=True)
-    return B @ namespace(B).asarray(inverse.T)
+    return B @ namespace(B).asarray(inverse_of(root).T)
 
 
 def _exponent(M: Any) -> int | None:
     """The exponent of two of the largest entry; None where all are zero, or there is none."""
     size = 0.0 if M is None else float(abs(M).max())
     return int(np.frexp(size)[1]) if 0.0 < size < np.inf else None
+
+
+def within_range(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Decorator: suppresses warnings of overflow, which the certificates detect; where LAPACK's
+    wrappers reject overflowed numbers first, `NotConverged` is raised.
+    """
+
+    @functools.wraps(function)
+    def judged(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        try:
+            with np.errstate(all="ignore"):
+                return function(*args, **kwargs)
+        except ValueError as error:
+            if isinstance(error, GpuError) or "infs or NaNs" not in str(error):
+                raise
+            raise NotConverged(
+                "numbers beyond the range of double precision came up: measure states, inputs or "
+                "costs in other units"
+            ) from None
+
+    return judged

@@ -11,7 +11,13 @@ from scipy import linalg
 
 from gpu.arrays.dense import cholesky
 from gpu.errors import GpuError, InputError, NotConverged, RiccatiError
-from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem, balance, solve
+from gpu.riccati.problem.lqr_problem import (
+    DenseProblem,
+    LQRProblem,
+    balance,
+    scaled_hamiltonian,
+    solve,
+)
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix
 from gpu.riccati.proof.lyapunov import SCHUR, LyapunovSolver, cayley_shift, lyapunov_solver
 from skfem_adini.ground.arrays import namespace, to_host
@@ -193,11 +199,11 @@ def closed_loop_of(
     if K is None:
         E = problem.full()[1]
         Y = S if E is None else E.T @ S @ E
-        gain = standard.B.T @ Y
+        gain = (standard.B * standard.signs).T @ Y
         value = Y * unit * unit[:, None]
     else:
         gain = problem.of_unit_cost(K)
-    (A, B, Q), gain = standard.scaled(unit), gain * unit
+    (A, B, Q, _), gain = standard.scaled(unit), gain * unit
     if value is not None and len(A) <= LIMITS.dense:
         W: Any = xp.zeros((1, 1)) if residual is None else residual * unit * unit[:, None]
         half = abs(value @ A)
@@ -419,21 +425,40 @@ def explain(problem: LQRProblem) -> RiccatiError | None:
     standard = _standard(problem)
     if found is not None or standard is None:
         return found
-    whole = to_host(balance(standard))
-    A, B, Q = DenseProblem(*(to_host(M) for M in standard)).scaled(whole)
-    H = np.block([[A, -B @ B.T], [-Q, -A.T]])
-    values = np.linalg.eigvals(H)
-    nearest = values[np.argmin(np.abs(values.real))]
-    if abs(nearest.real) <= max(LIMITS.axis * abs(nearest), 1e3 * EPS * float(np.linalg.norm(H))):
-        nearest = problem.rate(nearest)
-        value = complex(0.0, abs(nearest.imag))
-        return RiccatiError(
-            f"the Hamiltonian has the eigenvalue {_shown(value)} on the imaginary axis (to "
-            f"{abs(nearest.real):.1e}): there is no stabilising solution, or none that double "
-            "precision can tell",
-            eigenvalue=value,
-        )
-    return None
+    values, size = _of_the_pencil(problem, standard)
+    distance = np.abs(_beyond(problem, values))
+    place = int(np.argmin(distance))
+    reach = 1.0 if problem.discrete else abs(values[place])
+    if distance[place] > max(LIMITS.axis * reach, 1e3 * EPS * size):
+        return None
+    value, off = problem.rate(values[place]), abs(problem.rate(distance[place]))
+    value = complex(value.real if problem.discrete else 0.0, abs(value.imag))
+    return RiccatiError(
+        f"the {'symplectic pencil' if problem.discrete else 'Hamiltonian'} has the eigenvalue "
+        f"{_shown(value)} on the {_border(problem)} (to {off:.1e}): there is no stabilising "
+        "solution, or none that double precision can tell",
+        eigenvalue=value,
+    )
+
+
+def _of_the_pencil(problem: LQRProblem, standard: DenseProblem) -> tuple[np.ndarray, float]:
+    """The eigenvalues of the Hamiltonian, or of the symplectic pencil, and the size of either."""
+    A, G, Q = (to_host(M) for M in scaled_hamiltonian(standard, balance(standard)))
+    if not problem.discrete:
+        H = np.block([[A, -G], [-Q, -A.T]])
+        return np.linalg.eigvals(H), float(np.linalg.norm(H))
+    eye, zero = np.eye(len(A)), np.zeros_like(A)
+    values = linalg.eigvals(np.block([[A, zero], [-Q, eye]]), np.block([[eye, G], [zero, A.T]]))
+    return values[np.isfinite(values)], 1.0
+
+
+def _beyond(problem: LQRProblem, values: np.ndarray) -> np.ndarray:
+    """How far eigenvalues lie right of the imaginary axis, or outside of the unit circle."""
+    return np.asarray(np.abs(values) - 1.0 if problem.discrete else values.real)
+
+
+def _border(problem: LQRProblem) -> str:
+    return "unit circle" if problem.discrete else "imaginary axis"
 
 
 def named(problem: LQRProblem) -> RiccatiError | None:
@@ -445,7 +470,7 @@ def named(problem: LQRProblem) -> RiccatiError | None:
     standard = _standard(problem)
     if standard is None:
         return None
-    A, B, Q = (to_host(M) for M in standard)
+    A, B, Q = (to_host(M) for M in standard[:3])
     return _not_stabilisable(problem.entries(), B) or _not_detectable(problem, A, Q)
 
 
@@ -464,7 +489,7 @@ def _not_stabilisable(problem: LQRProblem, B: np.ndarray) -> RiccatiError | None
     A = to_host(A if E is None else solve(E, A))
     A, own = _balanced(A)
     B = B / own[:, None]
-    for value, size, _ in _unstable(A):
+    for value, size, _ in _unstable(problem, A):
         if _loses_rank(A - value * np.eye(len(A)), B, size):
             value = problem.rate(value)
             return RiccatiError(
@@ -479,14 +504,15 @@ def _not_stabilisable(problem: LQRProblem, B: np.ndarray) -> RiccatiError | None
 def _not_detectable(problem: LQRProblem, A: np.ndarray, Q: np.ndarray) -> RiccatiError | None:
     A, own = _balanced(A)
     Q = Q * own * own[:, None]
-    for value, size, doubt in _unstable(A):
-        if abs(value.real) > min(LIMITS.axis * max(abs(value), 0.1 * size), doubt):
+    for value, size, doubt in _unstable(problem, A):
+        away = abs(_beyond(problem, np.asarray(value)))
+        if away > min(LIMITS.axis * max(abs(value), 0.1 * size), doubt):
             continue
         if _loses_rank((A - value * np.eye(len(A))).T, Q, size):
             value = problem.rate(value)
             return RiccatiError(
-                f"the mode {_shown(value)} of A lies on the imaginary axis and is not detectable: "
-                "Q does not see it, so no optimal feedback moves it; give it a weight",
+                f"the mode {_shown(value)} of A lies on the {_border(problem)} and is not "
+                "detectable: Q does not see it, so no optimal feedback moves it; give it a weight",
                 eigenvalue=complex(value),
                 cause="not detectable",
             )
@@ -499,20 +525,21 @@ def _balanced(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return A * own / own[:, None], own
 
 
-def _unstable(A: np.ndarray) -> list[tuple[complex, float, float]]:
-    """The eigenvalues not clearly left of the axis, rightmost first, the size of A, and how far
-    rounding of A may move each eigenvalue: its condition is 1 / cos of the angle between its left
-    and right vectors (Wilkinson 1965)."""
+def _unstable(problem: LQRProblem, A: np.ndarray) -> list[tuple[complex, float, float]]:
+    """The eigenvalues not clearly left of the axis (inside of the circle), the outermost first, the
+    size of A, and how far rounding of A may move each eigenvalue: its condition is 1 / cos of the
+    angle between its left and right vectors (Wilkinson 1965)."""
     size = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
     values = np.linalg.eigvals(A)
-    if not np.any(values.real >= -LIMITS.axis * size):
+    if not np.any(_beyond(problem, values) >= -LIMITS.axis * size):
         return []
     values, left, right = linalg.eig(A, left=True)
     cosines = np.abs((left.conj() * right).sum(axis=0))
     doubts = LIMITS.moved * EPS * size / np.maximum(cosines, np.finfo(float).tiny)
-    order = np.argsort(-values.real, kind="stable")
+    beyond = _beyond(problem, values)
+    order = np.argsort(-beyond, kind="stable")
     order = order[(values.imag >= 0.0)[order]]
-    order = order[(values.real >= -np.minimum(LIMITS.axis * size, doubts))[order]][: LIMITS.worst]
+    order = order[(beyond >= -np.minimum(LIMITS.axis * size, doubts))[order]][: LIMITS.worst]
     return [(complex(values[i]), size, float(doubts[i])) for i in order]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ class _Limits(NamedTuple):  # tolerances, in balanced units
     error: float = 1e-12  # largest relative distance to the solution that is certified otherwise
     far: int = 250  # exponents from which powers of two have squares near the range's ends
     extended: int = 128  # order up to which residuals are in extended precision on the host
+    exact: int = 10  # order up to which, if that is not enough, they are exact: n^3 microseconds
 
 
 LIMITS = _Limits()
@@ -44,7 +46,7 @@ class Verdict(NamedTuple):
         return np.nan if self.residual <= LIMITS.residual else self.rounded + self.loop.newton[0]
 
 
-def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
+def refine(problem: LQRProblem, S: Any, steps: int, exact: bool = False) -> tuple[Any, int]:
     r"""Newton steps :math:`E^T D A_c + A_c^T D E = -\mathrm{res}(S)` while they shrink; S, count.
 
     Residuals of twice the digits lead to the rounding of S (Higham 2002, chapter 12). A fast
@@ -59,7 +61,7 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
         S = S.astype(np.longdouble)
     previous = S
     for _ in range(steps if extended else min(steps, 2)):
-        residual = riccati_residual(problem, S, unit, extended)
+        residual = riccati_residual(problem, S, unit, extended, exact)
         if not extended and residual.relative <= 4 * EPS * np.sqrt(problem.n):
             break
         loop = closed_loop_of(problem, standard, unit, S)
@@ -82,18 +84,18 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
     return S, taken
 
 
-def finished(problem: LQRProblem, S: Any, info: dict[str, Any]) -> Found:
+def finished(problem: LQRProblem, S: Any, info: dict[str, Any], exact: bool = False) -> Found:
     """Assess a refined solution; its gain is computed before S is rounded to double precision."""
-    verdict = judge(problem, S)
+    verdict = judge(problem, S, exact)
     gain = gain_in_extended(problem, S) if in_extended(problem) else problem.gain_of(S)
     return Found(gain, S.astype(float), info, verdict)
 
 
-def judge(problem: LQRProblem, S: Any) -> Verdict:
+def judge(problem: LQRProblem, S: Any, exact: bool = False) -> Verdict:
     """Recompute the residual of S, as rounded to double precision, and the closed loop."""
     standard, unit = problem.standard(), problem.unit
     extended = in_extended(problem)
-    residual = riccati_residual(problem, S, unit, extended)
+    residual = riccati_residual(problem, S, unit, extended, exact)
     loop = closed_loop_of(problem, standard, unit, S, residual=residual.matrix, extended=extended)
     rounded = 0.0
     if S.dtype != np.float64:
@@ -123,21 +125,25 @@ class Residual(NamedTuple):
 
 
 def riccati_residual(
-    problem: LQRProblem, S: Any, unit: Any = None, extended: bool = False
+    problem: LQRProblem, S: Any, unit: Any = None, extended: bool = False, exact: bool = False
 ) -> Residual:
     """Compute :math:`E^T S A + A^T S E + Q - (E^T S B + N) R^{-1} (E^T S B + N)^T`, dense. Norms
     are taken of entries times ``unit_i unit_j``; `extended`: in extended precision on the host,
-    where the platform has it."""
+    where the platform has it; `exact`: in fractions."""
     xp = problem.xp
     if extended:
         if xp is not np:
             raise ValueError("extended precision lives on the host")
-        A, E, Q, N = (_long(M) for M in problem.full())
-        S = np.asarray(S, dtype=np.longdouble)
-        B = problem.B.astype(np.longdouble)
+        number = _fractions if exact else _long
+        A, E, Q, N, B, S = (number(M) for M in (*problem.full(), problem.B, S))
         half = (S if E is None else E.T @ S) @ A
         cross = (S if E is None else E.T @ S) @ B
-        inputs = _lower_solve(_cholesky(problem.R), (cross if N is None else cross + N).T)
+        cross = cross if N is None else cross + N
+        gain = solved_in_extended(problem.R, _long(cross.T))
+        quadratic = cross @ number(gain)
+        if exact:  # right to the square of the error of the gain
+            K = number(gain)
+            quadratic = quadratic + quadratic.T - K.T @ number(problem.R) @ K
     else:
         A, E, Q, N = problem.full()
         ES = S if E is None else E.T @ S
@@ -145,10 +151,11 @@ def riccati_residual(
         cross = ES @ problem.input
         if N is not None:
             cross = cross + N @ xp.asarray(np.linalg.inv(problem.root).T)
-        inputs = cross.T
-    quadratic = inputs.T @ inputs
+        quadratic = (cross * problem.signs) @ cross.T
     R = half + half.T + Q - quadratic
     R = (R + R.T) / 2
+    if exact:
+        R, half, quadratic, Q = (_long(M) for M in (R, half, quadratic, Q))
     weights = 1.0 if unit is None else unit * unit[:, None]
     # The squares of the terms may overflow where the terms do not.
     largest = max(float(xp.abs(M * weights).max()) for M in (half, quadratic, Q))
@@ -171,28 +178,30 @@ def gain_in_extended(problem: LQRProblem, S: Any) -> np.ndarray:
     E, N = (_long(M) for M in (problem.full()[1], problem.N))
     S = np.asarray(S, dtype=np.longdouble)
     cross = (S if E is None else E.T @ S) @ problem.B.astype(np.longdouble)
-    L = _cholesky(problem.R)
-    inputs = _lower_solve(L, (cross if N is None else cross + N).T)
-    return np.asarray(_lower_solve(L[::-1, ::-1].T, inputs[::-1])[::-1], dtype=float)
+    return solved_in_extended(problem.R, (cross if N is None else cross + N).T).astype(float)
 
 
 def _long(M: Any) -> Any:
     return None if M is None else np.asarray(M, dtype=np.longdouble)
 
 
-def _cholesky(R: np.ndarray) -> np.ndarray:
-    """Lower factor in extended precision; R has been found definite before."""
-    M = to_host(R).astype(np.longdouble)
-    L = np.zeros_like(M)
-    for j in range(len(M)):
-        row = L[j, :j]
-        L[j, j] = np.sqrt(max(M[j, j] - row @ row, np.finfo(np.longdouble).tiny))
-        L[j + 1 :, j] = (M[j + 1 :, j] - L[j + 1 :, :j] @ row) / L[j, j]
-    return L
+def _fractions(M: Any) -> Any:
+    """The same numbers as fractions."""
+    exact = np.frompyfunc(lambda x: Fraction(*x.as_integer_ratio()), 1, 1)
+    return None if M is None else exact(M)
 
 
-def _lower_solve(L: np.ndarray, right: np.ndarray) -> np.ndarray:
-    X = np.array(right, dtype=np.longdouble)
-    for j in range(len(L)):
-        X[j] = (X[j] - L[j, :j] @ X[:j]) / L[j, j]
-    return X
+def solved_in_extended(R: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """``R^-1 right`` for a symmetric R by elimination in extended precision, with pivots compared
+    after scaling R to a diagonal of ones."""
+    R = to_host(R).astype(np.longdouble)
+    m, size = len(R), np.sqrt(np.abs(R.diagonal()).astype(float))
+    unit = np.exp2(-np.round(np.log2(np.where(size > 0.0, size, 1.0))))
+    M = np.concatenate([R * unit * unit[:, None], right * unit[:, None]], axis=1)
+    for j in range(m):
+        pivot = j + int(np.argmax(np.abs(M[j:, j])))
+        M[[j, pivot]] = M[[pivot, j]]
+        M[j + 1 :] -= M[j + 1 :, j, None] / M[j, j] * M[j]
+    for j in reversed(range(m)):
+        M[j, m:] = (M[j, m:] - M[j, j + 1 : m] @ M[j + 1 :, m:]) / M[j, j]
+    return np.asarray(M[:, m:] * unit[:, None])

@@ -24,6 +24,20 @@ def test_closed_forms(name):
     assert distance(care(A, B, Q, R), X) <= bound
 
 
+@pytest.mark.parametrize("e", [1e-8, 1e-9, 1e-10])
+def test_a_pole_nearly_on_the_axis(e):
+    """Example 2.4 where the residual of its slow mode, of size e^2, is below that of its terms in
+    extended precision."""
+    A, B, Q, R, X = carex.example_2_4(e)
+    found = care(A, B, Q, R)
+    assert distance(found, X) <= 1e-9
+    if e == 1e-9:  # found by exact residuals: this mode has digits, those of S in doubles
+        # The mode of the doubles that A holds: x^2 - 2 d x - q = 0.
+        d = A[0, 0] - 1.0
+        x = d + np.hypot(d, np.sqrt(Q[0, 0]))
+        assert found[0, 0] - found[0, 1] == pytest.approx(x, rel=1e-6)
+
+
 @pytest.mark.parametrize("name", carex.UNKNOWN)
 def test_certified_where_no_solution_is_known(name):
     A, B, Q, R, _ = carex.UNKNOWN[name]

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, splu
 
-from gpu import InputError, NotSupported, RiccatiError, lqe, lqr
+from gpu import InputError, NotSupported, RiccatiError, dlqr, lqe, lqr
+from gpu.riccati.methods import doubling
 from gpu.riccati.methods.hamiltonian import solve as by_eigenvectors
 from gpu.riccati.methods.reduced import Projected, proves_stable
 from gpu.riccati.methods.reduced import solve as reduced
@@ -429,3 +430,46 @@ def test_operators_that_the_cross_term_makes_singular():
     # So few states have all their entries stored: -2 s - (s - 1)^2 + 2 = 0.
     K = lqr(identity, b, 2.0, None, -b, inverse=identity).K
     np.testing.assert_allclose(K, [[0.0, 0.0, 0.0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("moved", [0.0, 1.0], ids=["", "shifted"])
+def test_the_residual_is_that_of_the_equation(heat_modes, moved):
+    """Each residual of the history, from all entries; a mass that is not symmetric."""
+    A, B = heat_modes(7)
+    n = A.size
+    E, Q = mass(n), np.random.default_rng(1).standard_normal((3, n))
+    A = sparse.csr_array(sparse.diags(A + moved))
+    problem = check_lqr(A, B, Q, np.eye(2), E=E, factored=True)
+    seen = []
+    for tol in (1e-2, 1e-5, 1e-9):
+        found = reduced(problem, tol=tol)
+        S, A_, M = found.value.toarray(), A.toarray(), E.toarray()
+        half, cost = M.T @ S @ A_, Q.T @ Q
+        gain = B.T @ S @ M
+        left = half + half.T - gain.T @ gain + cost
+        want = np.linalg.norm(left) / np.linalg.norm(cost)
+        rounding = 1e-15 * np.linalg.norm(half) / np.linalg.norm(cost)
+        assert found.info["residual"] == pytest.approx(want, rel=1e-6, abs=10 * rounding)
+        seen.append(found.info["rank"])
+    assert seen[0] < seen[1] < seen[2]
+
+
+def test_small_equations_by_doubling_and_by_qz(heat_modes, monkeypatch):
+    A, B = heat_modes(7)
+    problem = check_lqr(A, B, np.ones((1, A.size)), np.eye(2), factored=True)
+    one = reduced(problem)
+    monkeypatch.setattr("gpu.riccati.methods.reduced._by_doubling", lambda *_: None)
+    two = reduced(problem)
+    np.testing.assert_allclose(one.gain, two.gain, rtol=0, atol=1e-12 * np.abs(two.gain).max())
+
+
+def test_the_log_says_beforehand_how_long_all_entries_take(caplog, monkeypatch):
+    monkeypatch.setattr(doubling, "LIMITS", doubling.LIMITS._replace(announced=30))
+    with caplog.at_level("INFO", "gpu.riccati"):
+        lqr(-np.eye(29), np.ones((29, 1)), 1.0)
+        assert not caplog.messages
+        lqr(-np.eye(30), np.ones((30, 1)), 1.0)
+        dlqr(0.5 * np.eye(30), np.ones((30, 1)), 1.0)
+    assert [m.split(":")[0] for m in caplog.messages] == 2 * [
+        "doubling with all entries of 30 states"
+    ]
