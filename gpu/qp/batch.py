@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 
 from gpu.errors import GpuError, Infeasible, InputError, Unbounded
-from gpu.qp.active_set.dual import EMPTY, LIMITS, SOLVED, room
+from gpu.qp.active_set.dual import LIMITS, room
 from gpu.qp.data.derivatives import Gradients, gradients
-from gpu.qp.data.qp_problem import FactoredMatrix, QPProblem, Rows, check_problem
+from gpu.qp.data.qp_problem import EMPTY, SOLVED, FactoredMatrix, QPProblem, Rows, check_problem
 from gpu.qp.data.qp_result import KKT, QPResult, Status
 from gpu.qp.data.standard_qp import ROUNDING, is_sparse
 from gpu.qp.solve_qp import checked_options, solve_qp
@@ -55,6 +55,19 @@ class QPBatch(Sequence[QPResult]):
     >>> batch[0].z_box.tolist()
     [0.0]
     """
+
+    x: Any
+    y: Any
+    z: Any
+    z_box: Any
+    active: Any
+    active_rows: Any
+    kkt: Any
+    iterations: Any
+    status: tuple[Status, ...]
+    errors: dict[int, GpuError]
+    _data: _Data | None
+    _alone: dict[int, QPResult]
 
     @classmethod
     def _of(

@@ -11,6 +11,7 @@ from gpu.qp.active_set.dual import Kept, plain_array, plain_sides, result_of, ro
 from gpu.qp.data.qp_problem import FactoredMatrix, Rows, check_problem
 from gpu.qp.data.qp_result import QPResult
 from gpu.qp.solve_qp import solve_qp
+from skfem_adini.ground.arrays import namespace
 
 
 class QPFactor(FactoredMatrix):
@@ -74,9 +75,9 @@ class QPFactor(FactoredMatrix):
         semidefinite: bool = True,
     ) -> None:
         super().__init__(P, semidefinite=semidefinite)
-        n = self.P.shape[0]
-        sides = None if G is None else 0.0, None if A is None else np.zeros(_count(A))
-        checked = check_problem(self, np.zeros(n), G, sides[0], A, sides[1], None, None, None)
+        xp, n = namespace(self.P), self.P.shape[0]
+        sides = None if G is None else 0.0, None if A is None else xp.zeros(_count(A))
+        checked = check_problem(self, xp.zeros(n), G, sides[0], A, sides[1], None, None, None)
         self.G = None if G is None else checked.G.copy()
         self.A = None if A is None else checked.A.copy()
         small = rows_of(checked)

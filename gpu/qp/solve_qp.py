@@ -13,8 +13,6 @@ from gpu.arrays.dense import symmetric_product
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.active_set.box import ActiveSet, BoxQP
 from gpu.qp.active_set.dual import (
-    EMPTY,
-    SOLVED,
     dual_active_set,
     plain_rows,
     result_of,
@@ -23,7 +21,15 @@ from gpu.qp.active_set.dual import (
 from gpu.qp.active_set.whitened import WhitenedActiveSet
 from gpu.qp.data.budget import Budget, Spent
 from gpu.qp.data.equilibrate import largest_side, with_rounding
-from gpu.qp.data.qp_problem import FactoredMatrix, QPProblem, Rows, check_problem, power_of_two
+from gpu.qp.data.qp_problem import (
+    EMPTY,
+    SOLVED,
+    FactoredMatrix,
+    QPProblem,
+    Rows,
+    check_problem,
+    power_of_two,
+)
 from gpu.qp.data.qp_result import (
     QPResult,
     Status,

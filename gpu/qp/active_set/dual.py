@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gpu.qp.data.qp_problem import QPProblem, Rows
+from gpu.qp.data.qp_problem import UNDECIDED, QPProblem, Rows
 from gpu.qp.data.qp_result import KKT, QPResult, Status
 from gpu.qp.data.standard_qp import ROUNDING
 
@@ -46,8 +46,6 @@ class _Limits(NamedTuple):  # where the method is tried
 LIMITS = _Limits()
 
 logger = logging.getLogger(__name__)
-
-SOLVED, EMPTY, UNDECIDED = 0, 1, 2  # codes of the compiled functions
 
 
 def plain_rows(P: Any, q: Any, G: Any, h: Any, A: Any, b: Any, lb: Any, ub: Any, h_low: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gpu.qp.active_set.dual import EMPTY, SOLVED, UNDECIDED
+from gpu.qp.data.qp_problem import EMPTY, SOLVED, UNDECIDED
 from skfem_adini.ground.jit import Array, Index, Real, summing, summing_part
 
 EPS = 2.220446049250313e-16

@@ -190,6 +190,9 @@ class QPProblem(NamedTuple):
         return StandardQP(P, self.q, C, row_low, row_high, self.lb, self.ub)
 
 
+SOLVED, EMPTY, UNDECIDED = 0, 1, 2  # what a method that takes `Rows` found
+
+
 class Rows(NamedTuple):
     """A problem with one set of rows, the first `equal` those of A; sides are those of rows, then
     of bounds."""

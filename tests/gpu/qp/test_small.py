@@ -10,8 +10,8 @@ import pytest
 from scipy import sparse
 
 from gpu import Infeasible, InputError, NotConverged, QPFactor, Status, batch_solve_qp, solve_qp
-from gpu.qp.active_set.dual import LIMITS, UNDECIDED, dual_active_set, rows_of
-from gpu.qp.data.qp_problem import check_problem
+from gpu.qp.active_set.dual import LIMITS, dual_active_set, rows_of
+from gpu.qp.data.qp_problem import UNDECIDED, check_problem
 from gpu.qp.data.qp_result import residuals_of
 
 NAMES = "P", "q", "G", "h", "A", "b", "lb", "ub", "h_low"
