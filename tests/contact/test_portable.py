@@ -39,7 +39,7 @@ def slope(x):
 
 
 NAMES = ["ElementQuadAdini", "ElementQuad2", "ElementTriP2", "ElementHex1", "layers", "driven"]
-NAMES += ["held: cut", "several: Adini", "several: stack", "several: slit"]
+NAMES += ["waves in space", "held: cut", "several: Adini", "several: stack", "several: slit"]
 
 
 @pytest.mark.sampled(4)

@@ -47,20 +47,6 @@ def test_one_condensation_for_many_loads(solver, make):
     assert all(map(same, alone, together))
 
 
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_problems_of_their_own(solver, make):
-    sizes = [4, 5, 6, 7] * 3
-
-    def solved(n):
-        return fields(problem(make, solver, n).solve())
-
-    alone = {n: solved(n) for n in set(sizes)}
-    with ThreadPoolExecutor(6) as pool:
-        together = list(pool.map(solved, sizes))
-    assert all(same(alone[n], found) for n, found in zip(sizes, together, strict=True))
-
-
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_copy_outlives_its_original(solver, make):
     """The copy used PARDISO's memory of the original, also after that had been given back."""

@@ -7,7 +7,7 @@ import pytest
 from convergence import order
 from families import CURVED, PLANE_AND_BFS
 from fields import linear_dofs, without_contact
-from skfem import ElementQuad1, ElementQuad2, ElementTriP1, ElementTriP2, MeshQuad, MeshQuad2
+from skfem import ElementQuad1, ElementQuad2, ElementTriP1, ElementTriP2, MeshQuad
 
 from contact import ContactProblem, ElasticBody, Orthotropic, Unbounded
 from contact.body.cell_strains import internal_forces, strain_rows
@@ -146,38 +146,6 @@ def test_the_axis_is_held_along_r(element, make):
     assert np.abs(gradient[0, 1]).max() < 1e-11
     assert np.abs(gradient[1, 0]).min() > 1e-3
     assert np.array_equal(gradient[2, 2], gradient[0, 0])  # the limit of u_r / r
-
-
-def test_quadratic_meshes_know_their_axis():
-    """Nodes in the middle of facets on the axis are held too."""
-    mesh = MeshQuad2.from_mesh(MeshQuad.init_tensor(TICKS, TICKS)).with_defaults()
-    body = ElasticBody.from_mesh(mesh, ElementQuad2(), E=E, nu=NU, **RING)
-    P, _ = body.constraint
-    held = np.setdiff1d(np.arange(body.f.size), np.unique(P.tocoo().row))
-    assert held.size == 2 * (TICKS.size - 1) + 1
-    assert np.abs(body.basis.doflocs[0, held]).max() < 1e-14
-
-
-def test_loads_grow_with_the_energy():
-    """Work of the loads is twice the energy of the strains, integrated here over the ring."""
-    mesh = MeshQuad.init_tensor(TICKS, TICKS).with_defaults()
-    body = ElasticBody.from_mesh(mesh, ElementQuad2(), E=E, nu=NU, **RING).fix("bottom", "xy")
-    body.load("right", (0.3, 0.1)).load("top", lambda x: np.array([0.2 * x[0], x[0] ** 2]))
-    u = without_contact(body)
-    points, weights = np.polynomial.legendre.leggauss(9)
-    energy = 0.0
-    for i in range(TICKS.size - 1):
-        for j in range(TICKS.size - 1):
-            a, b = np.diff(TICKS[i : i + 2])[0] / 2, np.diff(TICKS[j : j + 2])[0] / 2
-            r, z = TICKS[i] + a * (1 + points), TICKS[j] + b * (1 + points)
-            x = np.array(np.meshgrid(r, z, indexing="ij")).reshape(2, -1)
-            H = body.gradient(u, x)
-            strain = 0.5 * (H + H.swapaxes(0, 1))
-            strain[2, 2] = body.displacement(u, x)[0] / x[0]
-            mu, lam = E / 2 / (1 + NU), E * NU / (1 + NU) / (1 - 2 * NU)
-            density = mu * np.sum(strain**2, axis=(0, 1)) + 0.5 * lam * np.trace(strain) ** 2
-            energy += a * b * np.outer(weights, weights).ravel() @ (density * 2 * np.pi * x[0])
-    assert body.f @ u == pytest.approx(2 * energy, rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Friction in space against Clarabel's second-order cones: of one body, of pairs, beside ties."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from families import SOLID, STRAIGHT
@@ -125,16 +123,6 @@ def test_cones_agree_on_two_bodies(element, law, condensed):
     assert check.objective < 1e-8
     assert check.displacement < 1e-4
     assert check.multipliers < 1e-3
-
-
-@quiet
-def test_the_result_of_another_bound_disagrees():
-    problem, *_ = posed(SOLID[2], Pose(np.eye(3)), law="tresca")
-    other, *_ = posed(SOLID[2], Pose(np.eye(3)), friction=0.2)
-    wrong = replace(other.solve(), system=problem.solve().system)
-    # Of the dense program rounding decides whether Clarabel ends at a residual of 1e-8 or 1e-6.
-    check = cross_check(problem, wrong, "clarabel", condensed=False)
-    assert check.verdict == "disagrees"
 
 
 @quiet

@@ -156,14 +156,6 @@ def test_every_solution_and_the_forces(n, count, copies, decades, seed):
     assert np.count_nonzero(forces) <= rank
 
 
-def test_equations_alone_may_decide():
-    E = np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 0.0]])
-    ties = TieElimination.of(E, np.array([3.0, 4.0, 3.0]), np.ones(2))
-    assert ties.start == pytest.approx([3.0, 2.0])
-    assert ties.free.shape == (2, 0)
-    assert TieElimination.of(np.zeros((2, 3)), np.zeros(2), np.ones(3)).free.shape == (3, 3)
-
-
 def test_one_solution_of_two_bodies():
     """Held on both sides; the proof holds below F*, which does not depend on units."""
     limits = []

@@ -188,26 +188,6 @@ def test_resume(make, tmp_path, monkeypatch):
     assert np.array_equal(stepper.run(TIMES[5:]).results[-1].u, whole.results[-1].u)  # in memory
 
 
-def test_full_disk(make, tmp_path, monkeypatch):
-    """The step that does not fit is lost on disk, those before stay, a resume makes it good."""
-    real, count = np.savez, iter(range(100))
-
-    def full(file, **arrays):
-        if next(count) >= 3:
-            file.write(b"half a step")
-            raise OSError(28, "No space left on device")
-        real(file, **arrays)
-
-    monkeypatch.setattr(np, "savez", full)
-    stepper = make.dragged()
-    with pytest.raises(OSError, match="No space left"):
-        stepper.run(TIMES, path=tmp_path / "run")
-    monkeypatch.undo()
-    assert len(LoadHistory.load(tmp_path / "run")) == 3
-    assert not [p for p in (tmp_path / "run").iterdir() if p.name.startswith("tmp")]
-    assert len(make.dragged().resume(tmp_path / "run")) == 16
-
-
 def test_resume_of_another_problem(make, tmp_path):
     make.dragged().run(TIMES[:2], path=tmp_path / "run")
     with pytest.raises(InputError, match="another problem"):

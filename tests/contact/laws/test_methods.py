@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skfem import ElementQuad1, ElementTriP2
 
-from contact import ContactProblem, InputError, Plane, Rigid, cross_check
+from contact import ContactProblem, Plane, Rigid, cross_check
 from contact.condensation.boundary_problem import BoundaryProblem
 from contact.laws import methods
 from contact.laws.methods import signorini
@@ -193,15 +193,6 @@ def test_friction_without_contact(method, make):
     regularised = problem.solve("fixed_point", eps=1e-6, tol=1e-9)
     # A few eps against the largest displacement of order one.
     assert difference(regularised, result) < 1e-5
-
-
-@pytest.mark.parametrize(
-    ("law", "method"), [(None, "fixed_point"), (None, "tresca_loop"), ("tresca", "tresca_loop")]
-)
-def test_methods_that_make_no_sense(law, method, make):
-    problem, _ = make.solved(law=law, friction=FRICTION[law])
-    with pytest.raises(InputError, match="method"):
-        problem.solve(method)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from skfem import ElementHex1, ElementHex2, ElementQuad1, ElementQuad2, ElementT
 
 from contact import (
     ContactProblem,
-    ContactResult,
     ElasticBody,
     Infeasible,
     InputError,
@@ -21,8 +20,6 @@ from contact import (
 )
 from contact.checks.uniqueness import unique_below
 from contact.condensation.boundary_problem import BoundaryProblem
-from contact.laws.load_balance import check_held
-from gpu import Infeasible as NotHeld
 from skfem_adini import ElementQuadAdini
 
 
@@ -177,16 +174,6 @@ def test_supports_that_move_a_bonded_point_contradict_it():
             problem.solve()
 
 
-def test_saved_ties_are_read_again(tmp_path):
-    body = body_of(ElementQuad2()).load("top", (3.0, 40.0))
-    problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
-    result = tied(problem, problem.rows.x_nominal[0] < 0.6).solve()
-    again = ContactResult.load(result.save(tmp_path / "tied"))
-    assert np.array_equal(again.status, result.status)
-    assert np.array_equal(again.boundary_to_pyvista()["status"], result.status)
-    assert "bonded" in again.summary()
-
-
 def test_ties_through_a_history_do_not_drift():
     body = body_of(ElementQuadAdini()).fix("top", "xy")
     problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
@@ -197,16 +184,3 @@ def test_ties_through_a_history_do_not_drift():
     for result in history:
         assert np.abs(result.slip[ties]).max() <= 1e-12
         assert np.any(result.slip[~ties])
-
-
-def test_bonded_rows_hold_motions_in_both_directions():
-    one, none = np.ones((2, 1)), np.full((2, 1), -1)
-    for load in (-1.0, 1.0):
-        problem = BoundaryProblem(
-            np.eye(2), np.zeros(2), one, np.array([load]), np.zeros(2), np.arange(2), none,
-            np.zeros((2, 1)),
-        )  # fmt: skip
-        check_held(replace(problem, bonded=np.array([True, False])), None)
-        if load < 0:  # pulled away from the obstacle
-            with pytest.raises(NotHeld):
-                check_held(problem, None)

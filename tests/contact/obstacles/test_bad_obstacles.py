@@ -247,12 +247,6 @@ def test_surfaces(case):
         SurfaceMesh(points, facets)
 
 
-@pytest.mark.parametrize("name", ["hollow", "sheet"])
-def test_flags_are_true_or_false(name):
-    with pytest.raises(InputError, match=f"{name}="):
-        SurfaceMesh(POINTS, FACETS, **{name: 1.0})
-
-
 def test_what_is_no_mistake():
     """A cavity, boxes apart, boxes that touch at a corner, an island within a cavity."""
     for good in (
@@ -282,6 +276,9 @@ def test_places_of_surfaces():
             ask(np.zeros((2, 4)))
     with pytest.raises(InputError, match="x: expected finite"):
         cube.closest(np.full((3, 1), np.nan))
+    for name in ("hollow", "sheet"):
+        with pytest.raises(InputError, match=f"{name}="):
+            SurfaceMesh(POINTS, FACETS, **{name: 1.0})
     for wrong in ((0.0, 1.0), (0.0, 1.0, np.inf)):
         with pytest.raises(InputError, match="displacement="):
             cube.translated(wrong)
@@ -294,6 +291,10 @@ def test_what_was_given_is_kept():
     cube = SurfaceMesh(points, FACETS)
     points += 1
     assert np.array_equal(cube.points, POINTS)
+    normal = np.array([0.0, 1.0])
+    plane = Plane([0.0, 0.0], normal)
+    normal[1] = -1.0
+    assert plane == FLOOR
     with pytest.raises(ValueError, match="read-only"):
         cube.points += 1
     assert repr(cube) == "SurfaceMesh(8 points, 12 triangles)"

@@ -132,11 +132,3 @@ def test_no_warning_where_it_may_be_meant(name):
         bore = Cylinder((0.0, 0.0), 0.99, hollow=True)
         if name == "above":
             assert ContactProblem(shaft(), "rim", bore, friction=0.1).solve().pressure.min() > 0
-
-
-def test_vectors_are_kept_as_given():
-    """Edited afterwards, an array does not reach an obstacle whose gaps were read."""
-    normal = np.array([0.0, 1.0])
-    plane = Plane([0.0, 0.0], normal)
-    normal[1] = -1.0
-    assert plane == Plane((0.0, 0.0), (0.0, 1.0))

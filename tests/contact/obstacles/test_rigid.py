@@ -6,7 +6,6 @@ from skfem import ElementHex1, ElementQuad1, ElementTriP2
 
 from contact import (
     ContactProblem,
-    ContactResult,
     ElasticBody,
     LoadStepper,
     Plane,
@@ -154,12 +153,3 @@ def test_history_of_forces(make):
     at_rest = ContactProblem(held(make, n=8), "bottom", Rigid(0.0, force=(0.0, 0.2)), 0.5).solve()
     back = stepper.history.results[5]
     assert abs(back.motion[0] - at_rest.motion[0]) > 1e-4
-
-
-def test_round_trip(make, tmp_path):
-    problem = ContactProblem(held(make), "bottom", Rigid(0.0, force=(0.05, 0.2)), 0.5)
-    result = problem.solve()
-    loaded = ContactResult.load(result.save(tmp_path / "stamp.npz"))
-    assert loaded.kkt == result.kkt
-    assert np.array_equal(loaded.motion, result.motion)
-    assert np.array_equal(loaded.gap, result.gap)

@@ -195,20 +195,6 @@ def test_surfaces_along_another_axis():
     np.testing.assert_allclose(rough.gap_over(axes, n), exact, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("settings", "n"),
-    [
-        ({"periodic": False}, (0.0, 0.0, -1.0)),
-        ({"normal": (0.0, 0.1, 1.0)}, (0.0, 0.0, -1.0)),
-        ({}, (0.0, 0.0, 1.0)),
-        ({}, (-1.0, 0.0, 0.0)),
-    ],
-)
-def test_other_surfaces_are_left_to_points(settings, n):
-    rough = Rough(HEIGHTS, (3.0, 2.0), **settings)
-    assert rough.gap_over([np.arange(3.0), np.arange(2.0)], np.array(n)) is None
-
-
 def lines(heights, spacing=(0.25, 0.5), seed=0):
     """Points in random order, with the rounding of decimal numbers."""
     i, j = np.indices(heights.shape)

@@ -21,7 +21,6 @@ from contact import (
     SignedDistance,
     Sphere,
 )
-from contact.obstacles.shapes import evaluate_gap
 
 number = st.floats(-3.0, 3.0)
 size = st.floats(0.1, 3.0)
@@ -208,33 +207,6 @@ def test_signed_distance_of_a_union():
     met = np.isfinite(expected)
     # Bisection to rounding over the slope at grazing incidence.
     assert np.abs(found[met] - expected[met]).max() < 1e-9
-
-
-@pytest.mark.parametrize("shape", [(5,), (4, 3)])
-@pytest.mark.parametrize(
-    "obstacle",
-    [
-        Plane((0, -1), (0, 1)),
-        Cylinder((0, -2), 1.5),
-        Sphere((0, -2), 1.5),
-        Parabola((0, 0), 1.0),
-        SignedDistance(lambda x: x[1] + 1.0),
-        lambda x: 1.0 + x[0],
-        0.3,
-        None,
-    ],
-    ids=lambda o: type(o).__name__,
-)
-def test_shapes(obstacle, shape):
-    rng = np.random.default_rng(0)
-    x = rng.uniform(-0.5, 0.5, (2, *shape))
-    n = np.broadcast_to(np.array([0.0, -1.0]).reshape(2, *(1,) * len(shape)), x.shape)
-    gap = evaluate_gap(obstacle, x, n)
-    assert gap.shape == shape
-    flat = evaluate_gap(obstacle, x.reshape(2, -1), n.reshape(2, -1))
-    np.testing.assert_allclose(gap.ravel(), flat, rtol=1e-12)
-    if obstacle is None:
-        assert np.all(np.isposinf(gap))
 
 
 CLOSE = {

@@ -9,20 +9,17 @@ from convergence import order
 from families import PLANE_AND_BFS, SOLID
 from hypothesis import given
 from hypothesis import strategies as st
-from skfem import ElementQuad1, MeshQuad
+from skfem import ElementQuad1
 from surfaces import ball, brick, bumpy, lump, ring, rotation
 
 from contact import (
     ClosestPoint,
     ContactProblem,
     ContactWarning,
-    CutBody,
     Cylinder,
     ElasticBody,
     InputError,
-    LayeredBlock,
     MissingDependency,
-    Pair,
     Plane,
     Sphere,
     SurfaceMesh,
@@ -131,25 +128,6 @@ def test_distance_of_vtk(make):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_box_is_the_plane_of_its_top(dim):
-    up = np.eye(dim)[-1]
-    surface = SurfaceMesh(*brick((-9.0,) * (dim - 1) + (-7.0,), (8.0,) * (dim - 1) + (0.25,)))
-    plane = Plane(0.25 * up, up)
-    rng = np.random.default_rng(1)
-    x, n = rng.uniform(-1, 1, (2, dim, 3, 100))
-    # On the diagonals of the top, too, which is two triangles in 3-D.
-    x[: dim - 1, 1], x[: dim - 1, 2] = (
-        x[0, 1],
-        x[0, 2] * (-1.0) ** np.arange(dim - 1)[:, None] - 0.5,
-    )
-    n[-1] = -3
-    n /= np.linalg.norm(n, axis=0)
-    np.testing.assert_allclose(surface(x, n), plane(x, n), rtol=0, atol=1e-12)
-    for ours, theirs in zip(surface.distance(x), plane.distance(x), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("hollow", [False, True])
 def test_round_obstacles_are_approached(dim, hollow):
     """Distances and gaps with order two, directions with order one."""
@@ -210,16 +188,6 @@ def test_triangles_without_shared_points_are_joined():
     x, _ = places(rng, 3)
     there = SurfaceMesh(points, facets)
     np.testing.assert_allclose(surface.distance(x)[0], there.distance(x)[0], atol=1e-8)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_hollow_is_the_other_side(dim):
-    points, facets = bumpy(np.random.default_rng(5), dim)
-    x, _ = places(np.random.default_rng(6), dim)
-    solid, hole = SurfaceMesh(points, facets), SurfaceMesh(points, facets, hollow=True)
-    for one, other in zip(solid.distance(x), hole.distance(x), strict=True):
-        np.testing.assert_allclose(one, -other, atol=1e-15)
-    np.testing.assert_allclose(solid.normals, -hole.normals, atol=1e-15)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -385,40 +353,6 @@ def test_a_bore_and_its_cavity(make):
     np.testing.assert_allclose(result.pressure, exact.pressure, rtol=1e-3)
     with pytest.warns(ContactWarning, match=r"SurfaceMesh\(\.\.\., hollow=True\)"):
         ContactProblem(body, "right", SurfaceMesh(*ring(200, 2.05)), 0.2).condense()
-
-
-def test_layers_cut_bodies_and_pairs(make):
-    """Bodies that are discretised otherwise, and one pair among others."""
-    outline = SurfaceMesh(*brick((-3.0, -4.0), (3.0, -1.0)))
-    plane = Plane((0.0, -1.0), (0.0, 1.0))
-    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 13), np.linspace(-1.1, 0.0, 7))
-    mesh = mesh.with_boundaries({"flat": lambda x: np.abs(x[1]) < 1e-9})
-    disk = CutBody(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 1, 1.0, 0.3)
-    disk.fix("flat", "x").fix("flat", "y", -0.05)
-    low = disk.arc(where=lambda x: np.hypot(x[0], x[1] + 1) < 0.6)
-    layers = LayeredBlock(1.0, [(0.5, 4, 1.0, 0.3)], columns=8).fix("top", "x", 0.01)
-    layers.fix("top", "y", lambda x: -1.02 - 0.01 * x[0])
-    upper = make.block(4).named("upper")
-    lower_mesh = make.box(ElementQuad1, np.linspace(0, 1, 4), np.linspace(-1, 0, 4))
-    lower = ElasticBody.from_mesh(lower_mesh, ElementQuad1(), E=1.0, nu=0.3).named("lower")
-    lower.fix("left", "x")
-
-    def solved(case, floor):
-        if case == "cut":
-            return ContactProblem(disk, low, ClosestPoint(floor), 0.2).solve()
-        if case == "layers":
-            return ContactProblem(layers, "bottom", floor, 0.2).solve()
-        pairs = [
-            Pair(upper, "bottom", lower, "top", 0.2),
-            Pair(lower, "bottom", floor, friction=0.2),
-        ]
-        return ContactProblem([upper, lower], pairs).solve()
-
-    for case in ("cut", "layers", "pairs"):
-        ours, theirs = solved(case, outline), solved(case, plane)
-        top = theirs.pressure.max()
-        assert top > 0
-        np.testing.assert_allclose(ours.pressure, theirs.pressure, rtol=0, atol=1e-9 * top)
 
 
 # Files: what pyvista wrote is read again, in another unit.

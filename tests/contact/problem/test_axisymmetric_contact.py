@@ -163,27 +163,6 @@ def test_obstacle_under_a_force(make):
             ContactProblem(body, "bottom", Rigid(sphere, **motion))
 
 
-def test_load_steps(tmp_path, make):
-    """Friction remembers: at one depth the shear after a release is not that before it."""
-    body = disc(make, ElementQuad2).fix("top", "y")
-    problem = ContactProblem(body, "bottom", Rigid(0.0, displacement=(None, 0.0)), friction=0.15)
-
-    def stepper():
-        new = LoadStepper(problem)
-        new.obstacle(lambda t: Rigid(0.0, displacement=(None, 0.02 * (1 - abs(1 - t)))))
-        return new
-
-    history = stepper().run([0.7, 1.0, 1.3], path=tmp_path / "steps")
-    before, _, after = history.results
-    assert all(max(result.kkt.values()) < 1e-10 for result in history.results)
-    assert all(abs(result.balance()["residual"][1]) < 1e-12 for result in history.results)
-    p = before.pressure.max()
-    assert np.abs(after.shear - before.shear).max() > 0.05 * p
-    assert np.all(np.abs(after.t[:, 0]) <= 0.15 * after.mu * (1 + 1e-9))
-    kept = stepper().resume(tmp_path / "steps")
-    assert np.array_equal(kept.results[2].mu, after.mu)
-
-
 def test_data_for_pictures(make):
     """VTK has the hoop stress, and cell means are those of volumes."""
     body = disc(make, ElementQuadAdini, np.linspace(1, 2, 9), np.linspace(0, 1, 3))

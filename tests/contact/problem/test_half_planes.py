@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 from skfem import ElementQuad2, FacetBasis, LinearForm, MeshQuad
+from two_blocks import growing
 
 from contact import ContactProblem, ElasticBody, LoadStepper, Status
 from skfem_adini import ElementQuadAdini
@@ -31,21 +32,9 @@ from skfem_adini import ElementQuadAdini
 FAR = 100.0  # size of the blocks, in half-widths of contact
 
 
-def ticks(step, fine, ratio=1.25):
-    """From 0 to FAR: equal steps up to `fine`, then growing."""
-    found = list(np.arange(round(fine / step) + 1) * step)
-    while found[-1] < FAR:
-        step *= ratio
-        found.append(found[-1] + step)
-    found[-1] = FAR
-    if found[-1] - found[-2] < 0.5 * (found[-2] - found[-3]):
-        del found[-2]
-    return np.array(found)
-
-
 def block(element, cells, up, E, nu, flat=0.25):
     """Above or below y = 0, of `cells` cells a unit of length, `flat` times as high as wide."""
-    x, y = ticks(1 / cells, 1.4), ticks(flat / cells, flat / cells)
+    x, y = (growing(s / cells, fine, FAR, 1.25) for s, fine in ((1, 1.4), (flat, flat / cells)))
     mesh = MeshQuad.init_tensor(np.r_[-x[:0:-1], x], y if up else -y[::-1]).with_defaults()
     return ElasticBody.from_mesh(mesh, element(), E=E, nu=nu)
 

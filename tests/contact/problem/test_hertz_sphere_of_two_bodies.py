@@ -11,6 +11,7 @@ With 1/E* = sum of (1 - nu^2) / E and the gap r^2 / 2R,
 import numpy as np
 import pytest
 from skfem import ElementHex1, ElementHex2, MeshHex
+from two_blocks import growing
 
 from contact import ContactProblem, ElasticBody
 from skfem_adini import ElementHexAdini
@@ -22,20 +23,8 @@ P = 4 * STAR / (3 * RADIUS)  # so that a = 1
 P0 = 1.5 * P / np.pi
 
 
-def ticks(step, fine, far, ratio):
-    """From 0 to far: equal steps up to `fine`, then growing."""
-    found = list(np.arange(round(fine / step) + 1) * step)
-    while found[-1] < far:
-        step *= ratio
-        found.append(found[-1] + step)
-    found[-1] = far
-    if found[-1] - found[-2] < 0.5 * (found[-2] - found[-3]):
-        del found[-2]
-    return np.array(found)
-
-
 def quarter(element, cells, up, material, far, ratio):
-    x, z = ticks(1 / cells, 1.3, far, ratio), ticks(0.5 / cells, 1 / cells, far, ratio)
+    x, z = growing(1 / cells, 1.3, far, ratio), growing(0.5 / cells, 1 / cells, far, ratio)
     z = z if up else -z[::-1]
     mesh = MeshHex.init_tensor(x, x, z)
     sides = {"left": (0, 0.0), "front": (1, 0.0), "bottom": (2, z[0]), "top": (2, z[-1])}

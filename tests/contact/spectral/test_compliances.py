@@ -75,17 +75,6 @@ def test_a_half_space_is_symmetric_and_positive(lengths, shape):
     assert pytest.approx(means, abs=1e-12) == W @ S
 
 
-def test_plane_strain_is_a_space_whose_load_does_not_vary():
-    line, space = HalfSpace(2.0, 16, E, NU), HalfSpace((2.0, 0.8), (16, 4), E, NU)
-    forces = np.random.default_rng(0).standard_normal((2, 16))
-    spread = np.zeros((3, 16, 4))
-    spread[[0, 2]] = forces[:, :, None]
-    u = space.apply(spread * 0.2)  # a strip of 4 points carries the force of 4 x .2 per length
-    wanted = np.repeat(line.apply(forces)[:, :, None], 4, axis=2)
-    assert u[[0, 2]] == pytest.approx(wanted, abs=1e-14)
-    assert u[1] == pytest.approx(0, abs=1e-14)
-
-
 @pytest.mark.parametrize(
     "space",
     [
@@ -234,20 +223,6 @@ def test_stiff_and_thin_layers_keep_their_digits(layers):
     assert abs(one - other) < 1e-11 * np.sum(abs(g * block.apply(f)))
     assert np.sum(f * block.apply(f)) > 0
     assert abs(block.precondition(block.apply(f)) - f).max() < 1e-8
-
-
-def test_a_uniform_pressure_compresses_each_layer_by_its_own_modulus():
-    block = PeriodicLayers((2.0, 3.0), COATED, (4, 4))
-    forces = np.zeros((3, 4, 4))
-    forces[2] = 0.01 * np.prod(block.spacing)
-    modulus = [E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) for _, _, E, nu in COATED]
-    exact = 0.01 * sum(layer[0] / M for layer, M in zip(COATED, modulus, strict=True))
-    assert np.abs(block.apply(forces)[2] / exact - 1).max() < 1e-12
-    sigma = block.stress(forces, np.array([[0.3, 1.9], [2.2, 0.1], [0.05, 0.4]]))
-    assert np.allclose(sigma[2, 2], -0.01, rtol=1e-12)
-    assert np.allclose(sigma[0, 0], -0.01 * np.array([0.25, 2 / 3]), rtol=1e-11)  # nu / (1 - nu)
-    assert block.unknowns == 3 * 16 * 5
-    assert repr(block) == "PeriodicLayers(3-D, 4 x 4 x 5 cells, 240 unknowns)"
 
 
 @pytest.mark.parametrize("sides", ["periodic", "x"])

@@ -119,20 +119,6 @@ def test_no_contact_and_no_force():
             GridContact(LINE, Rigid(np.full(16, np.inf), force=(0.0, 1.0)), 0.5, law).solve()
 
 
-def test_light_contact_is_linear_in_the_load():
-    """About 2 p / (E* slope): Bush, Gibson and Thomas (1975), Persson (2001)."""
-    n = 128
-    h = self_affine(n, 0.8, 0.002, (2, 16), 7)
-    rough = Rough(h - h.max(), (1.0, 1.0))
-    space, modulus = HalfSpace((1.0, 1.0), (n, n), 1.0, 0.3), 1 / 0.91
-    shares = []
-    for force in (0.002, 0.004, 0.008):
-        found = GridContact(space, Rigid(rough, force=(0.0, 0.0, force))).solve()
-        shares.append(found.corrected_area / force * modulus * rough.rms_slope)
-    assert np.all((np.array(shares) > 1.5) & (np.array(shares) < 2.6))
-    assert max(shares) < 1.2 * min(shares)
-
-
 def test_certificate_finds_wrong_forces(result):
     contact = GridContact(result.compliance, PRESSED, 0.4)
     problem, given = contact._case(None).problem(), contact._controls()[0]
@@ -153,18 +139,6 @@ def test_certificate_finds_wrong_forces(result):
         wrong[place] = wrong[place] * factor + more * size
         with pytest.raises(NotConverged, match=word):
             certified(problem, law, (wrong, a + np.array([shift, 0, 0])), given, 1e-9, ())
-
-
-def test_fields_come_when_they_are_asked_for():
-    found = GridContact(HalfSpace((1.0, 1.0), (32, 32), E=1.0, nu=0.3), PRESSED).solve()
-    assert "u" in found._fields
-    assert found.u is found.u
-    assert "u" not in found._fields
-    found.to_host()
-    assert not found._fields
-    assert found.pressure.sum() * found.cell == pytest.approx(0.01)
-    with pytest.raises(AttributeError, match="'GridResult' object has no attribute 'heat'"):
-        _ = found.heat
 
 
 @pytest.mark.turns(2)

@@ -27,7 +27,6 @@ from contact.rows.mortar.multipliers import LEAST_WEIGHT, Multipliers, PositiveB
 from contact.rows.outline import Outline
 from skfem_adini import ElementQuadAdini, ElementQuadBFS
 
-KINDS = ["dual", "standard", "hat"]
 CUBIC = (ElementQuadAdini, ElementQuadBFS)
 DEGREE = {ElementTriP1: 1, ElementQuad1: 1, ElementTriP2: 2, ElementQuad2: 2}
 
