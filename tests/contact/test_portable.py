@@ -39,7 +39,16 @@ def slope(x):
 
 
 NAMES = ["ElementQuadAdini", "ElementQuad2", "ElementTriP2", "ElementHex1", "layers", "driven"]
-NAMES += ["waves in space", "held: cut", "several: Adini", "several: stack", "several: slit"]
+NAMES += [
+    "heated",
+    "anisotropic",
+    "periodic",
+    "waves in space",
+    "held: cut",
+    "several: Adini",
+    "several: stack",
+    "several: slit",
+]
 
 
 @pytest.mark.sampled(4)

@@ -106,6 +106,9 @@ def test_uniform_stress(element, plane, kind, make):
     assert np.abs(result.cell_stress() - sigma[:, :, None]).max() < limit
     assert np.abs(result.von_mises() - mises).max() < limit
     assert np.abs(result.von_mises(at) - mises).max() < limit
+    grid = result.to_pyvista()
+    assert np.abs(grid.point_data["nodal_stress"] - sigma.ravel()).max() < limit
+    assert np.abs(grid.point_data["nodal_von_mises"] - mises).max() < limit
 
 
 def isotropic(young, nu):

@@ -197,34 +197,6 @@ def test_one_sided_block_out_of_reach(friction, make):
     assert np.abs(body.stiffness @ mode).max() < 1e-9
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_lifting_off_is_named(element, friction, loose):
-    body = loose(element).fix("left", "x")
-    body.body_force(np.eye(body.dim)[-1])
-    if body.dim == 3:
-        body.fix("front", "y")
-    with pytest.raises(Unbounded, match=f"translation along {'xyz'[body.dim - 1]}"):
-        ContactProblem(body, "bottom", 0.01, friction).solve()
-
-
-@pytest.mark.parametrize(
-    ("element", "law", "method"),
-    [
-        *((ElementQuadAdini, "coulomb", m) for m in ("tresca_loop", "fixed_point", "qp:osqp")),
-        *((ElementQuadAdini, law, m) for law in ("coulomb", "tresca") for m in ("newton", "pdas")),
-        *((ElementHex1, "tresca", m) for m in ("newton", "pdas")),
-    ],
-)
-def test_sliding_beyond_friction(element, law, method, loose):
-    """A side load of .5 on friction .3: there is no equilibrium, and none is returned."""
-    body = loose(element)
-    body.body_force(0.5 * np.eye(body.dim)[0] - np.eye(body.dim)[-1])
-    gap, friction = (0.01, 0.3) if law == "coulomb" else (0.0, 0.05)
-    with pytest.raises(Unbounded, match="not held"):
-        ContactProblem(body, "bottom", gap, friction, law).solve(method, max_iterations=50)
-
-
 def test_given_friction_without_contact_leaves_the_normal_free(loose):
     body = loose(ElementQuadAdini).load("top", (0.02, 0.0))
     with pytest.raises(Unbounded, match="translation along y"):

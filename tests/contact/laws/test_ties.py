@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from families import STRAIGHT
-from scipy import sparse
-from skfem import ElementHex1, ElementHex2, ElementQuad1, ElementQuad2, ElementTriP2
+from skfem import ElementHex1, ElementQuad1, ElementQuad2
 
 from contact import (
     ContactProblem,
@@ -38,48 +37,6 @@ def body_of(element, unit=1.0):
 def bottom(body):
     """The facets with the lowest last coordinate, by name."""
     return "bottom" if body.dim == 2 else "front"
-
-
-def saddle(body, rows, load):
-    """The displacement and forces with every row prescribed, by one sparse solve."""
-    P, u0 = body.constraint
-    B = sparse.vstack((rows.G, rows.T)).tocsr()
-    keep = np.abs(B @ P).sum(axis=1) > 1e-12
-    B = B[np.flatnonzero(keep)]
-    value = np.concatenate((rows.gap, np.zeros(rows.T.shape[0])))[keep]
-    S = P.T @ body.stiffness @ P
-    A = sparse.block_array([[S, (B @ P).T], [B @ P, None]], format="csc")
-    right = np.concatenate((P.T @ (load - body.stiffness @ u0), value - B @ u0))
-    found = sparse.linalg.spsolve(A, right)
-    return P @ found[: P.shape[1]] + u0
-
-
-ELEMENTS = [
-    ElementQuad1(), ElementQuad2(), ElementTriP2(), ElementQuadAdini(), ElementHex1(),
-    ElementHex2(),
-]  # fmt: skip
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("held", [False, True])
-@pytest.mark.parametrize("unit", [1.0, 1e-3, 1e4])
-@pytest.mark.parametrize("element", ELEMENTS, ids=lambda element: type(element).__name__)
-def test_all_points_tied_is_a_saddle_point_solve(element, unit, held):
-    body = body_of(element, unit)
-    if held:
-        body = body.fix("right", "x")
-    body = body.load("top" if body.dim == 2 else "back", np.arange(3.0, 3.0 + body.dim))
-    problem = ContactProblem(body, bottom(body), 0.01 * unit)
-    tied(problem, np.ones(problem.rows.gap.size))
-    result = problem.solve()
-    expected = saddle(body, problem.rows, body.f)
-    assert body.largest_displacement(result.u - expected) <= 1e-9 * body.largest_displacement(
-        expected
-    )
-    assert set(result.status.tolist()) == {int(Status.BONDED)}
-    assert max(result.kkt.values()) <= 1e-10
-    assert result.kkt["tie"] <= 1e-10
-    assert np.isnan(result.zone).all()
 
 
 def tied_and_supported(element, friction, law, hold):

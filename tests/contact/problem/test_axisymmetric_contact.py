@@ -5,7 +5,6 @@ import pytest
 from convergence import order
 from families import PLANE, PLANE_AND_BFS
 from skfem import (
-    ElementHex2,
     ElementQuad2,
     ElementTriP1,
     ElementTriP2,
@@ -29,33 +28,6 @@ def disc(make, element, r=None, z=None, plane="axisymmetric", E=E, nu=NU):
     """A section in the plane of r and z, by default of radius and height one."""
     ticks = (np.linspace(0, 1, 9) if t is None else t for t in (r, z))
     return ElasticBody.from_mesh(make.box(element, *ticks), element(), E=E, nu=nu, plane=plane)
-
-
-def test_three_dimensions(make):
-    """A quarter of a cylinder pressed on a paraboloid with friction: as in 3-D."""
-    ticks, down = np.linspace(0, 1, 7), -0.05
-    mesh = make.box(ElementHex2, ticks, ticks, np.linspace(0, 1, 5))
-    a, b, c = mesh.p
-    mesh = make.remesh(mesh, np.array([a * np.sqrt(1 - b * b / 2), b * np.sqrt(1 - a * a / 2), c]))
-    solid = ElasticBody.from_mesh(mesh, ElementHex2(), E=E, nu=NU)
-    solid.fix("left", "x").fix("front", "y").fix("top", "z", down)
-    ours = disc(make, ElementQuad2, np.linspace(0, 1, 17)).fix("top", "y", down)
-    paraboloid = lambda x: 0.05 * (x[0] ** 2 + x[1] ** 2)  # noqa: E731
-    in_space = ContactProblem(solid, "bottom", paraboloid, friction=0.2).solve()
-    ring = ContactProblem(ours, "bottom", lambda x: 0.05 * x[0] ** 2, friction=0.2).solve()
-    # A quarter, on facets that cut a hundredth off the circle.
-    assert 4 * in_space.resultant[2] == pytest.approx(ring.resultant[1], rel=0.015)
-    n, t = np.array([1, 1, 0]) / np.sqrt(2), np.array([-1, 1, 0]) / np.sqrt(2)
-    frame = np.array([n, [0, 0, 1.0], t])
-    for r in (0.1, 0.4, 0.7):
-        x = np.array([[r], [0.3]])
-        there = in_space.stress(np.array([[r / np.sqrt(2)], [r / np.sqrt(2)], [0.3]]))[..., 0]
-        here = ring.stress(x)[..., 0]
-        off = (frame @ there @ frame.T - here)[[0, 1, 2, 0], [0, 1, 2, 1]]
-        assert np.abs(off).max() <= 0.03 * abs(here[1, 1])
-        assert ring.von_mises(x)[0] == pytest.approx(
-            np.sqrt(1.5 * np.sum((there - np.trace(there) / 3 * np.eye(3)) ** 2)), rel=0.03
-        )
 
 
 # Pressures of linear triangles with parallel diagonals are of first order, in any plane.

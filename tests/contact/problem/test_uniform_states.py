@@ -97,24 +97,6 @@ def test_a_body_that_floats_between_two_others(element, friction, make):
     assert np.abs(result[middle].resultant).max() <= 1e-12
 
 
-@pytest.mark.sampled(4)
-@everything
-def test_heated_bodies_between_walls(element, make):
-    """Held at all sides but the one where they meet: p = sum of the free expansions over give."""
-    rng, dim, alpha, grows, give, bodies = np.random.default_rng(7), element().dim, 1e-3, 0, 0, []
-    for n, base, h, E, nu, T in ((3, 0.0, 0.5, 1.0, 0.3, 2.0), (2, -1.0, 1.0, 3.0, 0.2, 5.0)):
-        body = brick(make, element, n, base, rng, h, E=E, nu=nu)
-        bodies.append(smooth(body, ("right", "back")).heat(T, alpha))
-        grows += h * alpha * T * (1 + nu) / (1 - nu)
-        give += h * (1 + nu) * (1 - 2 * nu) / (E * (1 - nu))
-    upper, lower = bodies
-    upper.fix("top", dim - 1)
-    lower.fix("bottom", dim - 1)
-    result = ContactProblem(upper, "bottom", lower.surface("top"), friction=0.3).solve()
-    assert np.abs(result.pressure / (grows / give) - 1).max() <= 1e-8
-    assert np.abs(result.shear).max() <= 1e-8 * grows / give
-
-
 @pytest.mark.sampled(7)
 @pytest.mark.filterwarnings("ignore::contact.ContactWarning")
 @pytest.mark.parametrize(
