@@ -137,13 +137,6 @@ def test_dofs_are_numbered_as_scikit_fem_does(element):
             np.testing.assert_array_equal(edges_of_facets(basis.mesh, facets), expected)
 
 
-def test_a_block_is_solved_without_tables_of_its_cells():
-    mesh = MeshQuad.init_tensor(*[np.linspace(0, 1, 9)] * 2).with_defaults()
-    block = body(mesh, ElementQuadAdini).fix("top", "xy", -0.01)
-    assert ContactProblem(block, "bottom", 0.0, 0.3).solve().mu.max() > 0
-    assert "basis" not in vars(block.basis)
-
-
 @cells
 def test_vertex_beyond_its_neighbours(element, curved):
     """Every P1 triangle is one to one by itself; three of them lie on others."""

@@ -10,7 +10,6 @@ from contact import (
     Cylinder,
     ElasticBody,
     InputError,
-    LoadHistory,
     LoadStepper,
     NotConverged,
     Plane,
@@ -152,40 +151,6 @@ def test_progress_and_callback(make, capsys):
     printed = capsys.readouterr().out.splitlines()
     assert printed == [str(line) for line in lines]
     assert "slip" in printed[0]
-
-
-def test_resume(make, tmp_path, monkeypatch):
-    """Interrupted in the middle of a step: what is finished survives, the rest is as always."""
-    step, left = LoadStepper.step, iter(range(6))
-
-    def interrupted(self, time):
-        if next(left) == 5:
-            raise KeyboardInterrupt
-        return step(self, time)
-
-    monkeypatch.setattr(LoadStepper, "step", interrupted)
-    stepper = make.dragged()
-    with pytest.raises(KeyboardInterrupt):
-        stepper.run(TIMES, path=tmp_path / "run")
-    monkeypatch.undo()
-    assert len(stepper.history) == 5
-    kept = LoadHistory.load(tmp_path / "run")
-    assert np.array_equal(kept.times, TIMES[:5])
-    whole = make.dragged().run(TIMES)
-    for ours, expected in zip(kept.results, whole.results, strict=False):
-        assert np.array_equal(ours.u, expected.u)
-        assert np.array_equal(ours.slip_increment, expected.slip_increment)
-        assert max(ours.kkt.values()) < 1e-10
-    seen = []
-    history = make.dragged().resume(tmp_path / "run", callback=seen.append)
-    assert [line.number for line in seen] == list(range(6, 17))  # nothing is solved twice
-    assert np.array_equal(history.times, TIMES)
-    for ours, expected in zip(history.results, whole.results, strict=True):
-        # The same arithmetic from the same state.
-        assert np.abs(ours.u - expected.u).max() < 1e-13 * np.abs(expected.u).max()
-    assert len(LoadHistory.load(tmp_path / "run")) == 16
-    assert len(make.dragged().resume(tmp_path / "run")) == 16  # complete: nothing left to do
-    assert np.array_equal(stepper.run(TIMES[5:]).results[-1].u, whole.results[-1].u)  # in memory
 
 
 def test_resume_of_another_problem(make, tmp_path):

@@ -67,7 +67,6 @@ WHEEL, MESH = Cylinder((0.0, 1.0), 1.0), SurfaceMesh(*disk())
 BALL = SignedDistance(lambda x: np.hypot(x[0], x[1] - 1.0) - 1.0)
 FLOOR, WEDGE = Plane((0.0, 0.0), (0.0, -1.0)), Cone((0.0, 0.0), (0.0, 1.0), 1.4)
 ROUGH = Rough(WAVES, 2.0, normal=(0.0, -1.0))
-PARABOLA = Parabola((0.0, 0.0), 1.0)
 
 
 # From displacement and angle about (0, 1): the tool, and by how much it may turn.
@@ -450,23 +449,6 @@ def test_a_rigid_tool_among_pairs(sliding):
             LoadStepper(problem).obstacle(tool, pair=wrong)
     with pytest.raises(InputError, match="pair"):
         LoadStepper(alone.problem).obstacle(tool, pair=0)
-
-
-def test_what_cannot_be_moved():
-    for make in (
-        lambda: Moved(0.1, (0.0, 0.0)),
-        lambda: Moved(lambda x: x[0], (0.0, 0.0)),
-        lambda: Moved(PARABOLA, (0.0, 0.0)),
-        lambda: Moved(Rigid(WHEEL), (0.0, 0.0)),
-        lambda: Moved(WHEEL, 0.1),
-        lambda: Moved(WHEEL, (0.0, np.inf)),
-        lambda: Moved(WHEEL, (0.0, 0.0), (1.0, 2.0, 3.0)),
-        lambda: Moved(WHEEL, (0.0, 0.0), np.nan),
-        lambda: Moved(WHEEL, (0.0, 0.0), 0.1, (1.0, 2.0, 3.0)),
-        lambda: Moved(Sphere((0, 0, 0), 1.0), (0.0, 0.0, 0.0), 0.1),
-    ):
-        with pytest.raises(InputError):
-            make()
 
 
 def test_a_moved_shape_is_that_shape_there():

@@ -11,9 +11,7 @@ from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTetP2
 
 from contact import ContactProblem, ElasticBody, LayeredBlock, Plane
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
-from contact.laws.condensed_newton import Condensed
-from contact.laws.methods import device_newton, solve_boundary
-from contact.laws.newton import LIMITS, proximal_point
+from contact.laws.methods import solve_boundary
 from contact.laws.options import Options
 from gpu import Infeasible
 from skfem_adini import ElementHexAdini
@@ -131,27 +129,6 @@ def test_the_host_finds_the_same_forces(make, case, law):
     assert host.mu.max() > 0
     same(forces, host, 1e-10)
     assert law is not None or there.W.arrays.definite > 0
-
-
-def test_newton_runs_where_the_matrix_lies_and_starts_warm(make):
-    _, there, law = moved(ContactProblem(*held(make, ElementHex1), 0.4))
-    cold, warm = [], []
-    options = {"tol": LIMITS.inner * 1e-10, "max_iterations": 100}
-    forces = device_newton(there, law, None, report=cold.append, **options)
-    found, lines = solved(there, law, "coulomb")
-    np.testing.assert_array_equal(found.mu, forces.mu)
-    np.testing.assert_array_equal(found.t, forces.t)
-    assert lines == list(map(str, cold))
-    again = device_newton(there, law, forces, report=warm.append, **options)
-    assert len(warm) < 3 < len(cold)
-    same(again, forces, 1e-12)
-
-
-def test_proximal_points_leave_the_matrix_where_it_lies(make):
-    here, there, law = moved(ContactProblem(*held(make, ElementHex1), 0.03, law="tresca"))
-    host, _ = solved(here, law, "tresca")
-    start = replace(host, mu=0.5 * host.mu)
-    same(proximal_point(Condensed(there, law), start, tol=1e-12), host, 1e-9)
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,23 @@ def test_motions(rigid, words, make):
         ContactProblem(make.block(3), "bottom", rigid)
 
 
+WHEEL, BALL, STILL = Cylinder((0.0, 1.0), 1.0), Sphere((0, 0, 0), 1.0), (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("shape", "motion"),
+    [
+        *((shape, (STILL,)) for shape in (0.1, lambda x: x[0], Parabola(STILL, 1.0), Rigid(WHEEL))),
+        *((WHEEL, (displacement,)) for displacement in (0.1, (0.0, np.inf))),
+        *((WHEEL, (STILL, *turn)) for turn in (((1, 2, 3),), (np.nan,), (0.1, (1, 2, 3)))),
+        (BALL, ((0.0, 0.0, 0.0), 0.1)),
+    ],
+)
+def test_what_cannot_be_moved(shape, motion):
+    with pytest.raises(InputError):
+        Moved(shape, *motion)
+
+
 FLAT = np.zeros(8)
 HEIGHTS = [
     (np.full((8, 8), np.nan), (1, 1), {}, "heights"),

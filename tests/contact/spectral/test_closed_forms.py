@@ -176,20 +176,6 @@ def test_the_edge_at_64_points_a_wave(body):
         assert half_width < 1e-3
 
 
-def test_order_of_the_edge():
-    """One over all meshes, as without the fit, from a twentieth of its errors.
-
-    Next to an edge the equations of the mesh always have the same error, on ever fewer points.
-    """
-    sizes = (64, 128, 256, 512)
-    errors = np.array([sinusoid("half plane", 0.35, n) for n in sizes])
-    orders = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
-    assert 0.8 < orders[0] < 1.4
-    assert 0.8 < orders[1] < 1.4
-    assert np.all(errors[:, 1] < 0.2 * errors[:, 0])
-    assert 0.8 < orders[2] < 2.0
-
-
 @pytest.mark.parametrize("h", [(1.0, 1.0), (0.8, 1.1)])
 def test_edge_of_the_exact_fields_of_a_ball(h):
     """Hertz, E* = R = 1, p0 = 2 a / pi: lines in both directions, oblique ones among them."""

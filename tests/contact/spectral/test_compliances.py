@@ -341,32 +341,6 @@ def test_stress_jumps_as_it_should():
     assert errors[1] < 0.4 * errors[0]
 
 
-def test_kinked_layers_are_one_softer_body():
-    """Fields inside on either path, with more unknowns; without kinks nothing changes."""
-    body, smooth, rng = kinked(16), kinked(16, interfaces="smooth"), np.random.default_rng(0)
-    forces = rng.standard_normal((2, *body.shape))
-    forces -= forces.mean(axis=1, keepdims=True)
-    size = abs(body.apply(forces)).max()
-    assert abs(body.displacement(forces, 0) - body.apply(forces)).max() < 1e-11 * size
-    x = rng.uniform(0, 1, 5)
-    nodes = np.array([np.arange(16) / 16, np.full(16, THICK)])
-    assert abs(body.sample(forces, nodes) - body.displacement(forces, 2)).max() < 1e-11 * size
-    below, at, above = (
-        body.sample(forces, np.array([x, np.full(5, THICK + z)])) for z in (-1e-10, 0, 1e-10)
-    )
-    assert max(abs(below - at).max(), abs(above - at).max()) < 1e-8 * size
-    assert np.vdot(forces, body.apply(forces)) > (1 + 1e-4) * np.vdot(forces, smooth.apply(forces))
-    assert body.unknowns == smooth.unknowns + 2 * 16
-    cases = (None, [(0.2, 2, 5.0, 0.2), ONE[0]]), (ADINI, [(0.2, 2, 1.0, 0.3), ONE[0]])
-    for element, layers in cases:  # linear cells have no derivatives, one material no kink
-        one, other = (
-            PeriodicLayers(1.0, layers, 8, element=element, interfaces=interfaces)
-            for interfaces in ("kinked", "smooth")
-        )
-        assert np.array_equal(one.apply(forces[:, :8]), other.apply(forces[:, :8]))
-        assert one.elastic().basis.N == other.elastic().basis.N
-
-
 SPACE = {"lengths": (1.0, 1.0), "cells": (4, 4)}
 
 
