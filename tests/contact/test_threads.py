@@ -15,10 +15,7 @@ from posed_pairs import Pose, posed
 
 from contact import ContactProblem
 
-SOLVERS = [
-    "superlu",
-    pytest.param("pardiso", marks=PARDISO),
-]
+SOLVERS = ["superlu", pytest.param("pardiso", marks=PARDISO)]
 
 
 def problem(make, solver, n=6):

@@ -7,15 +7,7 @@ from posed_pairs import Pose, posed
 from pressed_pairs import sandwich
 from skfem import ElementHex1, ElementHex2, ElementTetP2
 
-from contact import (
-    ContactProblem,
-    ElasticBody,
-    LoadStepper,
-    Rigid,
-    Sphere,
-    Status,
-    cross_check,
-)
+from contact import ContactProblem, ElasticBody, LoadStepper, Rigid, Sphere, Status, cross_check
 from skfem_adini import ElementHexAdini
 
 pytest.importorskip("clarabel")
@@ -67,8 +59,7 @@ def held_cube(element, **where):
 
 
 @pytest.mark.parametrize(
-    ("element", "law", "friction"),
-    [(ElementHex1, "coulomb", 0.3), (ElementTetP2, "tresca", 0.01)],
+    ("element", "law", "friction"), [(ElementHex1, "coulomb", 0.3), (ElementTetP2, "tresca", 0.01)]
 )
 def test_prescribed_slip_turns_friction(element, law, friction):
     """Where supports or the obstacle drag a point along x, its friction along y is less."""

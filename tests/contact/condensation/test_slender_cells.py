@@ -5,7 +5,6 @@ import pytest
 from families import PLANE_AND_BFS, SOLID
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from optional_packages import PARDISO
 from skfem import (
     Basis,
     ElementHex1,
@@ -26,8 +25,6 @@ from contact import (
     Rigid,
     Unbounded,
 )
-from contact.condensation import sparse
-from contact.condensation.condensed_contact import CondensedContact
 from contact.problem import solve_system
 from contact.problem.stiffness_form import StiffnessForm
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
@@ -311,20 +308,3 @@ def test_the_balance_holds_in_every_unit(monkeypatch, length, E):
     # The condition amplifies what rounding left there, by as much as the version's order of sums.
     assert np.abs(fine.mu - coarse.mu).max() < 1e-10 * coarse.mu.max()
     assert np.abs(fine.u - coarse.u).max() < 1e-10 * np.abs(coarse.u).max()
-
-
-@pytest.mark.parametrize("solver", ["superlu", pytest.param("pardiso", marks=PARDISO)])
-def test_one_more_solution_where_it_is_needed_and_helps(solver, monkeypatch):
-    problem, seen, recover = posed(solver=solver), [], CondensedContact.recover
-    monkeypatch.setattr(
-        CondensedContact, "recover", lambda *given: seen.append(0) or recover(*given)
-    )
-    before = problem.solve()
-    assert len(seen) == 1
-    assert problem.solve(tol=TOL).kkt["balance"] < 0.1 * TOL
-    assert len(seen) == 3
-    monkeypatch.setattr(solve_system, "RESERVE", 0.0)
-    monkeypatch.setattr(sparse.SparseBody, "unbalanced", lambda part, rest, u: 1e-3 * rest)
-    after = problem.solve()
-    assert np.array_equal(after.u, before.u)
-    assert np.array_equal(after.mu, before.mu)

@@ -170,6 +170,15 @@ def test_other_laws_and_units(engine, make, condensed, pose, element, way):
         assert np.abs(result.mu[:3]).min() > 0
 
 
+@pytest.mark.parametrize(
+    ("method", "limit"), [("newton", 1), ("pdas", None), ("tresca_loop", None)]
+)
+def test_the_host_solves_what_stalls_and_all_other_methods(make, condensed, method, limit):
+    problem = held(make, ElementQuad1)
+    condensed(problem, "eliminated")
+    agree(problem.solve(method, max_iterations=limit), held(make, ElementQuad1).solve())
+
+
 @pytest.mark.parametrize("way", ["eliminated", "host, by products"])
 def test_one_condensation_serves_a_history(make, condensed, way):
     results = []

@@ -221,36 +221,6 @@ def test_one_writer_at_a_time(make, tmp_path):
         LoadHistory.load(3)
 
 
-@pytest.mark.slow
-def test_bit_flips(run, tmp_path):
-    """One bit of one file at a time; what is read is what was written, or is refused."""
-    folder, history = run
-    copy = Path(shutil.copytree(folder, tmp_path / "copy"))
-    rng, count, detected = np.random.default_rng(5), 500, 0
-    files = sorted(copy.iterdir())
-    sizes = np.array([path.stat().st_size for path in files])
-    for n in range(count):
-        # Every other one anywhere in the folder, the rest in each file alike: some are small.
-        k = rng.choice(len(files), p=sizes / sizes.sum()) if n % 2 else n // 2 % len(files)
-        content = files[k].read_bytes()
-        damaged = bytearray(content)
-        damaged[rng.integers(len(content))] ^= 1 << rng.integers(8)
-        files[k].write_bytes(damaged)
-        try:
-            loaded = LoadHistory.load(copy)
-        except InputError:
-            detected += 1
-        else:
-            detected += loaded.damage is not None
-            assert loaded.damage is not None or len(loaded) == len(history)
-            assert same(loaded, history)
-            names = loaded[0].system.body.mesh.boundaries if len(loaded) else {}
-            assert set(names) in (set(), {"left", "right", "top", "bottom"})
-        files[k].write_bytes(content)
-    assert 0.8 * count < detected <= count
-    assert same(LoadHistory.load(copy), history)
-
-
 class Processes:
     """Children of one process that has imported everything."""
 

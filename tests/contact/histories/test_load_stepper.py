@@ -35,11 +35,7 @@ def law_of_increments(history, friction):
         size = np.linalg.norm(result.t, axis=1)
         power = np.sum(result.t * step, axis=1) - bound * np.linalg.norm(step, axis=1)
         length = np.abs(result.u).max()
-        worst = max(
-            worst,
-            np.max(size - bound) / force,
-            np.abs(power).max() / force / length,
-        )
+        worst = max(worst, np.max(size - bound) / force, np.abs(power).max() / force / length)
     return worst
 
 

@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 from skfem import ElementHex1, ElementQuad1, ElementTriP2
 
-from contact import (
-    ContactProblem,
-    ElasticBody,
-    LoadStepper,
-    Plane,
-    Rigid,
-    Sphere,
-    Unbounded,
-)
+from contact import ContactProblem, ElasticBody, LoadStepper, Plane, Rigid, Sphere, Unbounded
 from skfem_adini import ElementQuadAdini
 
 PLANAR = [ElementQuadAdini, ElementTriP2, ElementQuad1]

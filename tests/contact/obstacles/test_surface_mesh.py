@@ -5,12 +5,11 @@ import sys
 import numpy as np
 import pytest
 import pyvista
-from convergence import order
 from families import PLANE_AND_BFS, SOLID
 from hypothesis import given
 from hypothesis import strategies as st
 from skfem import ElementQuad1
-from surfaces import ball, brick, bumpy, lump, ring, rotation
+from surfaces import ball, brick, bumpy, ring, rotation
 
 from contact import (
     ClosestPoint,
@@ -21,7 +20,6 @@ from contact import (
     InputError,
     MissingDependency,
     Plane,
-    Sphere,
     SurfaceMesh,
 )
 from contact.obstacles import box_tree
@@ -112,43 +110,6 @@ def test_distance_as_if_every_facet_were_tried(dim):
         assert np.array_equal(d < 0, np.linalg.norm(x, axis=0) < out)
 
     check()
-
-
-@pytest.mark.parametrize("make", [lambda: lump(4), lambda: ball(3)], ids=["lump", "ball"])
-def test_distance_of_vtk(make):
-    """vtkImplicitPolyDataDistance, which knows edges and corners as well."""
-    points, facets = make()
-    x, _ = places(np.random.default_rng(0), 3, 2000)
-    cells = np.column_stack((np.full(facets.shape[1], 3), facets.T)).ravel()
-    cloud = pyvista.PolyData(x.T.copy())
-    cloud.compute_implicit_distance(pyvista.PolyData(points.T.copy(), cells), inplace=True)
-    theirs = np.asarray(cloud["implicit_distance"])
-    # VTK searches in cells of a grid in single precision.
-    np.testing.assert_allclose(SurfaceMesh(points, facets).distance(x)[0], theirs, atol=1e-6)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("hollow", [False, True])
-def test_round_obstacles_are_approached(dim, hollow):
-    """Distances and gaps with order two, directions with order one."""
-    rng = np.random.default_rng(2)
-    _, ray = places(rng, dim, 400)
-    x = ray * rng.uniform(0.8, 1.4, 400)
-    n = (ray if hollow else -ray) + rng.uniform(-0.2, 0.2, ray.shape)
-    n /= np.linalg.norm(n, axis=0)
-    exact = (Cylinder if dim == 2 else Sphere)(np.zeros(dim), 1.0, hollow=hollow)
-    levels = [2, 3, 4, 5] if dim == 3 else [4, 5, 6, 7]
-    errors = []
-    for level in levels:
-        facets = ring(2**level) if dim == 2 else ball(level)
-        surface = SurfaceMesh(*facets, hollow=hollow)
-        d, gradient = surface.distance(x)
-        both = zip((surface(x, n), d, gradient), (exact(x, n), *exact.distance(x)), strict=True)
-        errors.append([np.abs(ours - theirs).max() for ours, theirs in both])
-    gap, distance, direction = (order(2.0 ** np.array(levels), e) for e in np.transpose(errors))
-    assert abs(gap - 2) < 0.2
-    assert abs(distance - 2) < 0.2
-    assert abs(direction - 1) < 0.3
 
 
 @pytest.mark.parametrize("dim", [2, 3])

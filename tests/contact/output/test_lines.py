@@ -13,14 +13,7 @@ from skfem import (
     MeshTri2,
 )
 
-from contact import (
-    ContactProblem,
-    ContactResult,
-    CutBody,
-    Cylinder,
-    ElasticBody,
-    LayeredBlock,
-)
+from contact import ContactProblem, ContactResult, CutBody, Cylinder, ElasticBody, LayeredBlock
 from contact.output.contact_runs import arc_length
 from skfem_adini import ElementQuadAdini, LevelSet
 from tests.contact.rows.cases import whole_ring

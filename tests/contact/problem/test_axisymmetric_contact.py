@@ -4,21 +4,9 @@ import numpy as np
 import pytest
 from convergence import order
 from families import PLANE, PLANE_AND_BFS
-from skfem import (
-    ElementQuad2,
-    ElementTriP1,
-    ElementTriP2,
-)
+from skfem import ElementQuad2, ElementTriP1, ElementTriP2
 
-from contact import (
-    ContactProblem,
-    ElasticBody,
-    InputError,
-    LoadStepper,
-    Rigid,
-    Sphere,
-    cross_check,
-)
+from contact import ContactProblem, ElasticBody, InputError, LoadStepper, Rigid, Sphere, cross_check
 from skfem_adini import ElementQuadAdini
 
 E, NU = 3.0, 0.3

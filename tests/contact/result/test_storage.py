@@ -277,10 +277,7 @@ def times(name, factor):
 WRONG = {
     "owner": ("several: Adini", lambda a: a.update({"rows/owner": 1 - a["rows/owner"]})),
     "no such owner": ("several: Adini", lambda a: a.update({"rows/owner": a["rows/owner"] + 2})),
-    "axes": (
-        "several: Adini",
-        lambda a: a.update({"rows/axes": a["rows/axes"][:, ::-1].copy()}),
-    ),
+    "axes": ("several: Adini", lambda a: a.update({"rows/axes": a["rows/axes"][:, ::-1].copy()})),
     "no axes": ("several: Adini", lambda a: a.pop("rows/axes")),
     "shorter axes": ("several: Adini", times("rows/axes", 0.9)),
     "no mesh": ("several: Adini", lambda a: a.pop("body/1/p")),
@@ -337,11 +334,7 @@ def pushed(E=2.0):
     return moved.load("right", (-0.02, 0.0), body=1)
 
 
-STEPPERS = {
-    "several": pushed,
-    "layers": lambda: moving(on_bar()),
-    "cut": lambda: moving(cut()),
-}
+STEPPERS = {"several": pushed, "layers": lambda: moving(on_bar()), "cut": lambda: moving(cut())}
 
 
 @pytest.mark.parametrize("name", STEPPERS)

@@ -9,23 +9,15 @@ from contact import (
     ContactProblem,
     Cylinder,
     GridContact,
-    HalfSpace,
     Infeasible,
     InputError,
     LoadStepper,
-    NotConverged,
     PeriodicLayers,
     Plane,
     Rigid,
     Sphere,
     Status,
 )
-from contact.condensation.boundary_problem import BoundaryProblem, Forces
-from contact.laws.condensed_newton import Condensed
-from contact.laws.friction import Coulomb, Tresca
-from contact.laws.methods import signorini
-from contact.laws.newton import newton, proximal_point
-from contact.spectral.grid_problem import GridProblem
 from contact.spectral.grid_result import certified
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 
@@ -152,140 +144,6 @@ def test_histories_agree(case, far):
     stepper.obstacle(lambda t: steps[round(t)])
     for grid, mesh in zip(grids, stepper.run(np.arange(5.0)), strict=True):
         agree(block, grid, mesh)
-
-
-def dense(problem: GridProblem) -> tuple[BoundaryProblem, float]:
-    """The same problem in rows, scaled so that the compliance of a point alone is one."""
-    dim, m = len(problem.v0), problem.gap.size
-    unit = np.eye(dim * m).reshape(dim * m, *problem.v0.shape)
-    W = np.array([problem.W(e).ravel() for e in unit])
-    s = np.sqrt(W[0, 0])
-    C = np.zeros((dim * m, len(problem.free)))
-    for column, i in enumerate(problem.free):
-        C[i * m : (i + 1) * m, column] = 1.0
-    rows = np.arange(dim * m).reshape(dim, m)
-    return (
-        BoundaryProblem(
-            W / s**2,
-            problem.v0.ravel() / s,
-            C,
-            problem.force[problem.free] * s,
-            problem.gap.ravel() / s,
-            rows[0],
-            rows[1:].T,
-            np.zeros((m, dim - 1)),
-        ),
-        s,
-    )
-
-
-def forces_of(problem, friction, law):
-    """Forces (dim, nx[, ny]) by the dense solvers."""
-    rows, s = dense(problem)
-    free_n = np.array([i == 0 for i in problem.free], dtype=bool)
-    normal = BoundaryProblem(
-        rows.W,
-        rows.v0,
-        rows.C[:, free_n],
-        rows.s[free_n],
-        rows.gap,
-        rows.normal,
-        np.full_like(rows.tangent, -1),
-        rows.prescribed_slip,
-    )
-    found = signorini(normal, tol=1e-12)
-    a = np.zeros(len(problem.free))
-    a[free_n] = found.a
-    if friction is not None:
-        given = np.broadcast_to(friction, problem.gap.shape).ravel()
-        rule = Coulomb(given) if law == "coulomb" else Tresca(given * s)
-        t = np.zeros(rows.tangent.shape)
-        for column, i in enumerate(problem.free):
-            if i:
-                t[:, i - 1] = found.mu * rows.s[column] / max(found.mu.sum(), 1e-300)
-        start, laws = Forces(found.mu, t, a), Condensed(rows, rule)
-        try:
-            found = newton(laws, start, tol=1e-13)
-        except NotConverged:
-            found = proximal_point(laws, start, tol=1e-13)
-    shape = problem.gap.shape
-    return (
-        np.array([found.mu, *(found.t.T if friction is not None else 0 * found.t.T)]).reshape(
-            -1, *shape
-        )
-        / s
-    )
-
-
-HALF_SPACES = [
-    ((32,), 0.3, None, "coulomb"),
-    ((31,), 0.2, 0.3, "coulomb"),
-    ((32,), 0.45, 0.1, "tresca"),
-    ((10, 8), 0.3, None, "coulomb"),
-    ((9, 8), 0.3, 0.4, "coulomb"),
-    ((8, 8), 0.1, 1.0, "coulomb"),
-    ((8, 9), 0.3, 0.05, "tresca"),
-]
-
-
-@pytest.mark.sampled(4)
-@pytest.mark.parametrize("by", ["displacement", "force"])
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize(("shape", "nu", "friction", "law"), HALF_SPACES)
-def test_forces_are_those_of_the_dense_solver(shape, nu, friction, law, sign, by):
-    rng, dim = np.random.default_rng(0), len(shape) + 1
-    normal = sign * np.eye(dim)[-1]
-    space = HalfSpace((1.0,) * len(shape), shape, 2.0, nu, normal=normal)
-    heights = 0.02 * rng.uniform(0, 1, shape)
-    if by == "force":
-        drive = -normal * 0.01
-        drive[:-1] = 0.4 * (friction or 0.0) * 0.01 * np.array([0.8, 0.6])[: dim - 1]
-        ground = Rigid(heights, force=drive)
-    else:
-        ground = Rigid(heights, displacement=(0.003,) * (dim - 1) + (-sign * 0.008,))
-    contact = GridContact(space, ground, friction or 0.0, law)
-    result = contact.solve(tol=1e-10)
-    cell = np.prod(space.spacing)
-    g = friction if law == "coulomb" or friction is None else friction * cell
-    wanted = forces_of(contact._case(None).problem(), g, law)
-    assert np.any(wanted[0] > 0)
-    assert result.forces == pytest.approx(wanted, abs=1e-10 * np.abs(wanted).max())
-    assert result.pressure == pytest.approx(result.forces[0] / cell)
-    if by == "force":
-        on_body = result.resultant
-        kept = drive if friction else np.append(on_body[:-1], drive[-1])
-        assert on_body == pytest.approx(kept, abs=1e-10)
-    else:
-        assert result.motion == pytest.approx(ground.components(dim)[0][:dim])
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("law", ["coulomb", "tresca"])
-@pytest.mark.parametrize("shape", [(24,), (6, 7)])
-def test_history_equals_dense_steps(shape, law):
-    """Pressed, dragged, dragged back: friction acts on the increments, and what sticks stays."""
-    rng, dim = np.random.default_rng(3), len(shape) + 1
-    space = HalfSpace((1.0,) * len(shape), shape, 1.0, 0.3)
-    f = 0.5 if law == "coulomb" else 0.006 * rng.uniform(0.5, 1.0, shape)
-    bound = f if law == "coulomb" else f * np.prod(space.spacing)
-    heights = 0.02 * rng.uniform(0, 1, shape)
-    obstacles = [
-        Rigid(heights, displacement=(x,) + (0.0,) * (dim - 2) + (press,))
-        for x, press in [(0.0, 0.005), (0.003, 0.007), (0.001, 0.007), (0.0005, 0.006)]
-    ]
-    results = GridContact(space, 0.0, f, law).history(obstacles)
-    slip = np.zeros((dim - 1, *shape))
-    for obstacle, result in zip(obstacles, results, strict=True):
-        alone = GridContact(space, obstacle, f, law)._case(None).problem()
-        v0 = alone.v0.copy()
-        v0[1:] -= slip
-        wanted = forces_of(GridProblem(space, v0, alone.gap, alone.force), bound, law)
-        assert result.forces == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
-        before, slip = slip, (alone.v0 - alone.W(wanted))[1:]
-        assert result.slip == pytest.approx(slip, abs=1e-10)
-        assert np.abs((slip - before)[:, result.status == Status.STICK]).max(initial=0) < 1e-10
-    one_go = GridContact(space, obstacles[-1], f, law).solve()
-    assert np.abs(one_go.shear - results[-1].shear).max() > 0.01 * np.abs(one_go.shear).max()
 
 
 def test_a_box_on_rollers_is_a_quarter_of_the_mirrored_periodic_body():

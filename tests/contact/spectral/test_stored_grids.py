@@ -163,10 +163,7 @@ def test_an_edited_number_is_not_believed(body, tmp_path):
         ("half space", {"E": 2.1, "nu": 0.2, "lengths": [1.1, 0.7]}),
         (
             "layers",
-            {
-                "layers": [[0.2, 3, 1.1, 0.3], [0.3, 2, 5.0, 0.2]],
-                "element": "ElementQuadBFS",
-            },
+            {"layers": [[0.2, 3, 1.1, 0.3], [0.3, 2, 5.0, 0.2]], "element": "ElementQuadBFS"},
         ),
         ("rollers", {"sides": "y"}),
         ("Adini", {"interfaces": "smooth"}),

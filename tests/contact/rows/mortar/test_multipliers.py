@@ -232,26 +232,6 @@ def test_curved_facets_against_a_bracketing_solver(element, n, m):
         assert np.abs(q.x - one.at(q.facet, q.X[0])).max() == 0.0
 
 
-def test_the_nearest_of_several_layers():
-    """Shelves one below the other: rays meet the nearest, and the deeper one beside it."""
-    upper = block(ElementQuad1, np.linspace(0, 1, 4), [0.1, 1.0])
-    lower = block(ElementQuad1, [0.3, 0.8], [-1.0, 0.0])
-    deeper = block(ElementQuad1, np.linspace(-1, 2, 6), [-3.0, -2.0])
-    one = curves(upper, "bottom")
-    near, far = curves(lower, "top"), curves(deeper, "top")
-    two = FacetCurves(
-        np.concatenate((far.ends, near.ends), axis=1),
-        np.concatenate((far.bulge, near.bulge), axis=1),
-        np.concatenate((far.sign, near.sign)),
-        np.concatenate((far.normals, near.normals), axis=1),
-    )
-    q = one.cut(two, 3)
-    on = (q.x[0] > 0.3) & (q.x[0] < 0.8)
-    assert abs(q.w.sum() - 1.0) < 1e-15
-    assert np.abs(q.gap - np.where(on, 0.1, 2.1)).max() < 1e-15
-    assert abs(q.w[on].sum() - 0.5) < 1e-15
-
-
 @settings(max_examples=40)
 @given(
     st.integers(1, 12),
