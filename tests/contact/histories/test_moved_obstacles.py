@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from families import turn
 from scipy.spatial.transform import Rotation
 from skfem import ElementHex1, ElementQuad1, MeshHex, MeshQuad
 
@@ -52,15 +53,10 @@ def disk(n=96, centre=(0.0, 1.0)):
     return points, np.array([np.arange(n), np.roll(np.arange(n), -1)])
 
 
-def turned(angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
-
-
 def at(v, c, a):
     """Where a turn by a about (0, 1) and a shift by c take a place."""
     pole = np.array([0.0, 1.0])
-    return turned(a) @ (np.asarray(v) - pole) + pole + c
+    return turn(a) @ (np.asarray(v) - pole) + pole + c
 
 
 WHEEL, MESH = Cylinder((0.0, 1.0), 1.0), SurfaceMesh(*disk())
@@ -71,11 +67,11 @@ ROUGH = Rough(WAVES, 2.0, normal=(0.0, -1.0))
 
 # From displacement and angle about (0, 1): the tool, and by how much it may turn.
 TOOLS = {
-    "Plane": (lambda c, a: Plane(at((0, 0), c, a), turned(a) @ (0.0, -1.0)), 0.02),
+    "Plane": (lambda c, a: Plane(at((0, 0), c, a), turn(a) @ (0.0, -1.0)), 0.02),
     "Cylinder": (lambda c, a: Cylinder(at((0, 1), c, a), 1.0), 0.0),
-    "Cone": (lambda c, a: Cone(at((0, 0), c, a), turned(a) @ (0.0, 1.0), 1.4), 0.05),
+    "Cone": (lambda c, a: Cone(at((0, 0), c, a), turn(a) @ (0.0, 1.0), 1.4), 0.05),
     "Parabola": (lambda c, a: Parabola((c[0], 0.0), 1.0, offset=c[1]), 0.0),
-    "Rough": (lambda c, a: Rough(WAVES, 2.0, at((0, 0), c, a), turned(a) @ (0.0, -1.0)), 0.0),
+    "Rough": (lambda c, a: Rough(WAVES, 2.0, at((0, 0), c, a), turn(a) @ (0.0, -1.0)), 0.0),
     "SurfaceMesh": (
         lambda c, a: SurfaceMesh(np.transpose([at(p, c, a) for p in MESH.points.T]), MESH.facets),
         2.0,

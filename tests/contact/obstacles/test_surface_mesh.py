@@ -152,19 +152,6 @@ def test_triangles_without_shared_points_are_joined():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_shell_has_a_cavity(dim):
-    """The inner part is turned the other way; both are one obstacle."""
-    facets = ring(200) if dim == 2 else ball(4)
-    points, outer = facets
-    inner = outer[::-1] + points.shape[1]
-    shell = SurfaceMesh(np.hstack((points, 0.5 * points)), np.hstack((outer, inner)))
-    x, _ = places(np.random.default_rng(7), dim, 300)
-    length = np.linalg.norm(x, axis=0)
-    # The sagitta of a facet.
-    np.testing.assert_allclose(shell.distance(x)[0], np.abs(length - 0.75) - 0.25, atol=0.01)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
 def test_many_places_in_parts(dim, monkeypatch):
     """A search that meets more boxes than it keeps at once goes on in parts."""
     surface = SurfaceMesh(*bumpy(np.random.default_rng(8), dim))

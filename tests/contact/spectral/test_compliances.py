@@ -248,18 +248,6 @@ def test_an_element_that_keeps_shape_functions_serves_layers_of_several_heights(
     np.testing.assert_allclose(theirs, ours, rtol=1e-9, atol=1e-12)
 
 
-def test_layers_between_sides_on_a_half_space_are_a_half_of_the_periodic_ones():
-    """Both on the same half space: the mirrored forces of twice the width, half of it."""
-    n, layers, base = 8, [(0.25, 2, 2.0, 0.3)], (1.0, 0.2)
-    forces = np.random.default_rng(4).standard_normal((2, n + 1))
-    forces[0, [0, n]] = 0.0
-    half = PeriodicLayers(1.0, layers, n, sides="x", base=base).apply(forces)
-    twice = np.concatenate((forces, ([[-1.0], [1.0]] * forces)[:, -2:0:-1]), axis=1)
-    twice[:, [0, n]] *= 2.0
-    whole = PeriodicLayers(2.0, layers, 2 * n, base=base).apply(twice)
-    assert abs(half - whole[:, : n + 1]).max() < 1e-12 * abs(half).max()
-
-
 @pytest.mark.parametrize("cells", [(1, 1), (1, 3), (3, 1)])
 def test_one_cell_between_rollers_is_a_column(cells):
     """It is shortened without moving aside: the modulus is that of confined compression."""
@@ -348,7 +336,6 @@ SPACE = {"lengths": (1.0, 1.0), "cells": (4, 4)}
     ("given", "message"),
     [
         ({"lengths": (1.0, 1.0, 1.0)}, "lengths="),
-        ({"lengths": -1.0}, "lengths="),
         ({"layers": []}, "layers="),
         ({"layers": None}, "layers=None: expected a list"),
         ({"layers": [(0.0, 1, 1.0, 0.3)]}, r"layers\[0\]: the height must be positive"),
@@ -357,7 +344,6 @@ SPACE = {"lengths": (1.0, 1.0), "cells": (4, 4)}
         ({"plane": "axisymmetric"}, "plane='axisymmetric': layers have no radii"),
         (SPACE | {"plane": "stress"}, "a body in three dimensions"),
         ({"cells": (4, (1, 2))}, "cells="),
-        ({"cells": 4.5}, "cells="),
         ({"cells": 1}, "cells="),
         ({"top": "z"}, "components="),
         ({"motion": (0.0, 1.0, 2.0)}, "motion="),
@@ -366,12 +352,10 @@ SPACE = {"lengths": (1.0, 1.0), "cells": (4, 4)}
         ({"element": ElementHex1()}, "element: ElementHex1 does not live on"),
         ({"element": "Q1"}, "element: expected one of scikit-fem"),
         ({"element": ADINI, "base": (1.0, 0.3)}, "base: the half space is joined"),
-        ({"base": 1.0}, "base="),
         ({"base": (1.0, 0.5)}, "nu"),
         ({"base": (1.0, 0.3), "plane": "stress"}, "base: a top"),
         ({"interfaces": np.array(["smooth", "kinked"])}, "interfaces=array"),
         ({"sides": "xy"}, "sides='xy': transforms diagonalise sides across x that are"),
-        ({"sides": 3}, "sides=3"),
         ({"sides": ("x", "y")}, "expected 'periodic' or 1 entries"),
         ({"sides": "x", "motion": (0.1, 0.0)}, r"motion=.*the sides hold x at zero"),
         *((SPACE | {"sides": s}, "sides=") for s in ("x", ("x", "x"), ("periodic", "yz"))),
@@ -394,11 +378,9 @@ def test_bad_layers_are_named(given, message):
         ({"shape": (8, 0.5)}, "shape"),
         ({"E": 0.0}, "E="),
         ({"E": 1e308}, "E=1e[+]308: .* units"),
-        ({"E": 1e-308}, "E=1e-308: .* units"),
         ({"lengths": (1e-200, 1e-200)}, "E=1.0: .* units"),
         ({"nu": 0.5}, "nu"),
         ({"normal": (0, 1, 1)}, "normal"),
-        ({"normal": (0, 1)}, "normal"),
     ],
 )
 def test_bad_half_spaces_are_named(settings, words):
