@@ -63,7 +63,6 @@ def test_a_copy_outlives_its_original(solver, make):
 @pytest.mark.parametrize("element", PLANE + SOLID, ids=lambda e: e.__name__)
 @pytest.mark.filterwarnings("ignore::contact.ContactWarning")
 def test_a_pair_of_every_element_by_four_threads(element, solver):
-    """Stick, slip and open points, in the plane and in space."""
     pose = Pose(np.eye(3 if element in SOLID else 2))
     expected = fields(posed(element, pose, solver=solver)[0].solve())
     shared, *_ = posed(element, pose, solver=solver)

@@ -45,7 +45,6 @@ def test_uniform_stress_is_exact(element, inner, make):
 
 @pytest.mark.parametrize("element", PLANE_AND_BFS)
 def test_loads_are_forces_of_the_whole_ring(element, make):
-    """Pressure times the area of rings, weight times volume, by closed forms."""
     body, area = section(element, make, 0.5), np.pi * (1.5**2 - 0.5**2)
     body.load("top", (0.3, -2.0))
     assert body.total(body.f) == pytest.approx([0.0, -2.0 * area], rel=1e-13)
@@ -70,7 +69,6 @@ ORDERS = {ElementTriP1: 2, ElementQuad1: 2, ElementTriP2: 3, ElementQuad2: 3, El
 
 @pytest.mark.parametrize("element", ORDERS)
 def test_thick_cylinder(element, make):
-    """Lame's cylinder: the order of the displacement, and the hoop stress."""
     r, cells, errors = np.linspace(1.03, 1.97, 40), (4, 8, 16), []
     for n in cells:
         z = np.linspace(0, 0.5, n // 2 + 1)
@@ -153,7 +151,6 @@ def test_the_axis_is_held_along_r(element, make):
     [*((element, "pointwise") for element in PLANE_AND_BFS), (ElementQuad1, "mean")],
 )
 def test_strains_of_slender_cells(element, dilatation, make):
-    """Rows of strains and the forces from them are those of the matrix."""
     z = np.array([0.0, 0.4, 1.0]) * 1e-3
     body = section(element, make, 0.0, TICKS[:4], z, dilatation=dilatation)
     u = np.random.default_rng(1).standard_normal(body.f.size) / body.lengths[0]

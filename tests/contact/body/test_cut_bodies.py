@@ -193,7 +193,6 @@ def test_reductions_and_other_arguments_are_refused(half_disk, name):
 
 
 def test_ordinary_forces(half_disk):
-    """Resultants of what acts on each place, and of a mean computed beforehand."""
     mean = np.array([0.0, -4 / (3 * np.pi)])  # of the half disk
     for force, total in (
         (lambda x: x - mean[:, None, None], [0.0, 0.0]),

@@ -241,7 +241,6 @@ def turning(dim, planes):
     [(e, r) for e in PLANE for r in (1e2, 1e4, 1e6)] + [(ElementHex1, 1e5), (ElementHex2, 1e5)],
 )
 def test_slender_plate_askew(element, ratio, make):
-    """Q1 and Q2 ended in a bare Exception of scikit-fem from 1e4 on."""
     dim = element().dim
     turn, up = turning(dim, [[0, -1]]), np.eye(dim)[-1]
     along, across = np.linspace(0, 1, 5 if dim == 2 else 3), np.linspace(0, 0.75 / ratio, 4)
@@ -295,7 +294,6 @@ def test_places_on_facets_without_a_search(element, curved, where):
     ("element", "curved"), [*CELLS, (ElementQuadAdini, False), (ElementHexAdini, False)]
 )
 def test_points_on_the_edge_of_a_body_lie_in_it(element, curved, ratio, moved):
-    """Turned triangles from 1e2:1 and bilinear cells at 1e6:1 refused their own vertices."""
     dim = element().dim
     turn = turning(dim, ([0, 1], [0, 2], [1, 2])[: 2 * dim - 3])
     lines = [np.linspace(0, 1, 9 - 2 * dim)] * (dim - 1) + [np.linspace(0, 0.75 / ratio, 6 - dim)]

@@ -228,14 +228,12 @@ def test_two_pieces(element, supported, make):
     assert rigid_modes(body).shape[1] == 6
     result = checked(ContactProblem(body, "bottom", 0.0, 0.3).solve(), make)
     right = result.x[0] > 1.5
-    # Rounding.
     assert abs(result.mu[right].sum() - 0.1) < 1e-12
     assert abs(result.mu[~right].sum() - (0.0 if supported else 0.1)) < 1e-12
 
 
 @pytest.mark.parametrize("solver", ["superlu", "auto"])
 def test_piece_out_of_touch(solver):
-    """The second piece is neither fixed nor on the contact boundary."""
     body = two_blocks(ElementQuad1).fix("top1", "xy")
     with pytest.raises((InputError, Unbounded), match=r"neither fixed nor connected|not held"):
         ContactProblem(body, "bottom1", 0.0, solver=solver).solve()

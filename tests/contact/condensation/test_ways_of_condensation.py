@@ -14,12 +14,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_cudss import FakeCudss
+from scipy import sparse
 from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTetP2, ElementTriP2, MeshQuad
 
 from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, LoadStepper
-from contact.arrays.dense_arrays import HostArrays
+from contact.arrays.dense_arrays import DeviceArrays, HostArrays
 from contact.condensation import condense as condense_module
 from contact.condensation import device_choice, device_schur, elimination_order
+from contact.condensation.condense import condense
 from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.factor_compliance import FactorCompliance
 from contact.condensation.solved_body import SolvedBody
@@ -331,6 +333,18 @@ def test_on_all_devices_that_are_there(make, host, case, columns, monkeypatch):
     agree(problem.solve(), host(case))
 
 
+@pytest.mark.parametrize("density", [0.0, 0.05, 0.5])
+def test_congruence_entry_by_entry_is_that_of_the_host(density):
+    rng = np.random.default_rng(3)
+    B = sparse.csr_array(sparse.random_array((30, 40), density=density, rng=rng))
+    A = rng.uniform(-1, 1, (40, 40))
+    device = object.__new__(DeviceArrays)
+    device.xp = np
+    found = device.congruent(B, A + A.T)
+    np.testing.assert_array_equal(found, found.T)
+    np.testing.assert_allclose(found, HostArrays().congruent(B, A + A.T), atol=1e-13)
+
+
 def test_auto_takes_a_device_for_large_bodies_and_says_why(engine, make, monkeypatch, caplog):
     with monkeypatch.context() as patch:
         patch.setattr(device_choice, "missing_for_cudss", lambda: None)
@@ -449,8 +463,10 @@ def test_what_is_refused(body, solver, arguments, message):
         problem.condense(**arguments)
 
 
-def test_a_method_that_applied_compliances_do_not_take(make, condensed):
+def test_kinds_and_methods_that_are_not_known(make, condensed):
     problem = held(make, ElementQuad1)
+    with pytest.raises(InputError, match="condense a MeshQuad"):
+        condense(MeshQuad(), problem.rows, "auto", "cpu")
     condensed(problem, "host, by products")
     with pytest.raises(InputError, match=r"method='pdas': the compliance of .* 'newton' alone"):
         problem.solve("pdas")

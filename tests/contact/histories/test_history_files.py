@@ -179,7 +179,6 @@ def test_a_step_that_is_lost(truncated, folder, run, make, caplog):
 
 
 def test_problem_that_cannot_be_read(folder, run, make):
-    """The stepper knows the problem: `resume` writes it again."""
     content = (folder / "problem.npz").read_bytes()
     (folder / "problem.npz").write_bytes(content[:500])
     with pytest.raises(InputError, match="problem"):
@@ -202,7 +201,6 @@ def test_another_obstacle_in_time(make, tmp_path):
 
 
 def test_one_writer_at_a_time(make, tmp_path):
-    """A run that is under way is not resumed by another."""
     refused = []
 
     def attempt(line):
@@ -274,7 +272,6 @@ def whole(processes, tmp_path_factory):
     [pytest.param(12, marks=pytest.mark.turns(4)), pytest.param(200, marks=pytest.mark.slow)],
 )
 def test_kills(processes, whole, tmp_path, kills):
-    """Kill at random moments, resume, kill: in the end every run is as if nothing had happened."""
     history, seconds = whole
     rng = np.random.default_rng(7)
     folder, done, ended = tmp_path / "run0", 0, 0

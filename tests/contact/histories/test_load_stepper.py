@@ -79,7 +79,6 @@ def test_sliding_block_dissipates(make):
 
 
 def test_cross_check_of_a_step(make):
-    """OSQP solves the given-friction problem of the increment."""
     stepper = make.dragged()
     history = stepper.run(TIMES[:9])
     last = history.results[-1]
@@ -90,7 +89,6 @@ def test_cross_check_of_a_step(make):
 
 
 def test_after_is_a_step(make):
-    """`solve(after=)` and the stepper are the same, loads changed by hand."""
     stepper = LoadStepper(make.problem(8, 0.3)).load("top", (0.2, -0.5))
     history = stepper.run([1.0, 2.0])
     problem = make.problem(8, 0.3)
@@ -212,7 +210,6 @@ def test_step_that_fails_leaves_the_history(make, tmp_path):
 
 
 def test_failing_steps_are_halved(make, monkeypatch):
-    """A step that fails is reached by way of its middle."""
     stepper = make.dragged()
     stepper.run(TIMES[:2])
     solve, asked = ContactProblem.solve_system, []

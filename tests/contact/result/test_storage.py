@@ -197,7 +197,6 @@ def test_bodies_are_found_by_name_and_number(tmp_path, make):
 
 
 def test_overwriting_is_atomic(tmp_path, make, monkeypatch):
-    """A write that fails leaves the old file, and nothing else."""
     _, result = make.solved()
     path = result.save(tmp_path / "result.npz")
     before = path.read_bytes()
@@ -339,7 +338,6 @@ STEPPERS = {"several": pushed, "layers": lambda: moving(on_bar()), "cut": lambda
 
 @pytest.mark.parametrize("name", STEPPERS)
 def test_history_in_a_folder(name, tmp_path):
-    """Written, read, drawn, interrupted and resumed: every step is the same."""
     history = STEPPERS[name]().run([0.5, 1.0, 1.5], path=tmp_path / "run")
     read = LoadHistory.load(tmp_path / "run")
     assert [r.kkt for r in read] == [r.kkt for r in history]

@@ -247,7 +247,6 @@ def test_affine_gap_is_met_exactly(element, functional, body_of):
         u[-1] = -height - np.tensordot(normal[:-1], x[:-1], axes=1) / normal[-1] - x[-1]
         return u
 
-    # Rounding.
     assert np.abs(rows.G @ interpolated(body, closing) - rows.gap).max() < 1e-12
 
 
@@ -263,7 +262,6 @@ def test_quadratic_gap_is_met_exactly(element, functional, body_of):
     def closing(x):
         return np.array([0.0 * x[0]] * (body.dim - 1) + [-0.01 - (x[0] - 0.3) ** 2 / 3.4])
 
-    # Rounding.
     assert np.abs(rows.G @ interpolated(body, closing) - rows.gap).max() < 1e-13
 
 
@@ -272,7 +270,6 @@ def test_quadratic_gap_is_met_exactly(element, functional, body_of):
 @settings(max_examples=8, deadline=None)
 @given(edge=st.floats(0.01, 0.99), turn=st.floats(0.0, 6.3), height=st.floats(1e-3, 1e6))
 def test_no_mean_of_a_step_lies_outside_its_gaps(body_of, element, functional, edge, turn, height):
-    """Functionals with negative weights made -height / 2 of gaps 0 and height."""
     body = body_of(element, ticks=np.linspace(0, 1, 6))
     across = np.array([np.cos(turn), np.sin(turn) if body.dim == 3 else 0.0])
 
@@ -359,7 +356,6 @@ def errors(make, element, functional, plane="strain", distorted=False):
     ],
 )
 def test_uniform_pressure(element, functional, plane, distorted, make):
-    """Isoparametric families contain the affine fields on distorted cells, too."""
     pressure, displacement = errors(make, element, functional, plane, distorted)
     # One factorisation of a matrix of condition 1e4.
     assert pressure < 1e-12

@@ -256,6 +256,8 @@ def test_one_cell_between_rollers_is_a_column(cells):
     block = PeriodicLayers((1.0, 2.0), layers, cells, **more)
     give = sum(h * (1 + nu) * (1 - 2 * nu) / (E * (1 - nu)) for h, _, E, nu in layers)
     assert GridContact(block, Rigid(0.0)).solve().pressure == pytest.approx(0.1 / give, rel=1e-12)
+    shown = f"PeriodicLayers(3-D, {cells[0]} x {cells[1]} x 5 cells, {block.unknowns} unknowns"
+    assert repr(block).startswith(shown)
 
 
 THICK, STIFF, K = 0.125, 100.0, 2 * np.pi  # a coating of nu = .2, its ground E = 1, nu = .3

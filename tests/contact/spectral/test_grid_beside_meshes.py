@@ -147,7 +147,6 @@ def test_histories_agree(case, far):
 
 
 def test_a_box_on_rollers_is_a_quarter_of_the_mirrored_periodic_body():
-    """Pressure, area and perimeter count cells on the sides as halves."""
     heights = 0.02 * np.random.default_rng(2).uniform(0, 1, (9, 7))
     twice = np.concatenate((heights, heights[-2:0:-1]))
     twice = np.concatenate((twice, twice[:, -2:0:-1]), axis=1)
