@@ -1,7 +1,6 @@
 """Where vectors of bodies lie, loads without a mesh, back ends of distributed bodies."""
 
 import copy
-import gc
 
 import numpy as np
 import pytest
@@ -68,31 +67,6 @@ def test_rigid_motions_are_no_deformation(body):
     modes = lengths[:, None] * body.rigid
     left = lengths * bent - modes @ np.linalg.lstsq(modes, lengths * bent, rcond=None)[0]
     assert np.isclose(both[0], np.abs(left).max(), rtol=1e-10)
-
-
-def test_a_device_is_left_with_what_was_condensed_there():
-    body = square(ElementQuadAdini)
-    there = body.compute_with(Elsewhere())
-    copies = body.under(body.f, body.constraint[1]), body.snapshot()
-    assert all(each.vectors is there for each in (body, *copies))
-    assert copy.deepcopy(body).vectors is not there
-    del there
-    gc.collect()
-    vectors = body.vectors
-    assert type(vectors.arrays) is HostArrays
-    assert all(each.vectors is vectors for each in copies)
-
-
-def test_another_stiffness_or_support_is_noticed():
-    body = square(ElementQuadAdini)
-    there = body.compute_with(Elsewhere())
-    u = np.random.default_rng(3).standard_normal(body.f.size)
-    forces = body.internal(u)
-    body.E = 2.0
-    assert np.allclose(body.internal(u), 2.0 * forces, atol=1e-13 * np.abs(forces).max())
-    body.fix("right", "x")
-    assert body.vectors is not there
-    assert body.support_error(u) > 0.0
 
 
 def test_a_device_without_room_is_not_used(caplog):

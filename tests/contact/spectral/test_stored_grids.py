@@ -113,19 +113,6 @@ def dragged_on(problem):
     return replace(problem, obstacle=Rigid(rigid.obstacle, ahead, more))
 
 
-@pytest.mark.parametrize("body", ["half space", "layers"])
-def test_a_history_goes_on_from_a_file(body, tmp_path):
-    problem = contact(body)
-    first, step = problem.solve(), dragged_on(problem)
-    expected = step.solve(after=first)
-    loaded = GridResult.load(first.save(tmp_path / "first"))
-    found = step.solve(after=loaded)
-    for name in FIELDS:
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-    later = GridResult.load(found.save(tmp_path / "second"))
-    np.testing.assert_array_equal(later.slip, expected.slip)
-
-
 def edited(path, change, words=None):
     """The file with one array changed, or a word, and a checksum that is right again."""
     arrays, _ = read_arrays(path)
