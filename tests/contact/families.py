@@ -81,3 +81,9 @@ def half_disk(cells=(11, 6), **material):
     ticks = np.linspace(-1.1, 1.1, cells[0] + 1), np.linspace(-1.1, 0, cells[1] + 1)
     mesh, material = MeshQuad.init_tensor(*ticks).with_defaults(), {"E": 1.0, "nu": 0.3} | material
     return CutBody(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 1, **material)
+
+
+def turn(angle):
+    """Rotation in the plane."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])

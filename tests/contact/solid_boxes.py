@@ -8,13 +8,7 @@ from contact.rows.mortar.mortar_rows import mortar_rows
 
 
 def box(
-    element,
-    cells,
-    corner=(0.0, 0.0, 0.0),
-    sizes=(1.0, 1.0, 1.0),
-    place=None,
-    curved=False,
-    E=2.0,
+    element, cells, corner=(0.0, 0.0, 0.0), sizes=(1.0, 1.0, 1.0), place=None, curved=False, E=2.0
 ):
     """A box of cells with named sides, mapped by `place`."""
     ticks = [a + np.linspace(0, l, n + 1) for a, l, n in zip(corner, sizes, cells, strict=True)]

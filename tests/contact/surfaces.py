@@ -4,7 +4,6 @@ import functools
 
 import numpy as np
 from scipy.spatial import ConvexHull
-from skfem import MeshTet
 
 
 def ring(count, radius=1.0, centre=(0.0, 0.0), turn=0.0):
@@ -58,21 +57,6 @@ def bumpy(rng, dim):
         return points * rng.uniform(0.6, 1.4, 40), facets
     points, facets = ball(2)
     return points * rng.uniform(0.6, 1.4, points.shape[1]), facets
-
-
-def lump(cells):
-    """Boundary of some cells of a tetrahedral mesh, an edged body with steps."""
-    mesh = MeshTet.init_tensor(*(np.linspace(-1, 1, cells + 1),) * 3)
-    x = mesh.p[:, mesh.t].mean(axis=1)
-    mesh = mesh.restrict(np.flatnonzero((x[0] + x[1] < 0.5) | (x[2] < 0)))
-    facets = mesh.boundary_facets()
-    tri = mesh.facets[:, facets]
-    inner = mesh.p[:, mesh.t[:, mesh.f2t[0, facets]]].mean(axis=1)
-    p = mesh.p[:, tri]
-    out = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0], axis=0)
-    back = np.sum(out * (p.mean(axis=1) - inner), axis=0) < 0
-    tri[:, back] = tri[::-1, back]
-    return mesh.p, tri
 
 
 def rotation(rng, dim):

@@ -8,13 +8,10 @@ from pressed_pairs import stack
 from skfem import (
     Basis,
     ElementHex1,
-    ElementHex2,
     ElementQuad1,
     ElementQuad2,
     ElementQuadP,
-    ElementTetP1,
     ElementTetP2,
-    ElementTriP1,
     ElementTriP2,
     ElementVector,
     FacetBasis,
@@ -39,14 +36,12 @@ from contact import (
     NotConverged,
     Pair,
     Plane,
-    Rigid,
-    Sphere,
     Tie,
     Unbounded,
     cross_check,
     uniqueness,
 )
-from skfem_adini import ElementHexAdini, ElementQuadAdini
+from skfem_adini import ElementQuadAdini
 
 NAN, INF = np.nan, np.inf
 MATERIAL = {"E": 1.0, "nu": 0.3}
@@ -83,8 +78,6 @@ def square(*corners):
 
 
 BENT = square((0, 0), (1, 0), (0.2, 0.2), (0, 1))
-LINE = np.array([[0.0, 1, 2], [0, 0, 0]])
-FLAT = np.array([[0.0, 1, 0, 1], [0, 0, 1, 1], [0, 0, 0, 0]])
 
 
 def swapped(mesh):
@@ -109,6 +102,12 @@ def result(make):
     return make.solved(n=4)[1]
 
 
+def dome(make):
+    """A problem in space, and its result."""
+    problem = make.dome(ElementHex1, 2)
+    return problem, problem.solve()
+
+
 def micrometre(make):
     """Pushed by 1e-7 of the size of the body into the obstacle."""
     small = body(mesh=make.box(ElementQuad1, *(np.linspace(0, 1e-6, 5),) * 2))
@@ -126,6 +125,14 @@ def spoilt(make, name):
     return dataclasses.replace(result(make), **{name: array})
 
 
+def loaded(body, traction, obstacle=FLOOR, friction=0.0):
+    return ContactProblem(body.load("top", traction), "bottom", obstacle, friction).solve()
+
+
+def two_steps(problem):
+    return problem.solve("fixed_point", max_iterations=2)
+
+
 def layers():
     return LayeredBlock(1.0, [(0.5, 8, 1.0, 0.3)], sides="x")
 
@@ -133,60 +140,39 @@ def layers():
 # What is called with the builders, and a word of the InputError.
 INPUT = [
     # obstacle
-    (lambda m: problem(m, NAN), "gap holds NaN"),
-    (lambda m: problem(m, -INF), "minus infinity"),
     (lambda m: problem(m, lambda x: np.where(x[0] > 0.5, NAN, 1.0)), "gap holds NaN"),
     (lambda m: problem(m, np.zeros(3)), "3 gaps given"),
     (lambda m: problem(m, np.full(10, NAN)), "gap holds NaN"),
-    (lambda m: problem(m, lambda x: np.zeros(7)), "gap of shape"),
     (lambda m: problem(m, lambda x: 1j * x[0]), "real numbers"),
     (lambda m: problem(m, m.foundation[3]), "dimension 3"),
     (lambda m: on_floor(m, m.foundation[2]), "dimension 2"),
-    (lambda m: on_floor(m, Sphere((0, -1), 1.0)), "dimension 2"),
     (lambda m: ContactProblem(m.block(4), "bottom", None, 0.3), "obstacle: None"),
     (lambda m: ContactProblem(m.block(4), "bottom", None, 0.0, "tresca"), "obstacle: None"),
-    (lambda m: on_floor(m, Plane((0, 0, 0), (0, 0, 0))), "normal"),
-    (lambda m: on_floor(m, Sphere((0, 0, -1), -1.0)), "radius"),
-    (lambda m: on_floor(m, Sphere((0, 0, -1), NAN)), "radius"),
-    (lambda m: on_floor(m, Rigid(FLOOR, force=(0.0, 1.0))), "force"),
-    (lambda m: on_floor(m, Rigid(FLOOR, force=(0.0, 0.0, NAN))), "force"),
     # friction
     (lambda m: problem(m, friction=-0.1), "friction"),
     (lambda m: problem(m, friction=NAN), "friction"),
-    (lambda m: problem(m, friction=INF), "friction"),
     (lambda m: problem(m, friction=lambda x: x[0] - 0.5), "friction"),
     (lambda m: problem(m, friction=np.ones(3)), "10 values"),
-    (lambda m: problem(m, friction=lambda x: x), "10 values"),
     (lambda m: on_floor(m, friction=np.ones((9, 2))), "9 values"),
     (lambda m: problem(m, friction=None), "friction"),
     # boundary
     (lambda m: problem(m, boundary="floor"), "'floor' is unknown"),
-    (lambda m: problem(m, boundary=["bottom", "floor"]), "'floor' is unknown"),
     (lambda m: ContactProblem(body(), "bottom", 0.0), "mesh names none"),
     (lambda m: problem(m, boundary=[]), "has no facets"),
     (lambda m: ContactProblem(body(mesh=far()), "far", 0.0), "has no facets"),
     (lambda m: problem(m, boundary=np.flatnonzero(m.block(4).mesh.f2t[1] >= 0)), "inside the body"),
     (lambda m: problem(m, boundary=[10**6]), "must lie in"),
-    (lambda m: problem(m, boundary=[-1]), "must lie in"),
     (lambda m: problem(m, boundary=np.array([True, False])), "whole facet numbers"),
-    (lambda m: problem(m, boundary=[0.5]), "whole facet"),
     (lambda m: problem(m, boundary=None), "boundary=None"),
     (lambda m: ContactProblem(m.block(4).fix("bottom"), "bottom", 0.0).solve(), "is prescribed"),
-    (lambda m: ContactProblem(cube(m).fix("bottom"), "bottom", FLOOR).solve(), "is prescribed"),
     # mesh and element
     (lambda m: body(ElementQuadAdini, MeshTri()), "MeshTri1"),
     (lambda m: body(ElementQuad1, MeshHex()), "MeshHex1"),
-    (lambda m: body(ElementHex2, MeshTet()), "MeshTet1"),
     (lambda m: ElasticBody.from_mesh(MeshLine(), **MATERIAL), "no default for MeshLine1"),
-    (lambda m: body(ElementQuadAdini, BENT), "convex"),
     (lambda m: body(ElementQuad1, BENT), "convex"),
     (lambda m: body(ElementQuad2, square((0, 0), (1, 0), (0, 1), (1, 1))), "folded"),
     (lambda m: basis(swapped(MeshHex()), ElementHex1()), "folded"),
     (lambda m: body(ElementHex1, swapped(MeshHex())), "folded"),
-    (lambda m: body(ElementHex2, swapped(MeshHex())), "folded"),
-    (lambda m: body(ElementHexAdini, swapped(MeshHex())), "."),
-    (lambda m: body(ElementTriP1, MeshTri(LINE, np.arange(3)[:, None])), "flat"),
-    (lambda m: body(ElementTetP1, MeshTet(FLAT, np.arange(4)[:, None])), "flat"),
     (lambda m: body(mesh=with_nan()), "not finite"),
     (lambda m: ElasticBody(Basis(MeshQuad(), ElementQuad1()), **MATERIAL), "ElementVector"),
     (lambda m: basis(MeshQuad(), ElementQuad1(), kind=FacetBasis), "basis: expected"),
@@ -200,40 +186,28 @@ INPUT = [
         "no contact functional",
     ),
     # material
-    (lambda m: body(E=0.0), "E="),
     (lambda m: body(E=-np.ones(1)), "E="),
     (lambda m: body(E=np.ones(3)), "E: expected"),
-    (lambda m: body(nu=0.5), "nu="),
-    (lambda m: body(nu=-1.0), "nu="),
-    (lambda m: body(nu=NAN), "nu="),
     (lambda m: body(nu=np.zeros((4, 4))), "nu: expected"),
-    (lambda m: body(plane="paper"), "plane='paper'"),
     # loads
     (lambda m: m.block(4).load("top", (1.0,)), "2 components"),
-    (lambda m: m.block(4).load("top", 1.0), "2 components"),
-    (lambda m: cube(m).load("top", (0, -1)), "3 components"),
     (lambda m: m.block(4).load("top", lambda x: np.zeros((2, 7))), "does not fit"),
     (lambda m: m.block(4).load("top", (NAN, 0)), "not finite"),
     (lambda m: m.block(4).load("top", lambda x: x * NAN), "not finite"),
     (lambda m: m.block(4).load("roof", (0, 1)), "'roof' is unknown"),
-    (lambda m: m.block(4).body_force((INF, 0)), "not finite"),
     (lambda m: m.block(4).body_force((1, 2, 3)), "2 components"),
     # supports
     (lambda m: m.block(4).fix("roof"), "'roof' is unknown"),
-    (lambda m: m.block(4).fix("top", "z"), "components='z'"),
     (lambda m: m.block(4).fix("top", "xw"), "components='xw'"),
     (lambda m: m.block(4).fix("top", 2), "components=2"),
-    (lambda m: m.block(4).fix("top", 0.5), "components=0.5"),
     (lambda m: m.block(4).fix("top", ""), "components=''"),
     (lambda m: m.block(4).fix("top", "y", NAN), "value=nan"),
     (lambda m: m.block(4).fix("top", "y", (1, 2)), "value="),
     (lambda m: m.block(4).fix("top", "y", lambda x: x[0] * NAN).constraint, "NaN"),
     (lambda m: p2_block(m).fix("top", "y", lambda x: x[0] * NAN).constraint, "finite"),
     (lambda m: m.block(4).fix("top", "y", lambda x: np.zeros(3)).constraint, "shape"),
-    (lambda m: p2_block(m).fix("top", "y", lambda x: np.zeros(3)).constraint, "shape"),
     (lambda m: m.block(4).fix("top", "x", 0.1).constraint, "must agree"),
     (lambda m: p2_block(m).fix("top", "x", 0.1).constraint, "differ where they meet"),
-    (lambda m: cube(m).fix("top", "z", 0.1).fix("left", "z").constraint, "differ where they meet"),
     (lambda m: layers().periodic("top"), r"^periodic: a LayeredBlock takes no equations"),
     (lambda m: layers().tie("top"), r"^tie: a LayeredBlock takes no equations"),
     (lambda m: layers().constrain("top"), r"^constrain: a LayeredBlock takes no equations"),
@@ -254,60 +228,39 @@ INPUT = [
     (lambda m: problem(m).solve("qp:abacus"), "qpsolvers offers"),
     (lambda m: m.dome(ElementHex1, 2).solve("qp:osqp"), "no QP"),
     (lambda m: problem(m, friction=0.3).solve(eps=1e-3), "eps"),
-    (lambda m: problem(m, friction=0.3).solve("fixed_point", eps=-1.0), "eps=-1"),
     (lambda m: problem(m, friction=0.3).solve("fixed_point", eps=NAN), "eps=nan"),
-    (lambda m: problem(m, friction=0.3).solve("fixed_point", eps=INF), "eps"),
     (lambda m: problem(m).solve(tol=-1.0), "tol=-1"),
-    (lambda m: problem(m).solve(tol=NAN), "tol=nan"),
     (lambda m: problem(m).solve(tol=1e3), "tol=1000"),
     (lambda m: problem(m).solve(max_iterations=0), "max_iterations=0"),
     (lambda m: m.dome(ElementHex1, 2).solve(start=result(m)), "start"),
     (lambda m: on_floor(m).solve(after=m.dome(ElementHex1, 3).solve()), "after"),
     # results and their checks
     (lambda m: result(m).sample([[5.0], [5.0]]), "outside"),
-    (lambda m: result(m).sample(np.zeros(3)), "points"),
-    (lambda m: on_floor(m).solve().sample(np.zeros((2, 1))), "points"),
     (lambda m: result(m).sample([[NAN], [0.0]]), "points"),
-    (lambda m: result(m).stress([[5.0], [5.0]]), "outside"),
     (lambda m: spoilt(m, "mu").boundary_to_pyvista(), "mu"),
     (lambda m: spoilt(m, "t").boundary_to_pyvista(), "t"),
     (lambda m: cross_check(m.solved(n=4)[0], result(m), "abacus"), "qpsolvers offers"),
-    (lambda m: cross_check(m.dome(ElementHex1, 2), m.dome(ElementHex1, 2).solve()), "3-D"),
-    (
-        lambda m: cross_check(m.dome(ElementHex1, 2), m.dome(ElementHex1, 2).solve(), "osqp"),
-        "clarabel",
-    ),
+    (lambda m: cross_check(*dome(m)), "3-D"),
+    (lambda m: cross_check(*dome(m), "osqp"), "clarabel"),
     (lambda m: cross_check(None, result(m)), "problem: expected a ContactProblem"),
     (lambda m: cross_check(result(m), m.solved(n=4)[0]), "problem: expected a ContactProblem"),
     (lambda m: cross_check(m.solved(n=4)[0], None), "result: expected a ContactResult"),
-    (
-        lambda m: cross_check(ContactProblem(m.block(5), "bottom", 0.0), result(m)),
-        "result: has",
-    ),
+    (lambda m: cross_check(m.problem(5), result(m)), "result: has"),
     (lambda m: uniqueness(m.problem(5), result(m)), "contact points"),
     (lambda m: uniqueness(m.solved(n=4)[0], result(m), starts=-1), "starts"),
-    (lambda m: uniqueness(m.solved(n=4)[0], result(m), starts=2.0), "starts"),
     (lambda m: uniqueness(m.solved(n=4)[0], result(m), starts=True), "starts"),
-    (lambda m: uniqueness(m.solved(n=4)[0], result(m), starts=None), "starts"),
     (lambda m: uniqueness(m.solved(n=4)[0], result(m), seed="0"), "seed"),
     (lambda m: uniqueness(m.solved(n=4)[0], {}), "result: expected a ContactResult, got dict"),
-    (
-        lambda m: uniqueness(result(m), m.solved(n=4)[0]),
-        "problem: expected a ContactProblem, got ContactResult",
-    ),
+    (lambda m: uniqueness(result(m), m.solved(n=4)[0]), "problem: .* got ContactResult"),
     (lambda m: ContactResult.load("no/such/file.npz"), "does not exist"),
     (lambda m: ElasticBody.from_mesh("no/such/file.msh", **MATERIAL), "does not exist"),
     # histories
     (lambda m: m.dragged(n=2).run([]), "times"),
     (lambda m: m.dragged(n=2).run([1.0, 0.5]), "increase"),
-    (lambda m: m.dragged(n=2).run([NAN]), "times"),
-    (lambda m: m.dragged(n=2).run([[1.0]]), "times"),
-    (lambda m: m.dragged(n=2).run(1j), "times"),
     (lambda m: m.dragged(n=2).step(INF), "time="),
     (lambda m: m.dragged(n=2).load("top", (0, 1), 3.0), "factor"),
     (lambda m: m.dragged(n=2).load("top", (0, 1), lambda t: NAN).run([1.0]), "factor"),
     (lambda m: m.dragged(n=2).load("nowhere", (0, 1)), "nowhere"),
-    (lambda m: m.dragged(n=2).load("top", (0, INF)), "traction"),
     (lambda m: LoadStepper(on_floor(m)).load("top", (0, 1)), "3 components"),
     (lambda m: m.dragged(n=2).move("left", "x"), "not fixed"),
     (lambda m: m.dragged(n=2).move("top", "x", NAN), "value"),
@@ -322,27 +275,11 @@ INPUT = [
 OTHERS = [
     (lambda m: held_below(m, -0.1).solve(), Infeasible, "beyond its gap"),
     (lambda m: micrometre(m).solve(), Infeasible, "beyond its gap"),
-    (
-        lambda m: ContactProblem(m.block(4, sides=()), "bottom", INF).solve(),
-        Unbounded,
-        "translation along y",
-    ),
-    (
-        lambda m: ContactProblem(cube(m).load("top", (0, 0, 1.0)), "bottom", FLOOR).solve(),
-        Unbounded,
-        "the body is not held: a translation",
-    ),
-    (
-        lambda m: ContactProblem(cube(m).load("top", (0.5, 0, -1.0)), "bottom", FLOOR, 0.3).solve(),
-        Unbounded,
-        "the body is not held: a translation",
-    ),
+    (lambda m: loaded(m.block(4, sides=()), (0, 0), INF), Unbounded, "translation along y"),
+    (lambda m: loaded(cube(m), (0, 0, 1.0)), Unbounded, "the body is not held: a translation"),
+    (lambda m: loaded(cube(m), (0.5, 0, -1.0), FLOOR, 0.3), Unbounded, "not held: a translation"),
     (lambda m: problem(m, friction=0.3).solve(tol=1e-25), NotConverged, "e-2"),
-    (
-        lambda m: problem(m, friction=0.9).solve("fixed_point", max_iterations=2),
-        NotConverged,
-        "after 2 steps",
-    ),
+    (lambda m: two_steps(problem(m, friction=0.9)), NotConverged, "after 2 steps"),
 ]
 
 
@@ -356,12 +293,9 @@ def test_malformed(call, error, word, make):
         call(make)
     assert type(caught.value) is error
     assert isinstance(caught.value, ContactError)
+    assert error is not InputError or isinstance(caught.value, ValueError)
     if error is NotConverged and "after" in word:
         assert [line.phase for line in caught.value.history].count("fixed point") == 2
-
-
-def test_input_errors_are_value_errors():
-    assert issubclass(InputError, ValueError)
 
 
 def two(**more):
@@ -405,10 +339,7 @@ PAIRS = [
     (lambda a, b, p: ContactProblem(a, "top", b.surface("top")), "point the same way"),
     (lambda a, b, p: ContactProblem(a, "bottom", b.surface("nowhere")), "nowhere"),
     (lambda a, b, p: setattr(ContactProblem([a, b], [p]), "obstacle", 0.0), "obstacle"),
-    (
-        lambda a, b, p: Pair(a, "bottom", b, "tpo"),
-        r"^other of 'lower': boundary 'tpo' is unknown",
-    ),
+    (lambda a, b, p: Pair(a, "bottom", b, "tpo"), "^other of 'lower': boundary 'tpo' is unknown"),
     (
         lambda a, b, p: ContactProblem([a, b], [Pair(a, "botom", b, "top")]),
         r"^boundary 'botom'.*the Pair of 'upper' and 'lower'",
@@ -523,21 +454,13 @@ $EndElements
 """
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "square.msh"
-
-
-def test_sound_mesh_file(path):
-    """What the next test truncates is a mesh with a named boundary."""
+def test_a_sound_mesh_file_and_its_beginnings(tmp_path):
+    path = tmp_path / "square.msh"
     path.write_text(GMSH)
     loaded = ElasticBody.from_mesh(path, **MATERIAL)
     assert loaded.mesh.nelements == 2
     assert loaded.facets("bottom").size == 1
     assert isinstance(loaded.element, ElementTriP2)
-
-
-def test_truncated_mesh_file(path):
     for length in range(0, GMSH.index("\n$EndElements"), 9):
         path.write_text(GMSH[:length])
         with pytest.raises(InputError, match=r"square\.msh"):

@@ -98,3 +98,16 @@ def test_other_moduli(E, free, rough, make):
     # The digits printed; the prototype stopped its fixed point for friction at 3e-4.
     assert abs(make.solved(friction=0.0, E=E)[1].contact_force - free) < 5.1e-6
     assert abs(make.solved(friction=0.9, E=E)[1].contact_force / rough - 1) < 3e-4
+
+
+def test_many_points_at_once(make):
+    """Points are located in parts: each value is that of the point alone, wherever it lies."""
+    apart = ContactProblem(make.block(4), "bottom", 10.0).solve()
+    assert np.all(np.isnan(apart.centre_of_pressure))
+    _, result = make.solved()
+    points = np.random.default_rng(8).uniform(0.01, 0.99, (2, 250))
+    together, displaced = result.stress(points), result.sample(points)
+    for i in (0, 99, 100, 125, 249):
+        alone = points[:, i : i + 1]
+        np.testing.assert_allclose(together[..., i : i + 1], result.stress(alone), atol=1e-13)
+        np.testing.assert_allclose(displaced[:, i : i + 1], result.sample(alone), atol=1e-13)

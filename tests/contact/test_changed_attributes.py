@@ -109,7 +109,6 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_wrong_is_refused_when_set(name):
-    """And what was there stays."""
     changed = body()
     ours = problem(changed)
     before = ours.solve()
@@ -168,7 +167,6 @@ def test_arrays_of_the_material_are_kept_as_given():
 
 
 def test_load_set_and_edited():
-    """A result keeps the load that it was solved for."""
     changed = body()
     ours = problem(changed)
     first = ours.solve()

@@ -39,7 +39,16 @@ def slope(x):
 
 
 NAMES = ["ElementQuadAdini", "ElementQuad2", "ElementTriP2", "ElementHex1", "layers", "driven"]
-NAMES += ["held: cut", "several: Adini", "several: stack", "several: slit"]
+NAMES += [
+    "heated",
+    "anisotropic",
+    "periodic",
+    "waves in space",
+    "held: cut",
+    "several: Adini",
+    "several: stack",
+    "several: slit",
+]
 
 
 @pytest.mark.sampled(4)
@@ -69,7 +78,6 @@ def test_problems_and_results(name, copied, make):
 
 
 def test_copies_are_independent(make):
-    """Loads and supports of one do not reach the other."""
     body = make.block(4)
     for copied in (sent, copy.deepcopy, copy.copy):
         other, before = copied(body), body.f.copy()
@@ -172,7 +180,6 @@ def solved(body):
 
 @pytest.mark.turns(4)
 def test_worker_that_is_spawned():
-    """A body goes there, a result comes back."""
     mesh = MeshQuad().refined(2).with_defaults()
     body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=1.0, nu=0.3)
     body.fix("top", "x").fix("top", "y", -0.03)

@@ -15,6 +15,24 @@ def block(element, xs, ys, *, place=None, curved=False, size=1.0, E=E, nu=NU, **
     return ElasticBody.from_mesh(mesh, element(), E=E, nu=nu, **more)
 
 
+def growing(step, fine, far, ratio):
+    """Ticks from 0 to far: equal steps up to `fine`, then growing."""
+    found = list(np.arange(round(fine / step) + 1) * step)
+    while found[-1] < far:
+        step *= ratio
+        found.append(found[-1] + step)
+    found[-1] = far
+    if found[-1] - found[-2] < 0.5 * (found[-2] - found[-3]):
+        del found[-2]
+    return np.array(found)
+
+
+def graded(rng, low, high, n):
+    """Ends of n facets, neighbours up to three times as long."""
+    size = rng.uniform(1, 3, n)
+    return low + (high - low) * np.r_[0.0, np.cumsum(size) / size.sum()]
+
+
 def turned(angle, centre=(0.0, 0.0)):
     """A rotation, as `place` of `block`."""
     c, s = np.cos(angle), np.sin(angle)

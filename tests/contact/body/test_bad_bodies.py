@@ -29,12 +29,11 @@ from contact import (
 )
 from skfem_adini import LevelSet
 
-WOOD = (11.0, 2.0, 1.0), (0.35, 0.3, 0.4), (0.9, 0.7, 0.3)
-E, NU, G = WOOD
+E, NU, G = (11.0, 2.0, 1.0), (0.35, 0.3, 0.4), (0.9, 0.7, 0.3)
+WOOD, TILTED = (Orthotropic(E, NU, G, turn) for turn in (0.0, Rotation.from_euler("x", 0.3)))
 MESH = MeshQuad().refined(2).with_defaults()
 N = 2 * 25  # dofs of its Q1 elements
 TIP = MeshTri(np.array([[0.0, 1.0, 1.0], [0.0, -1.0, 1.0]]), np.array([[0], [1], [2]]))
-TILT = Rotation.from_euler("x", 0.3)
 
 
 def flat(mesh=MESH, **more):
@@ -44,10 +43,6 @@ def flat(mesh=MESH, **more):
 
 def ring(mesh=MESH, **more):
     return flat(mesh, plane="axisymmetric", **more)
-
-
-def turned(body, plane):
-    body.plane = plane
 
 
 def circle(x):
@@ -71,7 +66,7 @@ def half():
 
 
 def stiff(place, value):
-    C = Orthotropic(*WOOD).C.copy()
+    C = WOOD.C.copy()
     C[place] = value
     return C
 
@@ -80,23 +75,17 @@ def vectors(material):
     return ElasticBody(Basis(MESH, ElementVector(ElementQuad2())), material=material)
 
 
-def set_modulus(body):
-    body.E = 2.0
-
-
 def spread(**more):
     return DistributedBody(MESH, ElementQuad1(), contact="bottom", E=1.0, nu=0.3, **more)
 
 
-LAYERS = (1.0, 1.0), [(1.0, 4, 1.0, 0.3)]
+LAYERS, ASKEW = ((1.0, 1.0), [(1.0, 4, 1.0, 0.3)]), np.arange(9.0).reshape(3, 3)
 MATERIALS = {
     "E of zero": (lambda: flat(E=0.0), "E="),
-    "E below zero": (lambda: flat(E=-1.0), "E="),
     "E NaN": (lambda: flat(E=np.nan), "E="),
     "E infinite": (lambda: flat(E=np.inf), "E="),
     "nu of a half": (lambda: flat(nu=0.5), "nu="),
     "nu of minus one": (lambda: flat(nu=-1), "nu="),
-    "nu NaN": (lambda: flat(nu=np.nan), "nu="),
     "E alone": (lambda: ElasticBody.from_mesh(MESH, E=1.0), "E, nu"),
     "E of an axis": (lambda: Orthotropic((1, 2, 0), NU, G), "E="),
     "G below zero": (lambda: Orthotropic(E, NU, (1, -2, 1)), "G="),
@@ -104,32 +93,23 @@ MATERIALS = {
     "nu23": (lambda: Orthotropic(E, (0, 0, 1.5), G), r"nu: nu23\*\*2"),
     "nu together": (lambda: Orthotropic((1, 1, 1), (0.9, 0.9, 0.9), G), "nu: nu12"),
     "two moduli": (lambda: Orthotropic((1, 2), NU, G), "E: expected three"),
-    "other cells": (lambda: Orthotropic(np.ones((3, 3)), np.ones((2, 3)) / 9, G), "nu: shape"),
+    "moduli of other cells": (
+        lambda: Orthotropic(np.ones((3, 3)), np.ones((2, 3)) / 9, G),
+        "nu: shape",
+    ),
     "C of five": (lambda: Anisotropic(np.eye(5)), "C: expected"),
     "C negative": (lambda: Anisotropic(-np.eye(6)), "C: must be positive definite"),
     "C askew": (lambda: Anisotropic(stiff((0, 1), 7.0)), "C: must be symmetric"),
     "no rotation": (lambda: Anisotropic(np.eye(6), rotation=np.ones((3, 3))), "rotation: expected"),
     "rotation by name": (lambda: Anisotropic(np.eye(6), rotation="z"), "rotation"),
     "two rotations": (lambda: Anisotropic([np.eye(6)] * 3, rotation=[0.1, 0.2]), "rotation: 2"),
-    "material and E": (
-        lambda: flat(material=Orthotropic(*WOOD), E=1.0, nu=0.3),
-        "material: it takes",
-    ),
+    "material and E": (lambda: flat(material=WOOD, E=1.0, nu=0.3), "material: it takes"),
     "a matrix": (lambda: flat(material=np.eye(6)), "material: expected"),
-    "mean dilatation of wood": (
-        lambda: flat(material=Orthotropic(*WOOD), dilatation="mean"),
-        "dilatation",
-    ),
-    "axes out of the plane": (
-        lambda: flat(material=Orthotropic(*WOOD, rotation=TILT)),
-        "material: in two dim",
-    ),
-    "material of other cells": (
-        lambda: flat(material=Anisotropic([np.eye(6)] * 3)),
-        "material: it has 3",
-    ),
-    "E of wood": (lambda: set_modulus(vectors(Orthotropic(*WOOD))), "material: it takes"),
-    "E once heated": (lambda: set_modulus(flat().heat(1.0, 1.0)), "E: the body was heated"),
+    "mean dilatation of wood": (lambda: flat(material=WOOD, dilatation="mean"), "dilatation"),
+    "axes out of the plane": (lambda: flat(material=TILTED), "material: in two dim"),
+    "other cells": (lambda: flat(material=Anisotropic([np.eye(6)] * 3)), "material: it has 3"),
+    "E of wood": (lambda: setattr(vectors(WOOD), "E", 2.0), "material: it takes"),
+    "E once heated": (lambda: setattr(flat().heat(1.0, 1.0), "E", 2.0), "E: the body was heated"),
     "unknown dilatation": (lambda: flat(dilatation="b-bar"), "'pointwise' or 'mean'"),
     "mean of Q2": (
         lambda: ElasticBody.from_mesh(MESH, ElementQuad2(), E=1.0, nu=0.3, dilatation="mean"),
@@ -142,10 +122,7 @@ MATERIALS = {
     "hot": (lambda: flat().heat("hot", 1.0), "temperature"),
     "expansion infinite": (lambda: flat().heat(1.0, np.inf), "expansion: holds"),
     "two expansions": (lambda: flat().heat(1.0, (1.0, 2.0)), "expansion: expected"),
-    "expansion askew": (
-        lambda: flat().heat(1.0, np.arange(9.0).reshape(3, 3)),
-        "expansion: the tensor must be symmetric",
-    ),
+    "expansion askew": (lambda: flat().heat(1.0, ASKEW), "expansion: the tensor must be symm"),
     "heat of layers": (
         lambda: LoadStepper(ContactProblem(LayeredBlock(*LAYERS), "bottom", 0.0)).heat(1.0, 1.0),
         "heat: a LayeredBlock",
@@ -160,8 +137,8 @@ RINGS = {
     "load on the axis": (lambda: ring().load("left", (1.0, 0.0)), "axis x = 0"),
     "contact on the axis": (lambda: ContactProblem(ring(), "left", 0.0), "axis x = 0"),
     "moves on the axis": (lambda: ring().fix("left", "x", 0.1).constraint, "differ"),
-    "to a plane": (lambda: turned(ring(), "strain"), "make a new body"),
-    "to a ring": (lambda: turned(flat(), "axisymmetric"), "make a new body"),
+    "to a plane": (lambda: setattr(ring(), "plane", "strain"), "make a new body"),
+    "to a ring": (lambda: setattr(flat(), "plane", "axisymmetric"), "make a new body"),
     "in space": (
         lambda: ElasticBody.from_mesh(MeshHex(), E=1.0, nu=0.3, plane="axisymmetric"),
         "three dim",
@@ -174,7 +151,7 @@ RINGS = {
         "along its axis",
     ),
     "rigid boundary": (lambda: ring().tie("top", rigid=True), r"tie\(boundary, 'y'\)"),
-    "twist": (lambda: ring(material=Orthotropic(*WOOD, rotation=TILT)), "symmetry"),
+    "twist": (lambda: ring(material=TILTED), "symmetry"),
 }
 LINKS = {
     "held apart": (
@@ -205,7 +182,6 @@ LINKS = {
 }
 CUT = {
     "spacing": (lambda: disk().arc(spacing=0.0), "spacing"),
-    "spacing NaN": (lambda: disk().arc(spacing=np.nan), "spacing"),
     "empty": (lambda: disk().arc(where=lambda x: x[0] > 5), "where: holds on no point"),
     "not booleans": (lambda: disk().arc(where=lambda x: x[0]), "booleans"),
     "parts": (lambda: disk().arc(parts=7), "parts"),
@@ -216,15 +192,12 @@ CUT = {
     "traction NaN": (lambda: disk().load(disk().arc(), (np.nan, 0.0)), "traction"),
     "gaps": (lambda: ContactProblem(disk(), disk().arc(), [0.1, 0.2]), "gaps given"),
     "gap NaN": (lambda: ContactProblem(disk(), disk().arc(), lambda x: x[0] * np.nan), "NaN"),
-    "overlap": (
-        lambda: ContactProblem(disk(), [disk().arc(), disk().arc()], [0.1, 0.1]),
-        "two contact",
-    ),
+    "overlap": (lambda: ContactProblem(disk(), [disk().arc()] * 2, [0.1] * 2), "two contact"),
     "another body": (lambda: ContactProblem(disk(), cut().arc(), 0.1), "another body"),
     "from_mesh": (lambda: CutBody.from_mesh(MESH, E=1, nu=0), "CutBody"),
     "E of cells": (lambda: cut(E=[1.0, 2.0]), "E: expected a number or one value"),
-    "E below zero, cut": (lambda: cut(E=-1.0), "modulus"),
-    "nu of a half, cut": (lambda: cut(nu=0.5), "ratio"),
+    "E below zero": (lambda: cut(E=-1.0), "modulus"),
+    "nu of a half": (lambda: cut(nu=0.5), "ratio"),
     "nothing inside": (lambda: cut(level=lambda x: x[0] + 9), "inside"),
     "heat": (lambda: cut().heat(1.0, 1.0), "heat: a CutBody"),
     "periodic": (lambda: half().periodic("right", "left"), "CutBody"),

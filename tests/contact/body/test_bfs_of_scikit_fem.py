@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 import skfem
 from skfem import Basis, ElementVector, MeshQuad
-from skfem.models.poisson import laplace
 
 import skfem_adini
 from contact import ContactProblem, ElasticBody, InputError, Plane
 from skfem_adini import essential_dofs, nodal_gradient, to_pyvista
-from skfem_adini.distributed import DistributedBasis
 
 BOTH = (skfem.ElementQuadBFS, skfem_adini.ElementQuadBFS)
 MESH = MeshQuad().refined(2).with_defaults()
@@ -77,11 +75,3 @@ def test_a_basis_with_functions_of_another_mesh_is_refused():
     basis = Basis(LONG, used)
     with pytest.raises(InputError, match=r"skfem\.ElementQuadBFS has kept the shape functions of"):
         ElasticBody(basis, E=2.0, nu=0.3)
-
-
-def test_a_distributed_space_of_one_process():
-    used = skfem.ElementQuadBFS()
-    Basis(MESH, used)
-    found = DistributedBasis(LONG, used).assemble(laplace).gather()
-    expected = laplace.assemble(Basis(LONG, skfem.ElementQuadBFS()))
-    assert abs(found - expected).max() < 1e-10 * abs(expected).max()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from families import half_disk
 from scipy.linalg import eigh
 from skfem import MeshQuad
 
@@ -124,8 +125,7 @@ def test_multipliers_are_stable_whatever_the_cut(centre):
 
 def test_a_body_held_by_contact_alone_in_one_direction():
     """A half disk that its weight presses on the floor: the floor carries it, whatever the cut."""
-    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 14), np.linspace(-1.1, 0, 7))
-    body = CutBody(mesh.with_defaults(), circle(0.01, 0, 1.0), E=1.0, nu=0.3, q=6)
+    body = half_disk((13, 6), q=6)
     body = body.fix("top", "x").body_force((0.0, -0.01))
     result = ContactProblem(body, body.arc(), Plane((0, -1), (0, 1)), friction=0.3).solve()
     assert result.resultant[1] == pytest.approx(0.01 * body.domain.area, rel=1e-9)
@@ -173,26 +173,26 @@ REDUCTIONS = {
     "number": lambda x: x / x.size,
     "constant": lambda x: x.reshape(2, -1).mean(axis=1),
 }
+ARGUMENTS = {"of nothing": lambda: 1.0, "of two": lambda x, y: x}
 
 
-@pytest.fixture(scope="module")
-def half_disk():
-    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 13), np.linspace(-1.1, 0, 7))
-    return CutBody(mesh.with_defaults(), lambda x: x[0] ** 2 + x[1] ** 2 - 1, E=1.0, nu=0.3)
+@pytest.fixture(scope="module", name="half_disk")
+def of_a_disk():
+    return half_disk((12, 6))
 
 
-@pytest.mark.parametrize("name", REDUCTIONS)
-def test_reductions_are_refused(half_disk, name):
-    before = half_disk.f.copy()
-    with pytest.raises(InputError, match=r"force: .* each place alone"):
-        half_disk.body_force(REDUCTIONS[name])
-    with pytest.raises(InputError, match=r"traction: .* each place alone"):
-        half_disk.load(half_disk.arc(), REDUCTIONS[name])
+@pytest.mark.parametrize("name", [*REDUCTIONS, *ARGUMENTS])
+def test_reductions_and_other_arguments_are_refused(half_disk, name):
+    before, wrong = half_disk.f.copy(), (REDUCTIONS | ARGUMENTS)[name]
+    words = ".* each place alone" if name in REDUCTIONS else "expected a function of one argument"
+    with pytest.raises(InputError, match=f"force: {words}"):
+        half_disk.body_force(wrong)
+    with pytest.raises(InputError, match=f"traction: {words}"):
+        half_disk.load(half_disk.arc(), wrong)
     np.testing.assert_array_equal(half_disk.f, before)
 
 
 def test_ordinary_forces(half_disk):
-    """Resultants of what acts on each place, and of a mean computed beforehand."""
     mean = np.array([0.0, -4 / (3 * np.pi)])  # of the half disk
     for force, total in (
         (lambda x: x - mean[:, None, None], [0.0, 0.0]),
@@ -207,11 +207,3 @@ def test_ordinary_forces(half_disk):
     half_disk.f = 0 * half_disk.f
     half_disk.load(half_disk.arc(), lambda x: np.array([0 * x[0], x[0] ** 2]))
     assert abs(half_disk.total(half_disk.f)[1] - np.pi / 2) < 1e-9
-
-
-@pytest.mark.parametrize("wrong", [lambda: 1.0, lambda x, y: x])
-def test_functions_of_other_arguments_are_named(half_disk, wrong):
-    with pytest.raises(InputError, match="force: expected a function of one argument"):
-        half_disk.body_force(wrong)
-    with pytest.raises(InputError, match="traction: expected a function of one argument"):
-        half_disk.load(half_disk.arc(), wrong)

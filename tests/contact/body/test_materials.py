@@ -106,6 +106,9 @@ def test_uniform_stress(element, plane, kind, make):
     assert np.abs(result.cell_stress() - sigma[:, :, None]).max() < limit
     assert np.abs(result.von_mises() - mises).max() < limit
     assert np.abs(result.von_mises(at) - mises).max() < limit
+    grid = result.to_pyvista()
+    assert np.abs(grid.point_data["nodal_stress"] - sigma.ravel()).max() < limit
+    assert np.abs(grid.point_data["nodal_von_mises"] - mises).max() < limit
 
 
 def isotropic(young, nu):
@@ -126,15 +129,17 @@ def check_strains(body):
     assert energy == pytest.approx(u @ forces, rel=1e-12)
 
 
+@pytest.mark.parametrize("nu", [0.3, -0.4])
 @every
-def test_isotropy_given_as_a_tensor(element, plane):
+def test_isotropy_given_as_a_tensor(element, plane, nu):
     mesh = STRAIGHT[element]().refined(1).with_defaults()
-    usual = ElasticBody.from_mesh(mesh, element(), E=3.0, nu=0.3, plane=plane)
-    tensor = Anisotropic(isotropic(3.0, 0.3))
+    usual = ElasticBody.from_mesh(mesh, element(), E=3.0, nu=nu, plane=plane)
+    tensor = Anisotropic(isotropic(3.0, nu))
     tensor = ElasticBody.from_mesh(mesh, element(), material=tensor, plane=plane)
     scale = abs(usual.stiffness).max()
     assert abs(usual.stiffness - tensor.stiffness).max() < 1e-13 * scale
-    check_strains(tensor)
+    for body in (usual, tensor):
+        check_strains(body)
 
 
 @pytest.mark.parametrize("element", [ElementQuadAdini, ElementQuad1, ElementTriP2])

@@ -1,10 +1,12 @@
-"""Cells of bodies: numbered as scikit-fem does, checked for folds, found by points, slender."""
+"""Cells of bodies: numbered as scikit-fem does, checked for folds, found by points; their files."""
 
 from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
 from families import CURVED, PLANE, SOLID, STRAIGHT
+from fields import linear_dofs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from skfem import (
@@ -25,23 +27,20 @@ from skfem import (
     FacetBasis,
     MeshHex,
     MeshHex2,
-    MeshLine,
     MeshQuad,
     MeshQuad2,
     MeshTet,
     MeshTet2,
     MeshTri,
     MeshTri2,
-    MeshWedge1,
 )
 from skfem.assembly import Dofs
 from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 
-from contact import ContactProblem, ElasticBody, InputError, NotConverged, Plane
-from contact.body import jacobians
+from contact import ContactProblem, ContactResult, ElasticBody, InputError, NotConverged, Plane
 from contact.body.cell_check import check_cells, number_facets
 from contact.body.cell_finder import find_cells, places_in
-from contact.body.deferred_basis import DeferredBasis, DofNumbers, dofs_on_facets, edges_of_facets
+from contact.body.deferred_basis import DofNumbers, dofs_on_facets, edges_of_facets
 from contact.body.jacobians import middle_determinants, turning_move
 from contact.facet_basis import facet_basis, places_on_facets
 from contact.rows.contact_boundaries import outward_normals
@@ -111,13 +110,6 @@ def test_facets_are_numbered_as_scikit_fem_does(name):
     assert ours.facets is facets
 
 
-@pytest.mark.parametrize("kind", [MeshLine, MeshWedge1])
-def test_facets_of_other_cells_are_left_alone(kind):
-    mesh = kind()
-    number_facets(mesh)
-    assert not hasattr(mesh, "_t2f")
-
-
 ELEMENTS = [e() for e in (*PLANE, *SOLID, ElementTriMorley, ElementTriCR, ElementTriMini)]
 ELEMENTS += [ElementHexS2()]
 
@@ -143,39 +135,6 @@ def test_dofs_are_numbered_as_scikit_fem_does(element):
         if element.dim == 3:
             expected = np.sort(basis.mesh.f2e[:, facets], axis=0)
             np.testing.assert_array_equal(edges_of_facets(basis.mesh, facets), expected)
-
-
-TICKS = np.array([0.0, 0.3, 0.5, 0.9, 1.0])
-BASES = {
-    "Adini": (MeshQuad.init_tensor(TICKS, TICKS), ElementQuadAdini()),
-    "Quad2": (MeshQuad.init_tensor(TICKS, TICKS), ElementQuad2()),
-    "TriP2": (MeshTri().refined(2), ElementTriP2()),
-    "Hex1": (MeshHex.init_tensor(*[TICKS[1:]] * 3), ElementHex1()),
-    "skewed": (grid(ElementHex1, False, lambda x: x + 0.05 * np.sin(5 * x[::-1])), ElementHex1()),
-    "HexAdini": (MeshHex.init_tensor(*[TICKS[1:]] * 3), ElementHexAdini()),
-    "TetP2": (MeshTet().refined(1), ElementTetP2()),
-}
-
-
-@pytest.mark.parametrize("case", BASES)
-def test_tables_are_those_of_a_basis(case):
-    mesh, element = BASES[case]
-    vector = ElementVector(element)
-    ours, whole = DeferredBasis(mesh, vector, 4), Basis(mesh, vector, intorder=4)
-    assert abs(ours.volume - whole.dx.sum()) < 1e-14 * ours.volume
-    assert not {"basis", "dx"} & set(vars(ours))
-    np.testing.assert_array_equal(ours.dx, whole.dx)
-    np.testing.assert_array_equal(ours.doflocs, whole.doflocs)
-    for one, other in zip(ours.basis, whole.basis, strict=True):
-        np.testing.assert_array_equal(one[0], other[0])
-        np.testing.assert_array_equal(one[0].grad, other[0].grad)
-
-
-def test_a_block_is_solved_without_tables_of_its_cells():
-    mesh = MeshQuad.init_tensor(*[np.linspace(0, 1, 9)] * 2).with_defaults()
-    block = body(mesh, ElementQuadAdini).fix("top", "xy", -0.01)
-    assert ContactProblem(block, "bottom", 0.0, 0.3).solve().mu.max() > 0
-    assert "basis" not in vars(block.basis)
 
 
 @cells
@@ -254,21 +213,6 @@ def test_what_is_accepted(element, curved):
     body(grid(element, curved, needle), element)
 
 
-@pytest.mark.parametrize("kind", [MeshTri, MeshQuad, MeshTet, MeshHex, MeshTri2, MeshQuad2])
-def test_jacobians_are_those_of_the_mapping(kind):
-    mesh = kind().refined(2)
-    mesh.doflocs[:] += 0.02 * np.random.default_rng(4).standard_normal(mesh.doflocs.shape)
-    places = mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T
-    expected = mesh.mapping().DF(places)[:, :, 3:7]
-    found = jacobians.jacobians(mesh, np.arange(3, 7), places)
-    np.testing.assert_allclose(found.transpose(2, 3, 0, 1), expected, atol=1e-14)
-    det, norms, extent = jacobians.measures(mesh, slice(3, 7), places)
-    np.testing.assert_array_equal(extent, np.ptp(mesh.p[:, mesh.t[:, 3:7]], axis=1).max(axis=0))
-    np.testing.assert_allclose(det, np.linalg.det(found), atol=1e-14)
-    size = [np.linalg.norm(J, axis=(2, 3)) for J in (found, np.linalg.inv(found))]
-    np.testing.assert_allclose(norms / np.abs(det), size[0] * size[1], rtol=1e-10)
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**31), st.sampled_from([MeshTri, MeshQuad, MeshTet, MeshHex]))
 def test_no_cell_turns_below_the_bound(seed, mesh_type):
@@ -297,7 +241,6 @@ def turning(dim, planes):
     [(e, r) for e in PLANE for r in (1e2, 1e4, 1e6)] + [(ElementHex1, 1e5), (ElementHex2, 1e5)],
 )
 def test_slender_plate_askew(element, ratio, make):
-    """Q1 and Q2 ended in a bare Exception of scikit-fem from 1e4 on."""
     dim = element().dim
     turn, up = turning(dim, [[0, -1]]), np.eye(dim)[-1]
     along, across = np.linspace(0, 1, 5 if dim == 2 else 3), np.linspace(0, 0.75 / ratio, 4)
@@ -351,7 +294,6 @@ def test_places_on_facets_without_a_search(element, curved, where):
     ("element", "curved"), [*CELLS, (ElementQuadAdini, False), (ElementHexAdini, False)]
 )
 def test_points_on_the_edge_of_a_body_lie_in_it(element, curved, ratio, moved):
-    """Turned triangles from 1e2:1 and bilinear cells at 1e6:1 refused their own vertices."""
     dim = element().dim
     turn = turning(dim, ([0, 1], [0, 2], [1, 2])[: 2 * dim - 3])
     lines = [np.linspace(0, 1, 9 - 2 * dim)] * (dim - 1) + [np.linspace(0, 0.75 / ratio, 6 - dim)]
@@ -397,16 +339,163 @@ def bent(element, bend=1.0, held=False):
         (ElementQuad1, r"Q2 elements \(ElementQuad2\)"),
         (ElementTetP1, r"P2 elements \(ElementTetP2\)"),
         (ElementHex1, r"Q2 elements \(ElementHex2\)"),
+        (ElementTriP2, None),
+        (ElementQuad2, None),
     ],
 )
-def test_elements_without_rotation_on_curved_cells(element, remedy):
-    """Those of first order hold none without strain, unless the cells are straight or held."""
-    with pytest.raises(NotConverged, match=remedy):
-        bent(element).solve()
-    for others in (bent(element, 0.0), bent(element, held=True)):
-        assert max(others.solve().kkt.values()) < 1e-10
+def test_rotations_on_curved_cells(element, remedy):
+    """Elements of first order hold none without strain, unless the cells are straight or held."""
+    others = [bent(element, 0.0), bent(element, held=True)] if remedy else [bent(element)]
+    for solved in others:
+        assert max(solved.solve().kkt.values()) < 1e-10
+    if remedy:
+        with pytest.raises(NotConverged, match=remedy):
+            bent(element).solve()
 
 
-@pytest.mark.parametrize("element", [ElementTriP2, ElementQuad2])
-def test_elements_with_rotation_on_curved_cells(element):
-    assert max(bent(element).solve().kkt.values()) < 1e-10
+MATERIAL = {"E": 1.0, "nu": 0.3}
+# Mesh of second order, its straight kind, default element, meshio's names: cell, facet.
+KINDS = {
+    "tetra": (MeshTet2, MeshTet, ElementTetP2, "tetra10", "triangle6"),
+    "triangle": (MeshTri2, MeshTri, ElementTriP2, "triangle6", "line3"),
+    "quad": (MeshQuad2, MeshQuad, ElementQuad2, "quad9", "line3"),
+}
+
+
+def bulged(x):
+    """A smooth map of the unit box; its bottom, where the last coordinate is 0, stays flat."""
+    y = x.copy()
+    y[0] += 0.15 * x[-1] * np.sin(2 * x[-1])
+    y[-1] *= 1 + 0.2 * x[0] ** 2
+    return y
+
+
+def bulged_cells(kind, refinements=1):
+    """The bulged box; nodes of second order lie on it."""
+    second, straight, *_ = KINDS[kind]
+    mesh = second.from_mesh(straight().refined(refinements))
+    return second(bulged(mesh.doflocs), mesh.t)
+
+
+# Of a facet with vertices a, b, c: between which of them the nodes in the middle lie.
+MIDDLES = {"line3": [(0, 1)], "triangle6": [(0, 1), (1, 2), (2, 0)]}
+
+
+def written(kind, path):
+    """The mesh as a .msh, its nodes in disorder: generators number them curve by curve."""
+    second, _, _, cell, facet = KINDS[kind]
+    mesh = bulged_cells(kind)
+    flat = second.from_mesh(KINDS[kind][1]().refined(1))
+    # Node of each pair of vertices, by its place before the bending.
+    at = {tuple(np.round(x, 9)): i for i, x in enumerate(flat.doflocs.T)}
+
+    def middle(vertices):
+        return at[tuple(np.round(flat.p[:, list(vertices)].mean(axis=1), 9))]
+
+    corners = [list(t) for t in mesh.t.T]
+    edges = {
+        "tetra": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],  # VTK's order, and meshio's
+        "triangle": [(0, 1), (1, 2), (2, 0)],
+        "quad": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 1, 2, 3)],
+    }[kind]
+    cells = [t + [middle([t[i] for i in pair]) for pair in edges] for t in corners]
+    sides = {"bottom": 0.0, "top": 1.0}
+    blocks, tags = [(cell, np.array(cells))], [np.full(len(cells), 9)]
+    for tag, name in enumerate(sides, 1):
+        chosen = flat.facets_satisfying(
+            lambda x, name=name: np.abs(x[-1] - sides[name]) < 1e-9, boundaries_only=True
+        )
+        nodes = [
+            [*v, *(middle([v[i] for i in pair]) for pair in MIDDLES[facet])]
+            for v in flat.facets[:, chosen].T.tolist()
+        ]
+        blocks.append((facet, np.array(nodes)))
+        tags.append(np.full(len(nodes), tag))
+    order = np.random.default_rng(0).permutation(mesh.doflocs.shape[1])
+    place = np.argsort(order)
+    points = np.zeros((order.size, 3))
+    points[:, : mesh.dim()] = mesh.doflocs[:, order].T
+    fields = {name: np.array([tag, mesh.dim() - 1]) for tag, name in enumerate(sides, 1)}
+    file = meshio.Mesh(
+        points,
+        [(name, place[data]) for name, data in blocks],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data=fields | {"body": np.array([9, mesh.dim()])},
+    )
+    meshio.write(path, file, file_format="gmsh22")
+    return mesh
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_file_of_second_order(kind, tmp_path):
+    """Names, element and geometry are those of the mesh; so is a contact problem's solution."""
+    mesh = written(kind, tmp_path / "bent.msh")
+    body = ElasticBody.from_mesh(tmp_path / "bent.msh", **MATERIAL)
+    assert type(body.mesh) is KINDS[kind][0]
+    assert isinstance(body.element, KINDS[kind][2])
+    last = mesh.dim() - 1
+    named = mesh.with_boundaries(
+        {
+            "bottom": lambda x: np.abs(x[last]) < 1e-9,
+            "top": mesh.facets_satisfying(
+                lambda x: x[last] > 0.99 + 0.15 * x[0] ** 2, boundaries_only=True
+            ),
+        }
+    )
+    direct = ElasticBody.from_mesh(named, **MATERIAL)
+    # Coordinates are written with 16 digits.
+    assert abs(body.basis.dx.sum() - direct.basis.dx.sum()) < 1e-13
+    results = []
+    for one in (body, direct):
+        facets = FacetBasis(one.mesh, one.basis.elem, facets=one.facets("top"))
+        results.append(facets.dx.sum())
+        one.fix("top", "xyz"[last], -0.02).fix("top", "x")
+        if last == 2:
+            one.fix("top", "y")
+        normal = np.eye(last + 1)[last]
+        results.append(ContactProblem(one, "bottom", Plane(0 * normal, normal), 0.3).solve())
+    assert abs(results[0] - results[2]) < 1e-13
+    # Another numbering: rounding times the condition of the body.
+    np.testing.assert_allclose(results[1].resultant, results[3].resultant, atol=1e-12)
+    back = ContactResult.load(results[1].save(tmp_path / "bent.npz"))
+    assert back.kkt == results[1].kkt
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (("quad", [[0, 1, 2, 3]]), ("triangle", [[1, 4, 5], [1, 5, 2]])),
+        (("triangle", [[0, 1, 2], [0, 2, 3], [1, 5, 2]]), ("triangle6", [[1, 4, 5, 6, 7, 8]])),
+        (("tetra", [[0, 1, 3, 9]]), ("pyramid", [[1, 4, 5, 2, 9]])),
+    ],
+    ids=["plane", "orders", "space"],
+)
+def test_cells_of_several_kinds(first, second, tmp_path):
+    """A part of the body would be missing."""
+    points = np.zeros((10, 3))
+    points[:6, :2] = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1)]
+    points[6:9, :2] = [(1.5, 0), (2, 0.5), (1.5, 0.5)]
+    points[9] = 1.0, 0.5, float(first[0] == "tetra")
+    for cells in ([first, second], [second, first]):
+        meshio.write(tmp_path / "mixed.vtu", meshio.Mesh(points, cells))
+        with pytest.raises(InputError, match=rf"mixed\.vtu.*{first[0]}.*one kind"):
+            ElasticBody.from_mesh(tmp_path / "mixed.vtu", **MATERIAL)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "hexahedron"])
+def test_points_in_curved_cells(kind):
+    """An affine displacement and its stress are found anywhere, outside is told."""
+    flat = MeshHex2.from_mesh(MeshHex.init_tensor([0.0, 0.5, 1.0], [0.0, 1.0], [0.0, 1.0]))
+    hexahedra = MeshHex2(bulged(flat.doflocs), flat.t)
+    body = ElasticBody.from_mesh(bulged_cells(kind, 0) if kind in KINDS else hexahedra, **MATERIAL)
+    dim, rng = body.dim, np.random.default_rng(1)
+    X = rng.dirichlet(np.ones(dim + 1), 2)[:, :dim].T  # in the simplex, and in the cube
+    points = body.basis.mapping.F(X).reshape(dim, -1)
+    A = rng.normal(size=(dim, dim))
+    u = linear_dofs(body, A)
+    # Newton's method ends at 1e-10 of a cell.
+    np.testing.assert_allclose(body.displacement(u, points), A @ points, atol=1e-9)
+    found = body.gradient(u, points)
+    np.testing.assert_allclose(found, np.repeat(A[:, :, None], points.shape[1], 2), atol=1e-9)
+    with pytest.raises(InputError, match="outside"):
+        body.displacement(u, np.full((dim, 1), -0.01))

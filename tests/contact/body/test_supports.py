@@ -5,7 +5,7 @@ import pytest
 from convergence import order
 from fields import without_contact
 from rings import NU, ring
-from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTetP1, ElementTriP2, MeshQuad
+from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTriP2, MeshQuad
 
 from contact import ContactProblem, ElasticBody, InputError, LoadStepper, Plane, Status, Unbounded
 from contact.body.rigid_modes import rigid_modes
@@ -94,17 +94,6 @@ def test_rough_supports(element, make):
     size = np.abs(found[0]).max()
     for noise, u in zip(noises, found, strict=True):
         assert np.abs(u - found[0]).max() < (1e-9 + 30 * noise) * size
-
-
-def test_contact_of_a_ring_held_inside(make):
-    """Pressed in by a hole that is too small: the pressure is that of quadratic elements."""
-    found = {}
-    for element in (ElementQuadAdini, ElementQuad2):
-        body = ring(make, element, 16).fix("left", "xy")
-        found[element] = ContactProblem(body, "right", -0.01, 0.3).solve().pressure
-    exact = 0.01 * ((LAM + 2 * MU) * 1.25 + LAM * 0.75) / 1.5
-    for pressure in found.values():
-        assert np.abs(pressure / exact - 1).max() < 0.02
 
 
 @pytest.mark.parametrize("value", [0.1, displaced], ids=["number", "field"])
@@ -208,35 +197,6 @@ def test_one_sided_block_out_of_reach(friction, make):
     assert np.abs(body.stiffness @ mode).max() < 1e-9
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_lifting_off_is_named(element, friction, loose):
-    body = loose(element).fix("left", "x")
-    body.body_force(np.eye(body.dim)[-1])
-    if body.dim == 3:
-        body.fix("front", "y")
-    with pytest.raises(Unbounded, match=f"translation along {'xyz'[body.dim - 1]}"):
-        ContactProblem(body, "bottom", 0.01, friction).solve()
-
-
-@pytest.mark.parametrize("method", ["newton", "pdas", "tresca_loop", "fixed_point", "qp:osqp"])
-def test_sliding_beyond_friction(method, loose):
-    """A side load of .5 on friction .3: there is no equilibrium, and none is returned."""
-    body = loose(ElementQuadAdini).body_force((0.5, -1.0))
-    with pytest.raises(Unbounded, match="not held"):
-        ContactProblem(body, "bottom", 0.01, 0.3).solve(method, max_iterations=50)
-
-
-@pytest.mark.parametrize("element", [ElementQuadAdini, ElementHex1])
-@pytest.mark.parametrize("method", ["newton", "pdas"])
-def test_sliding_beyond_a_given_bound(method, element, loose):
-    body = loose(element)
-    body.body_force(0.2 * np.eye(body.dim)[0] - np.eye(body.dim)[-1])
-    problem = ContactProblem(body, "bottom", 0.0, 0.05, "tresca")
-    with pytest.raises(Unbounded, match="not held"):
-        problem.solve(method)
-
-
 def test_given_friction_without_contact_leaves_the_normal_free(loose):
     body = loose(ElementQuadAdini).load("top", (0.02, 0.0))
     with pytest.raises(Unbounded, match="translation along y"):
@@ -268,23 +228,12 @@ def test_two_pieces(element, supported, make):
     assert rigid_modes(body).shape[1] == 6
     result = checked(ContactProblem(body, "bottom", 0.0, 0.3).solve(), make)
     right = result.x[0] > 1.5
-    # Rounding.
     assert abs(result.mu[right].sum() - 0.1) < 1e-12
     assert abs(result.mu[~right].sum() - (0.0 if supported else 0.1)) < 1e-12
 
 
 @pytest.mark.parametrize("solver", ["superlu", "auto"])
 def test_piece_out_of_touch(solver):
-    """The second piece is neither fixed nor on the contact boundary."""
     body = two_blocks(ElementQuad1).fix("top1", "xy")
     with pytest.raises((InputError, Unbounded), match=r"neither fixed nor connected|not held"):
         ContactProblem(body, "bottom1", 0.0, solver=solver).solve()
-
-
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_rigid_modes_carry_no_energy(element, loose):
-    body = loose(element)
-    modes = rigid_modes(body)
-    assert modes.shape[1] == np.linalg.matrix_rank(modes) == body.dim * (body.dim + 1) // 2
-    # Rounding.
-    assert np.abs(body.stiffness @ modes).max() < 1e-13 * np.abs(body.stiffness.data).max() * 10

@@ -1,18 +1,15 @@
 """Where vectors of bodies lie, loads without a mesh, back ends of distributed bodies."""
 
 import copy
-import gc
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from skfem import ElementQuad1, ElementTriP2, MeshQuad, MeshTri
 
-from contact import ContactProblem, DistributedBody, ElasticBody, InputError, LayeredBlock
+from contact import ElasticBody, LayeredBlock
 from contact.arrays.dense_arrays import HostArrays
-from contact.arrays.sparse_rows import DeviceRows, SparseRows
 from contact.body import distributed_body
-from contact.body.distributed_body import choose_backend, factor_memory
+from contact.body.distributed_body import choose_backend
 from contact.body.space import Space
 from skfem_adini import ElementQuadAdini
 
@@ -72,31 +69,6 @@ def test_rigid_motions_are_no_deformation(body):
     assert np.isclose(both[0], np.abs(left).max(), rtol=1e-10)
 
 
-def test_a_device_is_left_with_what_was_condensed_there():
-    body = square(ElementQuadAdini)
-    there = body.compute_with(Elsewhere())
-    copies = body.under(body.f, body.constraint[1]), body.snapshot()
-    assert all(each.vectors is there for each in (body, *copies))
-    assert copy.deepcopy(body).vectors is not there
-    del there
-    gc.collect()
-    vectors = body.vectors
-    assert type(vectors.arrays) is HostArrays
-    assert all(each.vectors is vectors for each in copies)
-
-
-def test_another_stiffness_or_support_is_noticed():
-    body = square(ElementQuadAdini)
-    there = body.compute_with(Elsewhere())
-    u = np.random.default_rng(3).standard_normal(body.f.size)
-    forces = body.internal(u)
-    body.E = 2.0
-    assert np.allclose(body.internal(u), 2.0 * forces, atol=1e-13 * np.abs(forces).max())
-    body.fix("right", "x")
-    assert body.vectors is not there
-    assert body.support_error(u) > 0.0
-
-
 def test_a_device_without_room_is_not_used(caplog):
     body, full = square(ElementQuad1), Elsewhere()
     full.free = Space.bytes(body) - 1
@@ -106,34 +78,6 @@ def test_a_device_without_room_is_not_used(caplog):
     assert "on the host" in caplog.text
     full.free += 1
     assert body.compute_with(full).arrays is full
-
-
-def test_forces_are_computed_once(monkeypatch):
-    body, seen = square(ElementQuad1), []
-    product = SparseRows.__matmul__
-    monkeypatch.setattr(
-        SparseRows, "__matmul__", lambda rows, x: seen.append(rows) or product(rows, x)
-    )
-    u = np.ones(body.f.size)
-    first = body.internal(u)
-    assert body.snapshot().internal(u.copy()) is first
-    assert len(seen) == 1
-    assert body.internal(2.0 * u) is not first
-    assert len(seen) == 2
-
-
-@pytest.mark.gpu
-def test_products_on_a_device():
-    cupy = pytest.importorskip("cupy")
-    body = square(ElementQuadAdini)
-    x = np.random.default_rng(4).standard_normal(body.f.size)
-    host, device = SparseRows(body.stiffness), DeviceRows(body.stiffness, cupy)
-    for ours, theirs in (
-        (host @ x, device @ cupy.asarray(x)),
-        (host.moduli(x), device.moduli(cupy.asarray(x))),
-    ):
-        assert np.allclose(ours, theirs.get(), rtol=0, atol=1e-14 * np.abs(host.moduli(x)).max())
-    assert bool((device @ cupy.asarray(x) == device @ cupy.asarray(x)).all())
 
 
 def block():
@@ -155,56 +99,6 @@ def test_loads_are_those_of_the_body_with_a_mesh():
         assert np.array_equal(body.body_force((0.0, -1.0)).f, loaded().body_force((0.0, -1.0)).f)
 
 
-def test_edited_in_place_and_copied():
-    body = loaded()
-    problem = ContactProblem(body, "bottom", 0.03, 0.3)
-    first = problem.solve()
-    before = first.applied.copy()
-    body.f *= 2.0
-    assert problem.solve().applied == pytest.approx(2.0 * before)
-    assert np.array_equal(first.applied, before)
-    with pytest.raises(ValueError, match="read-only"):
-        first.applied[0] = 1.0
-    body.f[5] = np.nan
-    with pytest.raises(InputError, match=r"^f: "):
-        problem.solve()
-    body = loaded()
-    second, kept = copy.copy(body), body.loads.copy()
-    second.f[3] += 1.0
-    second.load("top", (0.0, -1.0))
-    body.load("bottom", (0.0, 0.5))
-    assert second.f[3] == pytest.approx(kept[3] + 1.0)
-    assert np.array_equal(body.f - kept, block().load("bottom", (0.0, 0.5)).f)
-
-
-def test_loads_that_overflow_change_nothing():
-    body = block()
-    for _ in range(4):  # a node takes a fourth of each
-        body.load("top", (0.0, 1.7e308))
-    kept = body.loads
-    with pytest.raises(InputError, match=r"^f: "):
-        body.load(["bottom", "top"], (0.0, 1.7e308))
-    assert body.loads is kept
-
-
-def test_only_what_acts_goes_to_a_device():
-    copied = []
-
-    def asarray(values):
-        copied.append(np.size(values))
-        return np.array(values)
-
-    body = loaded()
-    arrays = HostArrays()
-    arrays.xp = SimpleNamespace(zeros=np.zeros, asarray=asarray)
-    body.compute_with(arrays)
-    snapshot = body.snapshot()
-    assert np.array_equal(body.placed(snapshot.loads), body.loads)
-    assert max(copied) < body.ndofs
-    assert np.array_equal(body.placed(2.0 * body.loads), 2.0 * body.loads)
-    assert max(copied) == body.ndofs
-
-
 @pytest.mark.parametrize(
     ("unknowns", "rows", "dim", "processes", "petsc", "found", "why"),
     [
@@ -223,25 +117,3 @@ def test_back_end_and_its_reason(unknowns, rows, dim, processes, petsc, found, w
     chosen, reason = choose_backend(unknowns, rows, dim, processes)
     assert chosen == found
     assert why in reason
-
-
-def test_memory_grows_with_unknowns_rows_and_processes():
-    least = factor_memory(1000, 100, 3, 1)
-    assert (
-        min(factor_memory(*n) for n in ((2000, 100, 3, 1), (1000, 200, 3, 1), (1000, 100, 3, 2)))
-        > least
-    )
-    # What was measured.
-    assert factor_memory(396_294, 0, 2, 1) == pytest.approx(1.0e9, rel=0.05)
-    assert factor_memory(107_811, 0, 3, 2) == pytest.approx(1.8e9, rel=0.05)
-
-
-def test_the_body_logs_why(caplog, monkeypatch):
-    monkeypatch.setattr(distributed_body, "has_petsc", lambda: True)
-    mesh = MeshQuad().refined(2).with_defaults()
-    body = DistributedBody(mesh, contact="bottom", E=1.0, nu=0.3)
-    with caplog.at_level("INFO"):
-        assert body.chosen_backend(10) == "mumps"
-    assert "the factor would take about" in caplog.text
-    other = DistributedBody(mesh, contact="bottom", E=1.0, nu=0.3, backend="krylov")
-    assert other.chosen_backend(10) == "krylov"

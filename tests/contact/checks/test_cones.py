@@ -1,7 +1,5 @@
 """Friction in space against Clarabel's second-order cones: of one body, of pairs, beside ties."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from families import SOLID, STRAIGHT
@@ -9,15 +7,7 @@ from posed_pairs import Pose, posed
 from pressed_pairs import sandwich
 from skfem import ElementHex1, ElementHex2, ElementTetP2
 
-from contact import (
-    ContactProblem,
-    ElasticBody,
-    LoadStepper,
-    Rigid,
-    Sphere,
-    Status,
-    cross_check,
-)
+from contact import ContactProblem, ElasticBody, LoadStepper, Rigid, Sphere, Status, cross_check
 from skfem_adini import ElementHexAdini
 
 pytest.importorskip("clarabel")
@@ -69,8 +59,7 @@ def held_cube(element, **where):
 
 
 @pytest.mark.parametrize(
-    ("element", "law", "friction"),
-    [(ElementHex1, "coulomb", 0.3), (ElementTetP2, "tresca", 0.01)],
+    ("element", "law", "friction"), [(ElementHex1, "coulomb", 0.3), (ElementTetP2, "tresca", 0.01)]
 )
 def test_prescribed_slip_turns_friction(element, law, friction):
     """Where supports or the obstacle drag a point along x, its friction along y is less."""
@@ -125,16 +114,6 @@ def test_cones_agree_on_two_bodies(element, law, condensed):
     assert check.objective < 1e-8
     assert check.displacement < 1e-4
     assert check.multipliers < 1e-3
-
-
-@quiet
-def test_the_result_of_another_bound_disagrees():
-    problem, *_ = posed(SOLID[2], Pose(np.eye(3)), law="tresca")
-    other, *_ = posed(SOLID[2], Pose(np.eye(3)), friction=0.2)
-    wrong = replace(other.solve(), system=problem.solve().system)
-    # Of the dense program rounding decides whether Clarabel ends at a residual of 1e-8 or 1e-6.
-    check = cross_check(problem, wrong, "clarabel", condensed=False)
-    assert check.verdict == "disagrees"
 
 
 @quiet

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from certified_cases import CASES, in_pairs, layered, square
+from certified_cases import CASES, in_pairs, square
 from exact_residuals import exact_block_forces, exact_residuals, exact_strained_forces
 from pressed_pairs import pair
 from skfem import ElementQuad1, ElementQuad2, ElementTriP1
@@ -28,7 +28,6 @@ from contact import (
 from contact.checks.paired_bodies import paired_body
 from skfem_adini import ElementQuadAdini
 from tests.contact.condensation.device_cases import CASES as HELD
-from tests.contact.condensation.device_cases import Elsewhere
 
 
 @pytest.mark.sampled(4)
@@ -85,28 +84,6 @@ def test_a_body_far_from_its_place_or_turned_until_it_touches(make):
         # No rounding is added: what is left is less than that of one number among the forces.
         solved = make.solved(n=8, element=element)[1]
         assert recheck(solved)["equilibrium"] < 4 * np.finfo(float).eps
-
-
-def test_the_host_computes_what_a_device_has_solved(make):
-    """Vectors of the body lie elsewhere; none of them is used."""
-
-    class There(Elsewhere):
-        xp = type("There", (), {"__getattr__": lambda _, name: getattr(np, name)})()
-
-    problem = make.problem(4)
-    result = problem.solve()
-    body = result.system.body
-    before = recheck(result)
-    kept = body.compute_with(There())
-    assert body.vectors is kept
-    assert paired_body(body).host.vectors.arrays.xp is np
-    assert body.vectors is kept
-    assert recheck(result) == before
-    block = layered("x").solve()
-    before = recheck(block)
-    block.system.body.compute_with(There())
-    assert paired_body(block.system.body).host.arrays.xp is np
-    assert recheck(block) == before
 
 
 @pytest.mark.gpu

@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from skfem import MeshTet, MeshTri
 
-from contact.condensation.elimination_order import counted_order, nested_dissection
+from contact.condensation.elimination_order import nested_dissection
 
 
 def grid(*counts):
@@ -98,12 +98,6 @@ def test_blocks_touch_only_through_their_ancestors(name, leaf_size):
         for i, j in zip(graph.row, graph.col, strict=True):
             up, down = (i, j) if level[i] <= level[j] else (j, i)
             assert place[down] >> (level[down] - level[up]) == place[up]
-
-
-@pytest.mark.parametrize("count", [1, 5, 1000])
-def test_counted_order_is_a_stable_sort(count):
-    keys = np.random.default_rng(1).integers(0, count, 3000)
-    np.testing.assert_array_equal(counted_order(keys, count), np.argsort(keys, kind="stable"))
 
 
 @pytest.mark.parametrize("name", ["grid", "grid-3d", "unstructured", "tetrahedra"])

@@ -109,15 +109,6 @@ def test_files_hold_what_the_grid_of_one_process_holds_and_the_rest_is_refused(
     assert list(tmp_path.iterdir()) == before
 
 
-def test_two_bodies_are_condensed_or_refused() -> None:
-    case = dict(cases())["Adini .9"]
-    parts = {"contact": "bottom", "backend": "krylov", **case.material}
-    lower = DistributedBody(case.mesh.translated((0.0, -1.0)), contact="top", E=1.0, nu=0.3)
-    upper = DistributedBody(case.mesh, case.element, **parts).fix("top", "xy", -0.01)
-    with pytest.raises(InputError, match="are condensed"):
-        ContactProblem(upper, "bottom", lower.fix("bottom", "xy").surface("top")).condense()
-
-
 def test_points_moved_in_one_direction_and_free_in_the_other_are_condensed_or_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

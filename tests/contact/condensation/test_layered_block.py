@@ -1,6 +1,5 @@
 """Layers of equal cells, by slab doubling and by transforms, beside the sparse path."""
 
-import pickle
 from copy import deepcopy
 
 import numpy as np
@@ -15,13 +14,9 @@ from contact import (
     InputError,
     LayeredBlock,
     LoadStepper,
-    NotConverged,
     Rigid,
     Unbounded,
-    cross_check,
 )
-from contact.arrays.dense_arrays import arrays_on
-from contact.result.certify import certify
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 COATED = [(0.1, 2, 50.0, 0.2), (0.5, 5, 1.0, 0.4)]
@@ -122,34 +117,25 @@ def by_waves(block, obstacle=hill, friction=0.3, **more):
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(
-    ("case", "n"),
+    ("case", "n", "friction", "more"),
     [
-        *((case, 16) for case in CASES),
-        (layers, 64),
+        *((case, 16, None, {}) for case in CASES),
+        (layers, 64, None, {}),
         *(
-            pytest.param(case, n, marks=pytest.mark.slow)
+            pytest.param(case, n, None, {}, marks=pytest.mark.slow)
             for case in CASES[:4]
             for n in (64, 128)
             if (case, n) != (layers, 64)
         ),
+        (layers, 12, None, {"functional": "gauss"}),
+        (layers, 12, None, {"functional": "nodal"}),
+        (floating, 12, 0.2, {"law": "tresca"}),
+        (supported, 12, 0.0, {"law": None}),
     ],
 )
-def test_slabs_agree_with_sparse_factorisation(case, n):
-    by_slabs(*case(n))
-
-
-@pytest.mark.parametrize(
-    ("case", "friction", "more"),
-    [
-        (layers, 0.4, {"functional": "gauss"}),
-        (layers, 0.4, {"functional": "nodal"}),
-        (floating, 0.2, {"law": "tresca"}),
-        (supported, 0.0, {"law": None}),
-    ],
-)
-def test_other_functionals_and_laws_by_slabs(case, friction, more):
-    block, obstacle, _ = case(12)
-    by_slabs(block, obstacle, friction, **more)
+def test_slabs_agree_with_sparse_factorisation(case, n, friction, more):
+    block, obstacle, usual = case(n)
+    by_slabs(block, obstacle, usual if friction is None else friction, **more)
 
 
 def test_fields_agree_everywhere():
@@ -166,41 +152,9 @@ def test_fields_agree_everywhere():
         _ = block.basis
     with pytest.raises(InputError, match="outside the block"):
         ours.sample([[0.5, 1.6], [0.5, 0.5]])
-
-
-def test_dofs_are_those_of_the_elastic_body():
-    block, _, _ = layers(12)
-    body = block.elastic()
-    body.f[:] = 0.0
-    body.load("top", lambda x: np.array([0.1 * x[0], -1 + 0 * x[0]])).load("left", (0.2, 0.0))
-    body.body_force((0.0, -0.3))
-    assert np.abs(body.f - block.f).max() <= 1e-14
-    u = np.random.default_rng(1).normal(size=block.f.size)
-    S_u = body.stiffness @ u
-    assert np.abs(block.stiffness @ u - S_u).max() <= 1e-13 * np.abs(S_u).max()
-    _, u0 = body.constraint
-    held = np.flatnonzero(np.diff(body.constraint[0].indptr) == 0)
-    assert np.array_equal(held, block.prescribed[0])
-    assert np.array_equal(u0, block.constraint[1])
     # Translations meet no force at all: rounding is that of strains, not of displacements.
-    u = np.zeros((block.f.size // 6, 6))
-    u[:, :2] = 1e6, -1e6 / 3
-    assert not np.any(block.stiffness @ u.ravel())
-
-
-def as_dense_elimination(factor, S, at, rest, rng, tol):
-    """Complement, carried loads and recovered unknowns beside those of dense algebra."""
-    inner, across = S[np.ix_(rest, rest)], S[np.ix_(rest, at)]
-    solved = np.linalg.solve(inner, across)
-    schur = S[np.ix_(at, at)] - across.T @ solved
-    assert np.abs(factor.schur - schur).max() <= 0.1 * tol * np.abs(S).max()
-    load, z_b = np.zeros(len(S)), rng.standard_normal(len(at))
-    load[[*at, *rest]] = rng.standard_normal(len(at) + len(rest))
-    down = load[at] - solved.T @ load[rest]
-    assert np.abs(factor.reduce(load) - down).max() <= tol * np.abs(down).max()
-    z = np.zeros(load.size)
-    z[at], z[rest] = z_b, np.linalg.solve(inner, load[rest]) - solved @ z_b
-    assert np.abs(factor.expand(load, z_b) - z).max() <= tol * np.abs(z).max()
+    shift = np.tile([1e6, -1e6 / 3, 0.0, 0.0, 0.0, 0.0], block.f.size // 6)
+    assert not np.any(block.stiffness @ shift)
 
 
 @settings(max_examples=max(settings().max_examples // 3, 10))
@@ -221,20 +175,19 @@ def test_slabs_reduce_and_expand_as_a_dense_elimination_does(columns, rows, side
             ContactProblem(block, "bottom", 0.0).condense()
         return
     part = ContactProblem(block, "bottom", 0.0).condense().parts[0]
-    at = sorted(part._P[:, part._boundary].tocsc().indices)
+    at, S = sorted(part._P[:, part._boundary].tocsc().indices), block.elastic().stiffness.toarray()
     rest = np.setdiff1d(np.arange(block.f.size), [*at, *block.prescribed[0]])
+    inner, across = S[np.ix_(rest, rest)], S[np.ix_(rest, at)]
+    solved, factor = np.linalg.solve(inner, across), part._factor
     # Layers of 1e4 times the stiffness, cells of any shape: the dense solve is no better.
-    as_dense_elimination(part._factor, block.elastic().stiffness.toarray(), at, rest, rng, 1e-8)
-
-
-@pytest.mark.parametrize("sides", [("periodic", "y"), ("x", "xz"), "periodic"])
-def test_waves_reduce_and_expand_as_a_dense_elimination_does(sides):
-    block = LayeredBlock((1.0, 1.5), COATED, sides, "y", cells=(3, 4))
-    part = ContactProblem(block, "bottom", 0.0, 0.3).condense().parts[0]
-    P, at = part._P.toarray(), part._boundary
-    rest = np.setdiff1d(np.flatnonzero(np.abs(P).max(axis=0) > 0), at)
-    S = P.T @ block.stiffness.toarray() @ P
-    as_dense_elimination(part._factor, S, at, rest, np.random.default_rng(5), 1e-11)
+    schur = S[np.ix_(at, at)] - across.T @ solved
+    assert np.abs(factor.schur - schur).max() <= 1e-9 * np.abs(S).max()
+    load, z_b, z = np.zeros(len(S)), rng.standard_normal(len(at)), np.zeros(len(S))
+    load[[*at, *rest]] = rng.standard_normal(len(at) + len(rest))
+    down = load[at] - solved.T @ load[rest]
+    assert np.abs(factor.reduce(load) - down).max() <= 1e-8 * np.abs(down).max()
+    z[at], z[rest] = z_b, np.linalg.solve(inner, load[rest]) - solved @ z_b
+    assert np.abs(factor.expand(load, z_b) - z).max() <= 1e-8 * np.abs(z).max()
 
 
 def pressed(block, top):
@@ -404,16 +357,16 @@ def random_block(seed):
     return block, ground, float(rng.uniform(0.1, 0.9))
 
 
-@pytest.mark.sampled(4)
-@pytest.mark.parametrize("seed", range(12))
-def test_random_blocks(seed):
-    by_waves(*random_block(seed))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("start", range(100, 400, 20))
-def test_three_hundred_random_blocks(start):
-    for seed in range(start, start + 20):
+@pytest.mark.parametrize(
+    "seeds",
+    [
+        *(pytest.param([seed], marks=pytest.mark.sampled(4)) for seed in range(12)),
+        *(pytest.param(range(k, k + 20), marks=pytest.mark.slow) for k in range(100, 400, 20)),
+    ],
+    ids=str,
+)
+def test_random_blocks(seeds):
+    for seed in seeds:
         by_waves(*random_block(seed))
 
 
@@ -438,17 +391,6 @@ def test_histories_and_driven_obstacles_as_with_a_basis(path):
         assert problem.condense() is condensed
     same(*ends, *((1e-12, 1e-11) if path == "slabs" else (1e-11, 1e-10)))
     assert np.abs(ends[0].t).max() > 0
-
-
-def test_an_independent_solver_copies_and_pickles():
-    block = pressed(LayeredBlock(1.0, ONE, "periodic", "x"), "moved")
-    problem = ContactProblem(block, "bottom", hill, 0.3)
-    first = problem.solve()
-    assert cross_check(problem, first).verdict == "agrees"
-    for other in (deepcopy(block), pickle.loads(pickle.dumps(block))):
-        problem = ContactProblem(other, "bottom", hill, 0.3)
-        assert problem.condense().path == "fourier"
-        assert np.array_equal(problem.solve().mu, first.mu)
 
 
 def test_what_transforms_do_not_diagonalise_is_condensed_otherwise():
@@ -505,15 +447,6 @@ def test_what_nothing_holds_is_named():
         ContactProblem(driven_in, "bottom", 0.0).solve()
 
 
-def test_a_tolerance_below_rounding_is_refused():
-    block, obstacle, friction = supported(6)
-    problem = ContactProblem(block, "bottom", obstacle, friction)
-    with pytest.raises(NotConverged):
-        problem.solve(tol=1e-18)
-    with pytest.raises(NotConverged, match="fails its certificate"):
-        certify(problem.solve(), 1e-30, 0.0)
-
-
 @pytest.mark.gpu
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("n", [16, 64])
@@ -527,15 +460,6 @@ def test_device_agrees_with_host(case, n):
         same(problem.solve(method), host, 1e-12, 1e-11)
 
 
-def test_no_device_is_a_typed_error():
-    cupy = pytest.importorskip("cupy", reason="CuPy tells whether there is a device")
-    try:
-        cupy.cuda.runtime.getDeviceCount()
-    except cupy.cuda.runtime.CUDARuntimeError:
-        with pytest.raises(InputError, match="no CUDA device"):
-            arrays_on("cuda")
-
-
 CUBE = {"lengths": (1.0, 1.0), "cells": (3, 3)}
 
 
@@ -544,7 +468,6 @@ CUBE = {"lengths": (1.0, 1.0), "cells": (3, 3)}
     [
         ({"lengths": 1j}, "lengths"),
         ({"lengths": (1.0, 2.0)}, "lengths.*the layers are 0.5 high"),
-        ({"lengths": (1.0, 1.0, 1.0)}, "lengths"),
         ({"layers": None}, "layers"),
         ({"layers": [(1.0, 4, 1.0)]}, r"layers\[0\]"),
         ({"layers": [*ONE, (-1.0, 4, 1.0, 0.3)]}, r"layers\[1\].*height"),
@@ -556,11 +479,9 @@ CUBE = {"lengths": (1.0, 1.0), "cells": (3, 3)}
         ({"plane": "membrane"}, "plane"),
         ({"columns": 3, "cells": 4}, "columns=3: cells=4 says the same"),
         ({"path": "fourier"}, "sides=None: transforms diagonalise"),
-        ({"sides": ("x", "y"), "path": "fourier"}, "sides="),
         ({"sides": "x", "path": "slabs"}, "path='slabs': expected None or 'fourier'"),
         ({"sides": ("periodic", "x")}, r"sides=.*both sides"),
         ({"sides": "periodic", "cells": 1}, "cells=1: expected two or more along periodic sides"),
-        ({"sides": "periodic", "cells": 2.5}, "cells="),
         ({"cells": (3, 3)}, "lengths=1.0: expected two positive numbers"),
         (CUBE | {"sides": "x"}, "sides='x'"),
         (CUBE | {"sides": ("x", "q")}, "components='q'"),

@@ -28,7 +28,6 @@ from contact.condensation.solved_body import SolvedBody
 from contact.errors import ContactError, MissingDependency
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 from skfem_adini.solvers import cudss, cudss_library
-from skfem_adini.solvers.cudss import CudssSchur, DissectionTree
 from tests.contact.condensation.device_cases import CASES, Elsewhere, bowl, box_body, held
 
 TWO = ("cuda:0", "cuda:1")
@@ -171,6 +170,15 @@ def test_other_laws_and_units(engine, make, condensed, pose, element, way):
         assert np.abs(result.t).max() == 0.0
     if pose is bonded:
         assert np.abs(result.mu[:3]).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("method", "limit"), [("newton", 1), ("pdas", None), ("tresca_loop", None)]
+)
+def test_the_host_solves_what_stalls_and_all_other_methods(make, condensed, method, limit):
+    problem = held(make, ElementQuad1)
+    condensed(problem, "eliminated")
+    agree(problem.solve(method, max_iterations=limit), held(make, ElementQuad1).solve())
 
 
 @pytest.mark.parametrize("way", ["eliminated", "host, by products"])
@@ -426,22 +434,6 @@ def test_a_dissection_of_the_mesh_is_handed_over(
         kept = found.parts[0]._boundary
         np.testing.assert_array_equal(order[-kept.size :], kept)
         assert engine.keys[17] == np.log2(sizes.size + 1)
-
-
-def test_a_tree_that_does_not_separate_is_not_handed_over(engine):
-    A = 9.0 * np.eye(7) + np.diag(np.ones(6), 1) + np.diag(np.ones(6), -1)
-    tree = DissectionTree(np.array([0, 1, 2, 4, 5, 3, 6]), np.array([3, 2, 2]))
-    far = A.copy()
-    far[0, 5] = far[5, 0] = 1.0  # joins two leaves
-    A[3, 6] = A[6, 3] = A[2, 6] = A[6, 2] = 1.0  # joins with the root
-    for matrix, trees in ((A, 1), (far, 0)):
-        factor = CudssSchur(sparse.csr_array(matrix), [6], tree)
-        inner = np.linalg.solve(matrix[:6, :6], matrix[:6, 6:])
-        exact = matrix[6:, 6:] - matrix[6:, :6] @ inner
-        np.testing.assert_allclose(on_host(factor.complement), exact, atol=1e-14)
-        if engine is not None:
-            assert len(engine.trees) == trees
-            engine.trees.clear()
 
 
 def square(kind):

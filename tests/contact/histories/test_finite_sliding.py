@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from families import PLANE
+from families import PLANE, turn
 from posed_pairs import SOFT, STIFF, Pose, body, traction
 from skfem import ElementQuad1, ElementQuad2, MeshHex, MeshQuad, MeshTet, MeshTri
 
@@ -165,11 +165,6 @@ def test_slopes_of_an_indented_surface_are_no_rotation():
     X = np.array([np.linspace(-1, 1, 41), np.zeros(41)])
     u = np.array([0 * X[0], -0.2 * np.exp(-((X[0] / 0.2) ** 2))])  # slopes of up to 40 degrees
     assert rotation_of(X, u, np.ones(41)) <= 1e-12
-
-
-def turn(angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
 
 
 def dragged(element, pose, swap=False):

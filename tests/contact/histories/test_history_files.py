@@ -179,7 +179,6 @@ def test_a_step_that_is_lost(truncated, folder, run, make, caplog):
 
 
 def test_problem_that_cannot_be_read(folder, run, make):
-    """The stepper knows the problem: `resume` writes it again."""
     content = (folder / "problem.npz").read_bytes()
     (folder / "problem.npz").write_bytes(content[:500])
     with pytest.raises(InputError, match="problem"):
@@ -202,7 +201,6 @@ def test_another_obstacle_in_time(make, tmp_path):
 
 
 def test_one_writer_at_a_time(make, tmp_path):
-    """A run that is under way is not resumed by another."""
     refused = []
 
     def attempt(line):
@@ -219,36 +217,6 @@ def test_one_writer_at_a_time(make, tmp_path):
         make.dragged(n=2).run(TIMES, path=tmp_path / "file")
     with pytest.raises(InputError, match="path=3"):
         LoadHistory.load(3)
-
-
-@pytest.mark.slow
-def test_bit_flips(run, tmp_path):
-    """One bit of one file at a time; what is read is what was written, or is refused."""
-    folder, history = run
-    copy = Path(shutil.copytree(folder, tmp_path / "copy"))
-    rng, count, detected = np.random.default_rng(5), 500, 0
-    files = sorted(copy.iterdir())
-    sizes = np.array([path.stat().st_size for path in files])
-    for n in range(count):
-        # Every other one anywhere in the folder, the rest in each file alike: some are small.
-        k = rng.choice(len(files), p=sizes / sizes.sum()) if n % 2 else n // 2 % len(files)
-        content = files[k].read_bytes()
-        damaged = bytearray(content)
-        damaged[rng.integers(len(content))] ^= 1 << rng.integers(8)
-        files[k].write_bytes(damaged)
-        try:
-            loaded = LoadHistory.load(copy)
-        except InputError:
-            detected += 1
-        else:
-            detected += loaded.damage is not None
-            assert loaded.damage is not None or len(loaded) == len(history)
-            assert same(loaded, history)
-            names = loaded[0].system.body.mesh.boundaries if len(loaded) else {}
-            assert set(names) in (set(), {"left", "right", "top", "bottom"})
-        files[k].write_bytes(content)
-    assert 0.8 * count < detected <= count
-    assert same(LoadHistory.load(copy), history)
 
 
 class Processes:
@@ -304,7 +272,6 @@ def whole(processes, tmp_path_factory):
     [pytest.param(12, marks=pytest.mark.turns(4)), pytest.param(200, marks=pytest.mark.slow)],
 )
 def test_kills(processes, whole, tmp_path, kills):
-    """Kill at random moments, resume, kill: in the end every run is as if nothing had happened."""
     history, seconds = whole
     rng = np.random.default_rng(7)
     folder, done, ended = tmp_path / "run0", 0, 0

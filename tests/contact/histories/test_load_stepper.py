@@ -10,7 +10,6 @@ from contact import (
     Cylinder,
     ElasticBody,
     InputError,
-    LoadHistory,
     LoadStepper,
     NotConverged,
     Plane,
@@ -36,11 +35,7 @@ def law_of_increments(history, friction):
         size = np.linalg.norm(result.t, axis=1)
         power = np.sum(result.t * step, axis=1) - bound * np.linalg.norm(step, axis=1)
         length = np.abs(result.u).max()
-        worst = max(
-            worst,
-            np.max(size - bound) / force,
-            np.abs(power).max() / force / length,
-        )
+        worst = max(worst, np.max(size - bound) / force, np.abs(power).max() / force / length)
     return worst
 
 
@@ -84,7 +79,6 @@ def test_sliding_block_dissipates(make):
 
 
 def test_cross_check_of_a_step(make):
-    """OSQP solves the given-friction problem of the increment."""
     stepper = make.dragged()
     history = stepper.run(TIMES[:9])
     last = history.results[-1]
@@ -95,7 +89,6 @@ def test_cross_check_of_a_step(make):
 
 
 def test_after_is_a_step(make):
-    """`solve(after=)` and the stepper are the same, loads changed by hand."""
     stepper = LoadStepper(make.problem(8, 0.3)).load("top", (0.2, -0.5))
     history = stepper.run([1.0, 2.0])
     problem = make.problem(8, 0.3)
@@ -152,60 +145,6 @@ def test_progress_and_callback(make, capsys):
     printed = capsys.readouterr().out.splitlines()
     assert printed == [str(line) for line in lines]
     assert "slip" in printed[0]
-
-
-def test_resume(make, tmp_path, monkeypatch):
-    """Interrupted in the middle of a step: what is finished survives, the rest is as always."""
-    step, left = LoadStepper.step, iter(range(6))
-
-    def interrupted(self, time):
-        if next(left) == 5:
-            raise KeyboardInterrupt
-        return step(self, time)
-
-    monkeypatch.setattr(LoadStepper, "step", interrupted)
-    stepper = make.dragged()
-    with pytest.raises(KeyboardInterrupt):
-        stepper.run(TIMES, path=tmp_path / "run")
-    monkeypatch.undo()
-    assert len(stepper.history) == 5
-    kept = LoadHistory.load(tmp_path / "run")
-    assert np.array_equal(kept.times, TIMES[:5])
-    whole = make.dragged().run(TIMES)
-    for ours, expected in zip(kept.results, whole.results, strict=False):
-        assert np.array_equal(ours.u, expected.u)
-        assert np.array_equal(ours.slip_increment, expected.slip_increment)
-        assert max(ours.kkt.values()) < 1e-10
-    seen = []
-    history = make.dragged().resume(tmp_path / "run", callback=seen.append)
-    assert [line.number for line in seen] == list(range(6, 17))  # nothing is solved twice
-    assert np.array_equal(history.times, TIMES)
-    for ours, expected in zip(history.results, whole.results, strict=True):
-        # The same arithmetic from the same state.
-        assert np.abs(ours.u - expected.u).max() < 1e-13 * np.abs(expected.u).max()
-    assert len(LoadHistory.load(tmp_path / "run")) == 16
-    assert len(make.dragged().resume(tmp_path / "run")) == 16  # complete: nothing left to do
-    assert np.array_equal(stepper.run(TIMES[5:]).results[-1].u, whole.results[-1].u)  # in memory
-
-
-def test_full_disk(make, tmp_path, monkeypatch):
-    """The step that does not fit is lost on disk, those before stay, a resume makes it good."""
-    real, count = np.savez, iter(range(100))
-
-    def full(file, **arrays):
-        if next(count) >= 3:
-            file.write(b"half a step")
-            raise OSError(28, "No space left on device")
-        real(file, **arrays)
-
-    monkeypatch.setattr(np, "savez", full)
-    stepper = make.dragged()
-    with pytest.raises(OSError, match="No space left"):
-        stepper.run(TIMES, path=tmp_path / "run")
-    monkeypatch.undo()
-    assert len(LoadHistory.load(tmp_path / "run")) == 3
-    assert not [p for p in (tmp_path / "run").iterdir() if p.name.startswith("tmp")]
-    assert len(make.dragged().resume(tmp_path / "run")) == 16
 
 
 def test_resume_of_another_problem(make, tmp_path):
@@ -271,7 +210,6 @@ def test_step_that_fails_leaves_the_history(make, tmp_path):
 
 
 def test_failing_steps_are_halved(make, monkeypatch):
-    """A step that fails is reached by way of its middle."""
     stepper = make.dragged()
     stepper.run(TIMES[:2])
     solve, asked = ContactProblem.solve_system, []

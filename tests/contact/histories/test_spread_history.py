@@ -73,11 +73,3 @@ def test_another_problem_or_a_lost_part_is_refused(tmp_path: Path) -> None:
     (path / "step_00001_0.npz").unlink()
     with pytest.raises(InputError, match="does not exist"):
         stepper(2, "mumps").resume(path)
-
-
-def test_a_support_that_is_not_there_does_not_move() -> None:
-    made = stepper(2, "mumps")
-    with pytest.raises(InputError, match="not fixed on boundary"):
-        made.move("left", "x", 0.1)
-    with pytest.raises(InputError, match="no facets called 'roof'"):
-        made.move("roof", "x", 0.1)

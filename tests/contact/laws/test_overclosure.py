@@ -11,7 +11,6 @@ from skfem import (
     ElementQuad2,
     ElementTetP2,
     ElementTriP2,
-    MeshHex,
     MeshQuad,
 )
 
@@ -25,9 +24,7 @@ from contact import (
     Plane,
     PressureOverclosure,
     Rigid,
-    Status,
     cross_check,
-    uniqueness,
 )
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 
@@ -169,16 +166,6 @@ def test_methods_agree_and_obey_the_curve(law, method):
     assert np.all(np.abs(result.t[:, 0]) <= 0.3 * result.mu + 1e-12)
 
 
-def test_three_dimensions_with_friction():
-    body = ElasticBody.from_mesh(MeshHex().refined(2).with_defaults(), ElementHex1(), E=1.0, nu=0.3)
-    curve = PressureOverclosure.exponential(0.01, 0.01)
-    problem = ContactProblem(body.fix("back", "xyz", -0.01), "front", 0.0, 0.2, overclosure=curve)
-    result = problem.solve()
-    assert np.abs(curve.pressure(-result.gap) - result.pressure).max() <= 1e-11
-    assert np.any(result.status == Status.SLIP)
-    assert uniqueness(problem, result, starts=2).others == ()
-
-
 def test_a_law_for_each_boundary_and_a_driven_obstacle():
     mesh = MeshQuad().refined(3).with_defaults()
     body = ElasticBody.from_mesh(mesh, ElementQuad1(), E=1.0, nu=0.0).fix("left", "x")
@@ -243,16 +230,6 @@ def columns():
         for mesh in (lower, upper)
     )
     return below.fix("bottom", "y"), above
-
-
-@curves
-def test_between_two_bodies(curve):
-    given, inverse = curve(1.0, 1.0)
-    below, above = columns()
-    above.load("top", (0.0, -0.2))
-    result = ContactProblem(above, "bottom", below.surface("top"), overclosure=given).solve()
-    assert np.abs(result.pressure - 0.2).max() <= 1e-11
-    assert np.abs(result.gap + inverse(0.2)).max() <= 1e-11
 
 
 def test_between_two_bodies_in_finite_sliding():

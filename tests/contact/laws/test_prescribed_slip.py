@@ -80,14 +80,6 @@ def test_every_method_and_law(method, law) -> None:
     np.testing.assert_allclose(result.shear[corner, 0], expected, rtol=1e-9)
 
 
-def test_a_boundary_moved_as_a_whole_is_the_frictionless_one_with_other_reactions() -> None:
-    smooth = ContactProblem(block().fix("bottom", "x", 0.1), "bottom", 0.0).solve()
-    result = ContactProblem(block().fix("bottom", "x", 0.1), "bottom", 0.0, F).solve()
-    assert result.resultant[0] == pytest.approx(-F * result.resultant[1], rel=1e-12)
-    balanced(result)
-    np.testing.assert_allclose(result.u, smooth.u, atol=1e-13)
-
-
 def test_points_held_at_rest_are_undetermined() -> None:
     result = ContactProblem(block(push=0.0), "bottom", 0.0, F).solve()
     corner = result.x_nominal[0] < 1e-9
@@ -168,16 +160,6 @@ def test_checks_agree_and_files_keep_it(law, push, tmp_path) -> None:
     again = ContactResult.load(result.save(tmp_path / "held"))
     np.testing.assert_array_equal(again.status, result.status)
     np.testing.assert_array_equal(again.shear, result.shear)
-
-
-def test_cones_agree() -> None:
-    pytest.importorskip("clarabel")
-    body = cube().fix("left", "x", 0.05).fix("left", "y", 0.02).fix("top", "z", -0.05)
-    problem = ContactProblem(body, "bottom", 0.0, F)
-    result = problem.solve()
-    assert np.all(result.status == Status.SLIP)
-    assert cross_check(problem, result, "clarabel").multipliers < 1e-5
-    assert max(recheck(result).values()) < 1e-10
 
 
 SLIPS = st.floats(-5.0, -1.0).flatmap(lambda e: st.sampled_from((-(10.0**e), 10.0**e)))

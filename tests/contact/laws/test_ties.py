@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from families import STRAIGHT
-from scipy import sparse
-from skfem import ElementHex1, ElementHex2, ElementQuad1, ElementQuad2, ElementTriP2
+from skfem import ElementHex1, ElementQuad1, ElementQuad2
 
 from contact import (
     ContactProblem,
-    ContactResult,
     ElasticBody,
     Infeasible,
     InputError,
@@ -21,8 +19,6 @@ from contact import (
 )
 from contact.checks.uniqueness import unique_below
 from contact.condensation.boundary_problem import BoundaryProblem
-from contact.laws.load_balance import check_held
-from gpu import Infeasible as NotHeld
 from skfem_adini import ElementQuadAdini
 
 
@@ -41,48 +37,6 @@ def body_of(element, unit=1.0):
 def bottom(body):
     """The facets with the lowest last coordinate, by name."""
     return "bottom" if body.dim == 2 else "front"
-
-
-def saddle(body, rows, load):
-    """The displacement and forces with every row prescribed, by one sparse solve."""
-    P, u0 = body.constraint
-    B = sparse.vstack((rows.G, rows.T)).tocsr()
-    keep = np.abs(B @ P).sum(axis=1) > 1e-12
-    B = B[np.flatnonzero(keep)]
-    value = np.concatenate((rows.gap, np.zeros(rows.T.shape[0])))[keep]
-    S = P.T @ body.stiffness @ P
-    A = sparse.block_array([[S, (B @ P).T], [B @ P, None]], format="csc")
-    right = np.concatenate((P.T @ (load - body.stiffness @ u0), value - B @ u0))
-    found = sparse.linalg.spsolve(A, right)
-    return P @ found[: P.shape[1]] + u0
-
-
-ELEMENTS = [
-    ElementQuad1(), ElementQuad2(), ElementTriP2(), ElementQuadAdini(), ElementHex1(),
-    ElementHex2(),
-]  # fmt: skip
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("held", [False, True])
-@pytest.mark.parametrize("unit", [1.0, 1e-3, 1e4])
-@pytest.mark.parametrize("element", ELEMENTS, ids=lambda element: type(element).__name__)
-def test_all_points_tied_is_a_saddle_point_solve(element, unit, held):
-    body = body_of(element, unit)
-    if held:
-        body = body.fix("right", "x")
-    body = body.load("top" if body.dim == 2 else "back", np.arange(3.0, 3.0 + body.dim))
-    problem = ContactProblem(body, bottom(body), 0.01 * unit)
-    tied(problem, np.ones(problem.rows.gap.size))
-    result = problem.solve()
-    expected = saddle(body, problem.rows, body.f)
-    assert body.largest_displacement(result.u - expected) <= 1e-9 * body.largest_displacement(
-        expected
-    )
-    assert set(result.status.tolist()) == {int(Status.BONDED)}
-    assert max(result.kkt.values()) <= 1e-10
-    assert result.kkt["tie"] <= 1e-10
-    assert np.isnan(result.zone).all()
 
 
 def tied_and_supported(element, friction, law, hold):
@@ -177,16 +131,6 @@ def test_supports_that_move_a_bonded_point_contradict_it():
             problem.solve()
 
 
-def test_saved_ties_are_read_again(tmp_path):
-    body = body_of(ElementQuad2()).load("top", (3.0, 40.0))
-    problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
-    result = tied(problem, problem.rows.x_nominal[0] < 0.6).solve()
-    again = ContactResult.load(result.save(tmp_path / "tied"))
-    assert np.array_equal(again.status, result.status)
-    assert np.array_equal(again.boundary_to_pyvista()["status"], result.status)
-    assert "bonded" in again.summary()
-
-
 def test_ties_through_a_history_do_not_drift():
     body = body_of(ElementQuadAdini()).fix("top", "xy")
     problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
@@ -197,16 +141,3 @@ def test_ties_through_a_history_do_not_drift():
     for result in history:
         assert np.abs(result.slip[ties]).max() <= 1e-12
         assert np.any(result.slip[~ties])
-
-
-def test_bonded_rows_hold_motions_in_both_directions():
-    one, none = np.ones((2, 1)), np.full((2, 1), -1)
-    for load in (-1.0, 1.0):
-        problem = BoundaryProblem(
-            np.eye(2), np.zeros(2), one, np.array([load]), np.zeros(2), np.arange(2), none,
-            np.zeros((2, 1)),
-        )  # fmt: skip
-        check_held(replace(problem, bonded=np.array([True, False])), None)
-        if load < 0:  # pulled away from the obstacle
-            with pytest.raises(NotHeld):
-                check_held(problem, None)

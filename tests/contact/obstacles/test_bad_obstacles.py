@@ -1,18 +1,25 @@
-"""What obstacles refuse, by name: shapes, motions, heights, surfaces, masked values, files."""
+"""What obstacles refuse, by name, and where they cannot be meant: refused, or warned of."""
+
+import warnings
 
 import numpy as np
 import pytest
 import pyvista
+from skfem import ElementHex1, MeshQuad, MeshTri, MeshTri2
 from surfaces import ball, brick, ring
 
 from contact import (
     ClosestPoint,
     Cone,
     ContactProblem,
+    ContactWarning,
     Cylinder,
+    ElasticBody,
     GridContact,
     HalfSpace,
     InputError,
+    LayeredBlock,
+    LoadStepper,
     Moved,
     Parabola,
     Plane,
@@ -33,13 +40,9 @@ SHAPES = [
     (Plane((0, 0, 0), (0, 0, 1)), "dimension 3"),
     (Cylinder((0, 0), -1.0), "radius"),
     (Cylinder((0, 0), 1.0, hollow=1.0), "hollow="),
-    (Sphere((0, 0), 0.0), "radius"),
-    (Sphere((0, 0), 1.0, hollow="yes"), "hollow="),
-    (Sphere((0, 0, 0), 1.0), "dimension 3"),
     (Parabola((0, 0), 0.0), "radius"),
     (Cone((0.0, 0.0), (0.0, 0.0), 1.0), "axis"),
     (Cone((0.0, 0.0), UP, 0.0), "half_angle"),
-    (Cone((0.0, 0.0), UP, 1.6), "half_angle"),
     (Cone((0.0, 0.0, 0.0), UP, 1.0), "dimension 3"),
     (SignedDistance(lambda x: x[0] * np.nan), "NaN"),
     (SignedDistance(lambda x: 1.0), "must return"),
@@ -67,7 +70,6 @@ def test_no_closest_point(obstacle):
         (Rigid(0.0, displacement=(0, 0), force=(0, 1)), "both"),
         (Rigid(0.0, displacement=(0,)), "displacement"),
         (Rigid(0.0, force=(0, 1, 2)), "force"),
-        (Rigid(0.0, force=(np.nan, 1)), "force"),
         (Rigid(0.0, force=(1j, 1)), "force"),
         (Rigid(0.0, moment=(1, 2)), "moment"),
         (Rigid(0.0, rotation=np.nan), "rotation"),
@@ -82,15 +84,30 @@ def test_motions(rigid, words, make):
         ContactProblem(make.block(3), "bottom", rigid)
 
 
+WHEEL, BALL, STILL = Cylinder((0.0, 1.0), 1.0), Sphere((0, 0, 0), 1.0), (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("shape", "motion"),
+    [
+        *((shape, (STILL,)) for shape in (0.1, lambda x: x[0], Parabola(STILL, 1.0), Rigid(WHEEL))),
+        *((WHEEL, (displacement,)) for displacement in (0.1, (0.0, np.inf))),
+        *((WHEEL, (STILL, *turn)) for turn in (((1, 2, 3),), (np.nan,), (0.1, (1, 2, 3)))),
+        (BALL, ((0.0, 0.0, 0.0), 0.1)),
+    ],
+)
+def test_what_cannot_be_moved(shape, motion):
+    with pytest.raises(InputError):
+        Moved(shape, *motion)
+
+
 FLAT = np.zeros(8)
 HEIGHTS = [
     (np.full((8, 8), np.nan), (1, 1), {}, "heights"),
     (np.zeros((8, 3)), (1, 1), {}, "heights"),
     (np.zeros((8, 8, 8)), (1, 1, 1), {}, "heights"),
     (np.zeros((8, 8)), (1, -1), {}, "lengths"),
-    (np.zeros((8, 8)), 1.0, {}, "lengths"),
     (FLAT, 1.0, {"normal": (0, 0, 1)}, "normal"),
-    (FLAT, 1.0, {"normal": (0, 0)}, "normal"),
     (FLAT, 1.0, {"point": (0, 0, 1)}, "point"),
     (FLAT, 1.0, {"interpolation": "spline"}, "interpolation"),
     (FLAT, 1.0, {"periodic": 1}, "periodic"),
@@ -112,15 +129,11 @@ def test_of_another_dimension():
     ("settings", "words"),
     [
         ({"n": 3}, "n="),
-        ({"n": (8, 8, 8)}, "n="),
         ({"n": 8.5}, "n="),
         ({"hurst": 1.2}, "hurst"),
-        ({"hurst": np.nan}, "hurst"),
         ({"rms": -1.0}, "rms"),
         ({"cutoffs": (4, 2)}, "cutoffs"),
-        ({"cutoffs": (0, 2)}, "cutoffs"),
         ({"cutoffs": (1, 16)}, "cutoffs"),
-        ({"cutoffs": (1.1, 1.2)}, "cutoffs"),
         ({"seed": "one"}, "seed"),
         ({"rolloff": 0.0}, "rolloff"),
         ({"lengths": (1.0,)}, "lengths"),
@@ -145,7 +158,6 @@ FILES = [
     ("map.npy", np.full((5, 5), "1.0"), "expected real numbers"),
     ("map.npy", b"", "not readable as"),
     ("map.png", b"\x89PNG\r\n\x1a\n\0\0", "not readable as"),
-    ("map.xyz", b"", "not readable as"),
     ("map.txt", "0,5\n1,2", COMMAS),
     ("map.txt", "1,5, 2,5\n1,0, 2,0", COMMAS),
     ("map.txt", "1.5;2,5\n1;2", COMMAS),
@@ -209,11 +221,9 @@ SURFACES = {
     "NaN": (np.where(POINTS == 1, np.nan, POINTS), FACETS, "points: point 1 is not finite"),
     "facets as rows": (POINTS, FACETS.T, r"facets: expected shape \(3, nfacets\).*transpose"),
     "no facets": (POINTS, np.zeros((3, 0), int), "facets: expected shape"),
-    "segments in space": (POINTS, FACETS[:2], "facets: expected shape"),
     "facets of real numbers": (POINTS, FACETS + 0.5, "facets: expected whole numbers"),
     "facets of nothing": (POINTS, None, "facets"),
     "point out of range": (POINTS, FACETS + 1, "facets: facet .* there are 8"),
-    "point below zero": (POINTS, FACETS - 1, "facets: facet"),
     "point twice": (POINTS, np.c_[FACETS, [1, 1, 2]], "facets: facet 12 names a point twice"),
     "one place": (np.ones((3, 8)), FACETS, "points: all of them are one point"),
     "no area": (
@@ -247,12 +257,6 @@ def test_surfaces(case):
         SurfaceMesh(points, facets)
 
 
-@pytest.mark.parametrize("name", ["hollow", "sheet"])
-def test_flags_are_true_or_false(name):
-    with pytest.raises(InputError, match=f"{name}="):
-        SurfaceMesh(POINTS, FACETS, **{name: 1.0})
-
-
 def test_what_is_no_mistake():
     """A cavity, boxes apart, boxes that touch at a corner, an island within a cavity."""
     for good in (
@@ -282,6 +286,9 @@ def test_places_of_surfaces():
             ask(np.zeros((2, 4)))
     with pytest.raises(InputError, match="x: expected finite"):
         cube.closest(np.full((3, 1), np.nan))
+    for name in ("hollow", "sheet"):
+        with pytest.raises(InputError, match=f"{name}="):
+            SurfaceMesh(POINTS, FACETS, **{name: 1.0})
     for wrong in ((0.0, 1.0), (0.0, 1.0, np.inf)):
         with pytest.raises(InputError, match="displacement="):
             cube.translated(wrong)
@@ -294,6 +301,10 @@ def test_what_was_given_is_kept():
     cube = SurfaceMesh(points, FACETS)
     points += 1
     assert np.array_equal(cube.points, POINTS)
+    normal = np.array([0.0, 1.0])
+    plane = Plane([0.0, 0.0], normal)
+    normal[1] = -1.0
+    assert plane == FLOOR
     with pytest.raises(ValueError, match="read-only"):
         cube.points += 1
     assert repr(cube) == "SurfaceMesh(8 points, 12 triangles)"
@@ -339,3 +350,114 @@ def test_masked_coordinates(made, pair):
 def test_masked_numbers_and_heights(made):
     with pytest.raises(InputError, match="masked"):
         made()
+
+
+def square():
+    mesh = MeshQuad().refined(2).with_defaults()
+    return ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("top", "xy")
+
+
+def shaft():
+    """A disk with curved sides."""
+    mesh = MeshTri2.init_circle(3)
+    mesh = mesh.with_boundaries({"rim": mesh.boundary_facets()})
+    return ElasticBody.from_mesh(mesh, E=1.0, nu=0.3)
+
+
+def quarter():
+    mesh = MeshTri.init_tensor(np.linspace(1, 2, 5), np.linspace(0, 2, 9)).with_defaults()
+    r, angle = mesh.p
+    bent = MeshTri(np.array([r * np.cos(angle), r * np.sin(angle)]), mesh.t)
+    bent = bent.with_boundaries({"rim": mesh.boundaries["left"]})
+    return ElasticBody.from_mesh(bent, E=1.0, nu=0.3)
+
+
+BODIES = {
+    "plane": lambda make: square(),
+    "layers": lambda make: LayeredBlock(1.0, [(1.0, 4, 1.0, 0.3)], top="xy"),
+    "space": lambda make: make.dome(ElementHex1, 2).body,
+}
+
+
+@pytest.mark.parametrize("wrap", [lambda o: o, ClosestPoint, lambda o: Rigid(o, force=None)])
+@pytest.mark.parametrize("name", BODIES)
+def test_plane_with_its_normal_the_wrong_way(name, wrap, make):
+    """The message holds the normal that is right; with it the body touches."""
+    body = BODIES[name](make)
+    down = np.zeros(body.dim)
+    down[-1] = -2.0
+    with pytest.raises(InputError, match="faces the plane") as caught:
+        ContactProblem(body, "bottom", wrap(Plane(-0.01 * np.abs(down), down)))
+    right = tuple((0.0 - down).tolist())
+    assert f"towards the body: normal={right}" in str(caught.value)
+    ContactProblem(body, "bottom", wrap(Plane(0.005 * down, -down)))
+
+
+def test_one_plane_of_several_and_one_turned_in_a_load_history():
+    planes = [Plane((0, -0.1), (0, 1)), Plane((1.1, 0), (1, 0))]
+    with pytest.raises(InputError, match=r"normal=\(-1"):
+        ContactProblem(square(), ["bottom", "right"], planes)
+    stepper = LoadStepper(ContactProblem(square(), "bottom", Plane((0, 0), (0, 1))))
+    stepper.obstacle(lambda t: Plane((0, 0), (0, 1 - 2 * t)))
+    stepper.run([0.1])
+    with pytest.raises(InputError, match="faces the plane"):
+        stepper.run([1.0])
+
+
+def disk(centre, radius):
+    return SignedDistance(lambda x: np.hypot(x[0] - centre[0], x[1] - centre[1]) - radius)
+
+
+FAR, OVER, WITHIN = "nothing can touch", "overlaps it by more than 1", "its surface from within"
+WARNED = [
+    (square, Cylinder((5.0, -2.0), 1.0), FAR),
+    (square, Sphere((5.0, -2.0), 1.0), FAR),
+    (square, Cylinder((0.5, 3.0), 1.0), FAR),  # behind
+    (square, Cylinder((9.0, 0.0), 2.0, hollow=True), FAR),  # a bore around another place
+    (square, disk((5.0, -2.0), 1.0), FAR),
+    (square, SignedDistance(lambda x: x[1] + 2, reach=1.0), FAR),
+    (square, lambda x: np.full(x.shape[1:], np.inf), FAR),
+    (square, -2.0, OVER),
+    (square, lambda x: -2 - x[0], OVER),
+    (square, Plane((0, 2), (0, 1)), OVER),
+    (square, Parabola((0.5, 0), 1.0, offset=-3.0), OVER),
+    (quarter, Cylinder((0, 0), 0.9, hollow=True), "hollow=False"),
+    (shaft, Cylinder((0.0, 0.0), 1.02), r"Cylinder\(\.\.\., hollow=True\)"),
+    *(
+        (shaft, wrap(kind((0.0, 0.0), radius)), WITHIN)
+        for radius in (1.0 + 1e-6, 1.01, 1.5)
+        for kind in (Cylinder, Sphere, disk)
+        for wrap in (lambda o: o, ClosestPoint)
+    ),
+]
+
+
+@pytest.mark.parametrize(("body", "obstacle", "words"), WARNED)
+def test_warned_of(body, obstacle, words):
+    with pytest.warns(ContactWarning, match=words) as caught:
+        problem = ContactProblem(body(), "bottom" if body is square else "rim", obstacle)
+    assert caught[0].filename == __file__
+    if words is FAR:
+        assert problem.solve().contact_force == 0.0
+
+
+MEANT = {
+    "above": Plane((0, -0.1), (0.3, 1)),
+    "overlap": Plane((0, 0.3), (0, 1)),
+    "roller beside": Cylinder((1.2, -0.5), 0.5),
+    "roller overlapping": Cylinder((0.5, -0.8), 1.1),
+    "far below": Cylinder((0.5, -50.0), 1.0),
+    "closest, beside": ClosestPoint(Cylinder((3.0, -0.5), 0.5)),
+    "number": np.inf,
+}
+
+
+@pytest.mark.parametrize("name", MEANT)
+def test_no_warning_where_it_may_be_meant(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ContactProblem(square(), "bottom", MEANT[name])
+        ContactProblem(square(), ["bottom", "right"], MEANT[name])
+        bore = Cylinder((0.0, 0.0), 0.99, hollow=True)
+        if name == "above":
+            assert ContactProblem(shaft(), "rim", bore, friction=0.1).solve().pressure.min() > 0

@@ -195,20 +195,6 @@ def test_surfaces_along_another_axis():
     np.testing.assert_allclose(rough.gap_over(axes, n), exact, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("settings", "n"),
-    [
-        ({"periodic": False}, (0.0, 0.0, -1.0)),
-        ({"normal": (0.0, 0.1, 1.0)}, (0.0, 0.0, -1.0)),
-        ({}, (0.0, 0.0, 1.0)),
-        ({}, (-1.0, 0.0, 0.0)),
-    ],
-)
-def test_other_surfaces_are_left_to_points(settings, n):
-    rough = Rough(HEIGHTS, (3.0, 2.0), **settings)
-    assert rough.gap_over([np.arange(3.0), np.arange(2.0)], np.array(n)) is None
-
-
 def lines(heights, spacing=(0.25, 0.5), seed=0):
     """Points in random order, with the rounding of decimal numbers."""
     i, j = np.indices(heights.shape)
@@ -293,13 +279,3 @@ def test_same_surface_on_every_grid(n):
         fine = self_affine(tuple(times * m for m in n), 0.6, 1.0, (1, 20), 5)
         assert fine[(slice(None, None, times),) * len(n)] == pytest.approx(coarse, abs=1e-12)
     assert not np.allclose(coarse, self_affine(n, 0.6, 1.0, (1, 20), 6))
-
-
-def test_isotropic():
-    """No direction is preferred: both slopes have the same mean square, averaged over seeds."""
-    shares = []
-    for seed in range(20):
-        h = self_affine((64, 128), 0.8, 1.0, (2, 16), seed)  # square cells by default
-        q, C = Rough(h, (1.0, 2.0)).spectrum()
-        shares.append(np.sum(q[0] ** 2 * C) / np.sum((q[0] ** 2 + q[1] ** 2) * C))
-    assert np.mean(shares) == pytest.approx(0.5, abs=0.02)

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from convergence import order
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from rings import NU, A, B, lame, ring
-from skfem import ElementQuad1, ElementQuad2, ElementTriP2, MeshQuad, MeshQuad2
+from skfem import ElementQuad1
 
 from contact import (
     ClosestPoint,
     Cone,
     ContactProblem,
-    ContactResult,
     Cylinder,
     ElasticBody,
     Parabola,
@@ -21,7 +18,6 @@ from contact import (
     SignedDistance,
     Sphere,
 )
-from contact.obstacles.shapes import evaluate_gap
 
 number = st.floats(-3.0, 3.0)
 size = st.floats(0.1, 3.0)
@@ -210,33 +206,6 @@ def test_signed_distance_of_a_union():
     assert np.abs(found[met] - expected[met]).max() < 1e-9
 
 
-@pytest.mark.parametrize("shape", [(5,), (4, 3)])
-@pytest.mark.parametrize(
-    "obstacle",
-    [
-        Plane((0, -1), (0, 1)),
-        Cylinder((0, -2), 1.5),
-        Sphere((0, -2), 1.5),
-        Parabola((0, 0), 1.0),
-        SignedDistance(lambda x: x[1] + 1.0),
-        lambda x: 1.0 + x[0],
-        0.3,
-        None,
-    ],
-    ids=lambda o: type(o).__name__,
-)
-def test_shapes(obstacle, shape):
-    rng = np.random.default_rng(0)
-    x = rng.uniform(-0.5, 0.5, (2, *shape))
-    n = np.broadcast_to(np.array([0.0, -1.0]).reshape(2, *(1,) * len(shape)), x.shape)
-    gap = evaluate_gap(obstacle, x, n)
-    assert gap.shape == shape
-    flat = evaluate_gap(obstacle, x.reshape(2, -1), n.reshape(2, -1))
-    np.testing.assert_allclose(gap.ravel(), flat, rtol=1e-12)
-    if obstacle is None:
-        assert np.all(np.isposinf(gap))
-
-
 CLOSE = {
     "plane": (Plane((0.1, -1.0), (0.3, 1.0)), None),
     "disk": (Cylinder((0.2, -2.0), 1.5), lambda x: np.hypot(x[0] - 0.2, x[1] + 2.0) - 1.5),
@@ -343,62 +312,3 @@ def test_seat_of_a_cone(make):
     # The complement of a cone is none: a pin of the same slope from above touches at the tip.
     moved = Rigid(below, displacement=(None, 0.01))
     assert ContactProblem(body.fix("top", "y"), "bottom", moved).solve().contact_force > 0
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("way", [lambda o: o, ClosestPoint], ids=["ray", "closest"])
-@pytest.mark.parametrize("element", [ElementQuad2, ElementTriP2])
-@pytest.mark.parametrize("side", ["left", "right"], ids=["shaft", "bore"])
-def test_ring_on_a_shaft_and_in_a_bore(side, element, way, make, tmp_path):
-    """Lame's pressure, no slip, not even where symmetry holds the ring; and the result is kept."""
-    d, counts, worst = 0.01, (8, 16, 32), []
-    solid = Cylinder((0.0, 0.0), A + d if side == "left" else B - d, hollow=side == "right")
-    exact = lame(side, d)
-    for n in counts:
-        body = ring(make, element, n, curved=True)
-        result = ContactProblem(body, side, way(solid), friction=0.3).solve()
-        worst.append(np.abs(result.pressure / exact - 1).max())
-        # Triangles lie askew to the symmetry of the ring.
-        askew = 0.3 / n**1.5 if element is ElementTriP2 else 1e-10
-        assert np.abs(result.shear).max() < askew * exact
-    assert worst[-1] < 0.002
-    assert order(counts, worst) > 1.6
-    again = ContactResult.load(result.save(tmp_path / "shrunk.npz"))
-    np.testing.assert_array_equal(again.gap, result.gap)
-    assert again.kkt == result.kkt
-
-
-def shaft(bore, core_moves, radius=1.05):
-    """A quarter of a shaft with curved sides, "rim" outside and "core" inside; angle 0 is down."""
-    fine = np.linspace(0, 0.25, 26)
-    angles = np.concatenate((fine, 0.25 + 0.7 * np.linspace(0, 1, 9)[1:] ** 1.5))
-    straight = MeshQuad.init_tensor(0.3 + 0.7 * np.linspace(0, 1, 19) ** 0.7, angles)
-    mesh = MeshQuad2.from_mesh(straight)
-    named = {
-        "core": straight.facets_satisfying(lambda x: x[0] < 0.3 + 1e-9),
-        "rim": straight.facets_satisfying(lambda x: x[0] > 1 - 1e-9),
-        "low": straight.facets_satisfying(lambda x: x[1] < 1e-9),
-    }
-    r, angle = mesh.doflocs
-    mesh = type(mesh)(np.array([r * np.sin(angle), -r * np.cos(angle)]), mesh.t)
-    body = ElasticBody.from_mesh(mesh.with_boundaries(named), ElementQuad2(), E=1.0, nu=NU)
-    body.fix("low", "x").fix("core", "x").fix("core", "y", -core_moves)
-    return ContactProblem(body, "rim", bore(Cylinder((0.0, 0.05), radius, hollow=True))).solve()
-
-
-def test_shaft_in_a_bore_with_clearance():
-    """Hertz' line contact of radius R r / (R - r): peak pressure and half width from the force."""
-    push = 7e-4
-    result = shaft(lambda wall: wall, push)
-    force, radius, stiff = 2 * result.resultant[1], 1.05 / 0.05, 1 / (1 - NU**2)
-    half = 2 * np.sqrt(force * radius / (np.pi * stiff))
-    assert 0.08 < half < 0.2  # narrow beside the shaft, wide beside a cell of .01
-    x, p0 = result.x[0], np.sqrt(force * stiff / (np.pi * radius))
-    exact = p0 * np.sqrt(np.maximum(1 - (x / half) ** 2, 0.0))
-    # The shaft is no half plane: terms of order (half / radius)^2; cells of a tenth of `half`.
-    assert np.abs(result.pressure - exact)[x < 0.9 * half].max() < 0.03 * p0
-    assert result.x[0][result.pressure > 0].max() == pytest.approx(half, abs=0.015)
-    # The wall moves up as far as the shaft moved down.
-    moved = shaft(lambda wall: Rigid(wall, displacement=(0.0, push)), 0.0)
-    # Rounding times the condition of the body.
-    np.testing.assert_allclose(moved.pressure, result.pressure, atol=1e-9 * p0)

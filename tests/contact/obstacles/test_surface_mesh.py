@@ -5,26 +5,21 @@ import sys
 import numpy as np
 import pytest
 import pyvista
-from convergence import order
 from families import PLANE_AND_BFS, SOLID
 from hypothesis import given
 from hypothesis import strategies as st
-from skfem import ElementQuad1, MeshQuad
-from surfaces import ball, brick, bumpy, lump, ring, rotation
+from skfem import ElementQuad1
+from surfaces import ball, brick, bumpy, ring, rotation
 
 from contact import (
     ClosestPoint,
     ContactProblem,
     ContactWarning,
-    CutBody,
     Cylinder,
     ElasticBody,
     InputError,
-    LayeredBlock,
     MissingDependency,
-    Pair,
     Plane,
-    Sphere,
     SurfaceMesh,
 )
 from contact.obstacles import box_tree
@@ -117,62 +112,6 @@ def test_distance_as_if_every_facet_were_tried(dim):
     check()
 
 
-@pytest.mark.parametrize("make", [lambda: lump(4), lambda: ball(3)], ids=["lump", "ball"])
-def test_distance_of_vtk(make):
-    """vtkImplicitPolyDataDistance, which knows edges and corners as well."""
-    points, facets = make()
-    x, _ = places(np.random.default_rng(0), 3, 2000)
-    cells = np.column_stack((np.full(facets.shape[1], 3), facets.T)).ravel()
-    cloud = pyvista.PolyData(x.T.copy())
-    cloud.compute_implicit_distance(pyvista.PolyData(points.T.copy(), cells), inplace=True)
-    theirs = np.asarray(cloud["implicit_distance"])
-    # VTK searches in cells of a grid in single precision.
-    np.testing.assert_allclose(SurfaceMesh(points, facets).distance(x)[0], theirs, atol=1e-6)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_box_is_the_plane_of_its_top(dim):
-    up = np.eye(dim)[-1]
-    surface = SurfaceMesh(*brick((-9.0,) * (dim - 1) + (-7.0,), (8.0,) * (dim - 1) + (0.25,)))
-    plane = Plane(0.25 * up, up)
-    rng = np.random.default_rng(1)
-    x, n = rng.uniform(-1, 1, (2, dim, 3, 100))
-    # On the diagonals of the top, too, which is two triangles in 3-D.
-    x[: dim - 1, 1], x[: dim - 1, 2] = (
-        x[0, 1],
-        x[0, 2] * (-1.0) ** np.arange(dim - 1)[:, None] - 0.5,
-    )
-    n[-1] = -3
-    n /= np.linalg.norm(n, axis=0)
-    np.testing.assert_allclose(surface(x, n), plane(x, n), rtol=0, atol=1e-12)
-    for ours, theirs in zip(surface.distance(x), plane.distance(x), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("hollow", [False, True])
-def test_round_obstacles_are_approached(dim, hollow):
-    """Distances and gaps with order two, directions with order one."""
-    rng = np.random.default_rng(2)
-    _, ray = places(rng, dim, 400)
-    x = ray * rng.uniform(0.8, 1.4, 400)
-    n = (ray if hollow else -ray) + rng.uniform(-0.2, 0.2, ray.shape)
-    n /= np.linalg.norm(n, axis=0)
-    exact = (Cylinder if dim == 2 else Sphere)(np.zeros(dim), 1.0, hollow=hollow)
-    levels = [2, 3, 4, 5] if dim == 3 else [4, 5, 6, 7]
-    errors = []
-    for level in levels:
-        facets = ring(2**level) if dim == 2 else ball(level)
-        surface = SurfaceMesh(*facets, hollow=hollow)
-        d, gradient = surface.distance(x)
-        both = zip((surface(x, n), d, gradient), (exact(x, n), *exact.distance(x)), strict=True)
-        errors.append([np.abs(ours - theirs).max() for ours, theirs in both])
-    gap, distance, direction = (order(2.0 ** np.array(levels), e) for e in np.transpose(errors))
-    assert abs(gap - 2) < 0.2
-    assert abs(distance - 2) < 0.2
-    assert abs(direction - 1) < 0.3
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_moved_turned_scaled_renumbered(dim):
     @given(seeds, st.sampled_from([1e-6, 1.0, 1e3]), st.booleans())
@@ -210,29 +149,6 @@ def test_triangles_without_shared_points_are_joined():
     x, _ = places(rng, 3)
     there = SurfaceMesh(points, facets)
     np.testing.assert_allclose(surface.distance(x)[0], there.distance(x)[0], atol=1e-8)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_hollow_is_the_other_side(dim):
-    points, facets = bumpy(np.random.default_rng(5), dim)
-    x, _ = places(np.random.default_rng(6), dim)
-    solid, hole = SurfaceMesh(points, facets), SurfaceMesh(points, facets, hollow=True)
-    for one, other in zip(solid.distance(x), hole.distance(x), strict=True):
-        np.testing.assert_allclose(one, -other, atol=1e-15)
-    np.testing.assert_allclose(solid.normals, -hole.normals, atol=1e-15)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_shell_has_a_cavity(dim):
-    """The inner part is turned the other way; both are one obstacle."""
-    facets = ring(200) if dim == 2 else ball(4)
-    points, outer = facets
-    inner = outer[::-1] + points.shape[1]
-    shell = SurfaceMesh(np.hstack((points, 0.5 * points)), np.hstack((outer, inner)))
-    x, _ = places(np.random.default_rng(7), dim, 300)
-    length = np.linalg.norm(x, axis=0)
-    # The sagitta of a facet.
-    np.testing.assert_allclose(shell.distance(x)[0], np.abs(length - 0.75) - 0.25, atol=0.01)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -385,40 +301,6 @@ def test_a_bore_and_its_cavity(make):
     np.testing.assert_allclose(result.pressure, exact.pressure, rtol=1e-3)
     with pytest.warns(ContactWarning, match=r"SurfaceMesh\(\.\.\., hollow=True\)"):
         ContactProblem(body, "right", SurfaceMesh(*ring(200, 2.05)), 0.2).condense()
-
-
-def test_layers_cut_bodies_and_pairs(make):
-    """Bodies that are discretised otherwise, and one pair among others."""
-    outline = SurfaceMesh(*brick((-3.0, -4.0), (3.0, -1.0)))
-    plane = Plane((0.0, -1.0), (0.0, 1.0))
-    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 13), np.linspace(-1.1, 0.0, 7))
-    mesh = mesh.with_boundaries({"flat": lambda x: np.abs(x[1]) < 1e-9})
-    disk = CutBody(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 1, 1.0, 0.3)
-    disk.fix("flat", "x").fix("flat", "y", -0.05)
-    low = disk.arc(where=lambda x: np.hypot(x[0], x[1] + 1) < 0.6)
-    layers = LayeredBlock(1.0, [(0.5, 4, 1.0, 0.3)], columns=8).fix("top", "x", 0.01)
-    layers.fix("top", "y", lambda x: -1.02 - 0.01 * x[0])
-    upper = make.block(4).named("upper")
-    lower_mesh = make.box(ElementQuad1, np.linspace(0, 1, 4), np.linspace(-1, 0, 4))
-    lower = ElasticBody.from_mesh(lower_mesh, ElementQuad1(), E=1.0, nu=0.3).named("lower")
-    lower.fix("left", "x")
-
-    def solved(case, floor):
-        if case == "cut":
-            return ContactProblem(disk, low, ClosestPoint(floor), 0.2).solve()
-        if case == "layers":
-            return ContactProblem(layers, "bottom", floor, 0.2).solve()
-        pairs = [
-            Pair(upper, "bottom", lower, "top", 0.2),
-            Pair(lower, "bottom", floor, friction=0.2),
-        ]
-        return ContactProblem([upper, lower], pairs).solve()
-
-    for case in ("cut", "layers", "pairs"):
-        ours, theirs = solved(case, outline), solved(case, plane)
-        top = theirs.pressure.max()
-        assert top > 0
-        np.testing.assert_allclose(ours.pressure, theirs.pressure, rtol=0, atol=1e-9 * top)
 
 
 # Files: what pyvista wrote is read again, in another unit.

@@ -3,7 +3,6 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from families import STRAIGHT
 from skfem import (
     ElementQuad1,
     ElementQuad2,
@@ -14,18 +13,13 @@ from skfem import (
     MeshTri2,
 )
 
-from contact import (
-    ContactProblem,
-    ContactResult,
-    CutBody,
-    Cylinder,
-    ElasticBody,
-    LayeredBlock,
-)
+from contact import ContactProblem, ContactResult, CutBody, Cylinder, ElasticBody, LayeredBlock
 from contact.output.contact_runs import arc_length
 from skfem_adini import ElementQuadAdini, LevelSet
+from tests.contact.rows.cases import whole_ring
 
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
+RADII = [0.5, 0.75, 1.0]
 CASES = [
     *((ElementQuadAdini, functional) for functional in (None, "gauss", "centroid")),
     *((ElementTriP1, None), (ElementTriP2, None), (ElementTriP2, "gauss")),
@@ -156,29 +150,12 @@ def test_neighbours_of_very_different_length(element, functional, ratio, make):
     assert not arc_length(result)[1].any()
 
 
-def ring(element, n):
-    """4 n facets around a bore of one half and a rim of one."""
-    kind = STRAIGHT[element]
-    around = 4 * n
-    strip = kind.init_tensor(np.arange(3.0), np.arange(around + 1.0))
-    i, j = strip.p.round().astype(int)
-    number = i * around + j % around
-    p = np.zeros((2, 3 * around))
-    angle = 2 * np.pi * j / around
-    p[:, number] = (0.5 + 0.25 * i) * np.array([np.cos(angle), np.sin(angle)])
-    mesh = kind(p, number[strip.t], sort_t=False)
-    facets = mesh.boundary_facets()
-    inner = np.linalg.norm(p[:, mesh.facets[0, facets]], axis=0) < 0.75
-    mesh = mesh.with_boundaries({"bore": facets[inner], "rim": facets[~inner]})
-    return ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3)
-
-
 @pytest.mark.parametrize("together", [False, True])
 @pytest.mark.parametrize(("element", "functional"), CASES)
 def test_lines_around_a_ring_close(element, functional, together):
     """Each ends where it began, and turns once around."""
     obstacle = -0.01 if together else [-0.01, -0.01]
-    result = unsolved(ring(element, 3), ["bore", "rim"], obstacle, functional)
+    result = unsolved(whole_ring(element, 12, RADII, 0.0), ["bore", "rim"], obstacle, functional)
     assert len(lines(result)) == 2
     for line in lines(result):
         assert line[0] == line[-1]
@@ -191,7 +168,7 @@ def test_lines_around_a_ring_close(element, functional, together):
 
 def test_open_runs(make):
     """An arc of a ring; and a strip of one cell, whose short sides join points but do not touch."""
-    body = ring(ElementQuad2, 6)
+    body = whole_ring(ElementQuad2, 24, RADII, 0.0)
     mesh = body.mesh
     rim = mesh.boundaries["rim"]
     right = rim[mesh.p[0, mesh.facets[:, rim]].mean(axis=0) > -0.9]

@@ -7,17 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from skfem import ElementQuad1
-from two_blocks import facing
+from two_blocks import facing, graded
 
 from contact import ContactError, ContactProblem, ElasticBody, Pair, Tie, Unbounded, cross_check
 from skfem_adini import ElementQuadBFS
 
 pytestmark = pytest.mark.filterwarnings("ignore::contact.ContactWarning")
-
-
-def ticks(rng, low, n):
-    size = rng.uniform(1, 3, n)
-    return low + np.r_[0.0, np.cumsum(size) / size.sum()]
 
 
 def random_pair(seed, dim, make):
@@ -37,7 +32,7 @@ def random_pair(seed, dim, make):
         (two, rng.uniform(-0.7, 0.7, dim - 1), (-1.0, -0.5, 0.0)),
     ):
         cells = (2 ** rng.uniform(0, 4.3 if dim == 2 else 2.3, dim - 1)).astype(int)
-        sides = [ticks(rng, low, n) for low, n in zip(at, cells, strict=True)]
+        sides = [graded(rng, low, low + 1, n) for low, n in zip(at, cells, strict=True)]
         mesh = make.box(element, *sides, np.array(heights))
         mesh = make.remesh(mesh, size * (turn @ mesh.p))
         E, nu = 10 ** rng.uniform(-1, 1), rng.uniform(0, 0.45)
@@ -79,20 +74,18 @@ def check(seed, dim, make, second_opinion):
         assert cross_check(problem, result).verdict != "disagrees"
 
 
-@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("part", range(4))
-def test_twenty_random_pairs(part, dim, make):
-    for seed in range(5 * part, 5 * part + 5):
-        check(seed, dim, make, second_opinion=True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("part", range(10))
-def test_two_hundred_random_pairs(part, dim, make):
-    for seed in range(20 + 20 * part, 40 + 20 * part):
-        check(seed, dim, make, second_opinion=False)
+@pytest.mark.parametrize(
+    "seeds",
+    [
+        *(pytest.param(range(k, k + 5), marks=pytest.mark.sampled(3)) for k in range(0, 20, 5)),
+        *(pytest.param(range(k, k + 20), marks=pytest.mark.slow) for k in range(20, 220, 20)),
+    ],
+    ids=str,
+)
+def test_random_pairs(seeds, dim, make):
+    for seed in seeds:
+        check(seed, dim, make, second_opinion=len(seeds) == 5)
 
 
 @pytest.mark.turns(3)

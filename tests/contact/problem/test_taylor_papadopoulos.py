@@ -135,20 +135,13 @@ def run(element, multipliers, places):
             assert np.abs(result[body].u[nodes] - exact).max() <= 1e-9 * np.abs(exact).max()
 
 
-everything = pytest.mark.parametrize("element", PLANE_AND_BFS + SOLID, ids=lambda e: e.__name__)
-sides = pytest.mark.parametrize("multipliers", ["first", "second"])
-
-
-@pytest.mark.sampled(5)
-@sides
-@everything
-def test_some_places(element, multipliers):
-    dim = element().dim
-    run(element, multipliers, shifts(11, 2, [1e-3, 1e-5, 1e-7, 1e-9][:: dim - 1], dim))
-
-
-@pytest.mark.slow
-@sides
-@everything
-def test_twenty_places(element, multipliers):
-    run(element, multipliers, shifts(12, 15, [1e-2, 1e-3, 1e-5, 1e-7, 1e-9], element().dim))
+@pytest.mark.parametrize(
+    "twenty",
+    [pytest.param(False, marks=pytest.mark.sampled(5)), pytest.param(True, marks=pytest.mark.slow)],
+)
+@pytest.mark.parametrize("multipliers", ["first", "second"])
+@pytest.mark.parametrize("element", PLANE_AND_BFS + SOLID, ids=lambda e: e.__name__)
+def test_patches(element, multipliers, twenty):
+    dim, slivers = element().dim, [1e-3, 1e-5, 1e-7, 1e-9]
+    few = 11, 2, slivers[:: dim - 1], dim
+    run(element, multipliers, shifts(*((12, 15, [1e-2, *slivers], dim) if twenty else few)))

@@ -4,26 +4,21 @@ import numpy as np
 import pytest
 from families import PLANE, PLANE_AND_BFS, SOLID
 from scipy.spatial.transform import Rotation
+from two_blocks import graded
 
-from contact import ContactProblem, ElasticBody, Orthotropic, Pair, Tie
+from contact import ContactProblem, ElasticBody, Pair, Tie
 from skfem_adini import ElementQuadBFS
 
 PRESSURE, E, NU = 0.7, 20.0, 0.3
 everything = pytest.mark.parametrize("element", PLANE + SOLID, ids=lambda e: e.__name__)
 
 
-def ticks(rng, low, high, n):
-    """Ends of n facets, neighbours up to three times as long."""
-    size = rng.uniform(1, 3, n)
-    return low + (high - low) * np.r_[0.0, np.cumsum(size) / size.sum()]
-
-
 def brick(make, element, counts, base, rng, height=1.0, turn=None, **material):
     """A unit square of `counts` unequal cells from `base` up, with named sides, turned."""
     dim = element().dim
     counts = [counts] * (dim - 1) if np.isscalar(counts) else counts
-    across = [ticks(rng, 0.0, 1.0, n) for n in counts]
-    mesh = make.box(element, *across, ticks(rng, base, base + height, 2))
+    across = [graded(rng, 0.0, 1.0, n) for n in counts]
+    mesh = make.box(element, *across, graded(rng, base, base + height, 2))
     if turn is not None:
         mesh = make.remesh(mesh, turn @ mesh.p)
     return ElasticBody.from_mesh(mesh, element(), **(material or {"E": E, "nu": NU}))
@@ -68,8 +63,9 @@ def test_random_pairs_of_elements_at_random_tilts(seed, space, make):
         for c in range(dim):
             body.fix(side, c, lambda x, c=c: np.tensordot(strain[c], x, 1))
     friction = float(rng.choice([0.0, rng.uniform(0, 1.5)]))
-    side = str(rng.choice(["first", "second"]))
-    pair = Pair(upper, "bottom", lower, "top", friction=friction, multipliers=side)
+    side, functional = rng.choice(["first", "second"]), [None, "standard", "hat"][rng.integers(3)]
+    options = {"friction": friction, "multipliers": str(side), "functional": functional}
+    pair = Pair(upper, "bottom", lower, "top", **options)
     result = ContactProblem([upper, lower], [pair]).solve()
     assert np.abs(result.pressure / PRESSURE - 1).max() <= 1e-11
     assert np.abs(result.shear).max() <= 1e-11
@@ -99,57 +95,6 @@ def test_a_body_that_floats_between_two_others(element, friction, make):
     assert np.abs(result.shear).max() <= 1e-10
     uniform(result, (top, middle, low), -PRESSURE * np.diag(np.eye(dim)[-1]))
     assert np.abs(result[middle].resultant).max() <= 1e-12
-
-
-YOUNG, POISSON, SHEAR = np.array([1.0, 2.5, 4.0]), (0.25, 0.1, 0.2), np.array([0.6, 0.8, 0.5])
-
-
-@pytest.mark.sampled(5)
-@everything
-@pytest.mark.parametrize("scale", [1.0, 1e9])
-def test_an_orthotropic_block_pressed_on_another(element, scale, make):
-    """Smooth rigid walls at all sides: each has the stress C e_n of its own strain along n."""
-    rng, dim = np.random.default_rng(6), element().dim
-    quarter = Rotation.from_euler("z" if dim == 2 else "x", 90, degrees=True).as_matrix()
-    upper, lower = (
-        brick(
-            *(make, element, n, base, rng, height),
-            material=Orthotropic(scale * YOUNG, POISSON, scale * SHEAR, rotation=turn),
-        )
-        for n, base, height, turn in ((3, 0.0, 0.5, np.eye(3)), (2, -1.0, 1.0, quarter))
-    )
-    for body in (upper, lower):
-        smooth(body, ("right", "back"))
-    upper.fix("top", dim - 1, -0.01)
-    lower.fix("bottom", dim - 1)
-    # Constrained moduli from the compliance, whose axes 1 and 2, or 2 and 3, change places below.
-    S = np.diag(1 / YOUNG)
-    for (i, j), nu in zip(((0, 1), (0, 2), (1, 2)), POISSON, strict=True):
-        S[i, j] = S[j, i] = -nu / YOUNG[i]
-    C = scale * np.linalg.inv(S)
-    above, below = (C[1, 1], C[0, 0]) if dim == 2 else (C[2, 2], C[1, 1])
-    pressure = 0.01 / (0.5 / above + 1.0 / below)
-    result = ContactProblem(upper, "bottom", lower.surface("top"), friction=0.3).solve()
-    assert np.abs(result.pressure / pressure - 1).max() <= 1e-8
-    assert np.abs(result.shear).max() <= 1e-8 * pressure
-
-
-@pytest.mark.sampled(4)
-@everything
-def test_heated_bodies_between_walls(element, make):
-    """Held at all sides but the one where they meet: p = sum of the free expansions over give."""
-    rng, dim, alpha, grows, give, bodies = np.random.default_rng(7), element().dim, 1e-3, 0, 0, []
-    for n, base, h, E, nu, T in ((3, 0.0, 0.5, 1.0, 0.3, 2.0), (2, -1.0, 1.0, 3.0, 0.2, 5.0)):
-        body = brick(make, element, n, base, rng, h, E=E, nu=nu)
-        bodies.append(smooth(body, ("right", "back")).heat(T, alpha))
-        grows += h * alpha * T * (1 + nu) / (1 - nu)
-        give += h * (1 + nu) * (1 - 2 * nu) / (E * (1 - nu))
-    upper, lower = bodies
-    upper.fix("top", dim - 1)
-    lower.fix("bottom", dim - 1)
-    result = ContactProblem(upper, "bottom", lower.surface("top"), friction=0.3).solve()
-    assert np.abs(result.pressure / (grows / give) - 1).max() <= 1e-8
-    assert np.abs(result.shear).max() <= 1e-8 * grows / give
 
 
 @pytest.mark.sampled(7)

@@ -1,7 +1,7 @@
 """Functionals of every element, rollers and whole rings for the tests of contact rows."""
 
 import numpy as np
-from families import CURVED, SOLID, STRAIGHT
+from families import CURVED, SOLID, STRAIGHT, turn
 from skfem import (
     ElementHex1,
     ElementHex2,
@@ -68,11 +68,6 @@ def roller(element, n, curved=False, pattern="equal", tilt=0.0, size=1.0):
     mesh = type(mesh)(size * x, mesh.t, sort_t=False).with_boundaries(names)
     body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=NU).fix("held")
     return body.fix("ends", "z") if solid else body
-
-
-def turn(angle):
-    """Rotation in the plane."""
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def pressed(element, n, functional=None, tilt=0.0, size=1.0, **more):

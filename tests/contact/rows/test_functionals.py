@@ -146,27 +146,6 @@ def test_bernstein_coefficients_of_a_trace(element, body_of):
     np.testing.assert_allclose(rows.G @ dofs, -expected, atol=1e-13)
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize(
-    ("element", "functional", "angle"),
-    turned(p for p in FULL_RANK if p != (ElementQuadAdini, "nodal")),
-)
-def test_weights_carry_a_constant_pressure(element, functional, angle, body_of):
-    """G^T w is the load of a unit traction along n, T^T w along the tangents; sum w the length."""
-    body = body_of(element, angle)
-    rows = rows_of(body, functional)
-    assert rows.weights.min() > 1e-3 * rows.weights.max()
-    # Rounding of a boundary mass solve.
-    assert abs(rows.weights.sum() - 1.0) < 1e-13
-    directions = [(rows.G, rows.normals[:, 0])]
-    for j in range(body.dim - 1):
-        directions.append((rows.T[j :: body.dim - 1], rows.tangents[:, j, 0]))
-    for matrix, direction in directions:
-        body.f = np.zeros(body.basis.N)
-        body.load("bottom", direction)
-        assert np.abs(matrix.T @ rows.weights - body.f).max() < 1e-13
-
-
 @pytest.mark.parametrize(
     ("element", "functional"), [p for p in FULL_RANK if p[0] not in HERMITE or p[1] == "bernstein"]
 )
@@ -220,19 +199,20 @@ def test_corners(element, functional, body_of):
         assert np.abs(rows.normals[:, corner] - expected).max() < 1e-12
 
 
-def check_frames(normals):
-    frame = np.concatenate([normals[:, None], tangent_frame(normals)], axis=1)
-    gram = np.einsum("dim,djm->mij", frame, frame)
-    # Rounding.
-    assert np.abs(gram - np.eye(len(normals))).max() < 1e-14
+def beside_the_pole(distance):
+    one, other = 0.6 * distance, 0.8 * distance
+    normals = np.array([[0.0, one], [0.0, other], [-1.0, np.sqrt(1 - distance**2)]])
+    return np.hstack((normals, np.repeat(normals[:, :1], 3, axis=1)))
 
 
-@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("dim", [2, 3])
-def test_tangent_frames_are_orthonormal(dim, seed):
-    normals = np.random.default_rng(seed).standard_normal((dim, 50))
+def test_tangent_frames_are_orthonormal(dim):
+    normals = np.random.default_rng(0).standard_normal((dim, 200))
     normals[:, :2] = np.array([np.eye(dim)[-1], -np.eye(dim)[-1]]).T  # straight up, straight down
-    check_frames(normals / np.linalg.norm(normals, axis=0))
+    away = [0.0, 1e-300, 1e-150, 1e-12, 1e-8, 1e-4] if dim == 3 else []
+    for one in (normals / np.linalg.norm(normals, axis=0), *map(beside_the_pole, away)):
+        frame = np.concatenate([one[:, None], tangent_frame(one)], axis=1)
+        assert np.abs(np.einsum("dim,djm->mij", frame, frame) - np.eye(dim)).max() < 1e-14
     # On a bottom edge along x.
     assert tangent_frame(np.array([[0.0], [-1.0]]))[:, 0, 0].tolist() == [1.0, 0.0]
 
@@ -254,14 +234,6 @@ def test_tangent_frames_are_smooth_but_at_one_pole(up):
     assert np.ptp(tangent_frame(wall), axis=2).max() < 1e-15
 
 
-@pytest.mark.parametrize("distance", [0.0, 1e-300, 1e-150, 1e-12, 1e-8, 1e-4])
-def test_tangent_frames_at_the_pole(distance):
-    normals = np.array(
-        [[0.0, 0.6 * distance], [0.0, 0.8 * distance], [-1.0, np.sqrt(1 - distance**2)]]
-    )
-    check_frames(np.hstack((normals, np.repeat(normals[:, :1], 3, axis=1))))
-
-
 @pytest.mark.parametrize(("element", "functional"), [*FULL_RANK, THESIS])
 def test_affine_gap_is_met_exactly(element, functional, body_of):
     """A tilted plane: the gap is what the functional reads off the displacement that closes it."""
@@ -275,7 +247,6 @@ def test_affine_gap_is_met_exactly(element, functional, body_of):
         u[-1] = -height - np.tensordot(normal[:-1], x[:-1], axes=1) / normal[-1] - x[-1]
         return u
 
-    # Rounding.
     assert np.abs(rows.G @ interpolated(body, closing) - rows.gap).max() < 1e-12
 
 
@@ -291,7 +262,6 @@ def test_quadratic_gap_is_met_exactly(element, functional, body_of):
     def closing(x):
         return np.array([0.0 * x[0]] * (body.dim - 1) + [-0.01 - (x[0] - 0.3) ** 2 / 3.4])
 
-    # Rounding.
     assert np.abs(rows.G @ interpolated(body, closing) - rows.gap).max() < 1e-13
 
 
@@ -300,7 +270,6 @@ def test_quadratic_gap_is_met_exactly(element, functional, body_of):
 @settings(max_examples=8, deadline=None)
 @given(edge=st.floats(0.01, 0.99), turn=st.floats(0.0, 6.3), height=st.floats(1e-3, 1e6))
 def test_no_mean_of_a_step_lies_outside_its_gaps(body_of, element, functional, edge, turn, height):
-    """Functionals with negative weights made -height / 2 of gaps 0 and height."""
     body = body_of(element, ticks=np.linspace(0, 1, 6))
     across = np.array([np.cos(turn), np.sin(turn) if body.dim == 3 else 0.0])
 
@@ -334,20 +303,6 @@ def test_no_penetration_between_the_points(element, functional, holds, make):
     deepest = np.max(down - (0.01 + (x - 0.42) ** 2 / 3.0))
     # Rounding against the largest displacement, .4; the others miss by 1e-5 and more.
     assert deepest < 1e-14 if holds else deepest > 1e-6
-
-
-@pytest.mark.parametrize("element", [ElementTetP2, ElementHex2])
-def test_quadratic_faces_do_not_penetrate_between_the_points(element, make):
-    """The trace lies in the convex hull of its Bernstein coefficients; the gap is affine."""
-    ticks = np.linspace(0, 1, 4)
-    body = ElasticBody.from_mesh(make.box(element, ticks, ticks, ticks), element(), E=1, nu=0.3)
-    body.fix("top", "xy").fix("top", "z", lambda x: -0.05 * x[0] * (0.5 + x[1]))
-    result = ContactProblem(body, "bottom", 0.02, 0.3).solve()
-    assert 3 <= np.count_nonzero(result.mu) < result.mu.size
-    x = np.random.default_rng(2).uniform(0, 1, (2, 400))
-    down = -result.sample(np.vstack((x, np.zeros(400))))[2]
-    # Rounding.
-    assert down.max() < 0.02 + 1e-14
 
 
 E, NU, PRESSURE = 2.0, 0.3, 1.0
@@ -401,7 +356,6 @@ def errors(make, element, functional, plane="strain", distorted=False):
     ],
 )
 def test_uniform_pressure(element, functional, plane, distorted, make):
-    """Isoparametric families contain the affine fields on distorted cells, too."""
     pressure, displacement = errors(make, element, functional, plane, distorted)
     # One factorisation of a matrix of condition 1e4.
     assert pressure < 1e-12

@@ -176,20 +176,6 @@ def test_the_edge_at_64_points_a_wave(body):
         assert half_width < 1e-3
 
 
-def test_order_of_the_edge():
-    """One over all meshes, as without the fit, from a twentieth of its errors.
-
-    Next to an edge the equations of the mesh always have the same error, on ever fewer points.
-    """
-    sizes = (64, 128, 256, 512)
-    errors = np.array([sinusoid("half plane", 0.35, n) for n in sizes])
-    orders = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
-    assert 0.8 < orders[0] < 1.4
-    assert 0.8 < orders[1] < 1.4
-    assert np.all(errors[:, 1] < 0.2 * errors[:, 0])
-    assert 0.8 < orders[2] < 2.0
-
-
 @pytest.mark.parametrize("h", [(1.0, 1.0), (0.8, 1.1)])
 def test_edge_of_the_exact_fields_of_a_ball(h):
     """Hertz, E* = R = 1, p0 = 2 a / pi: lines in both directions, oblique ones among them."""
@@ -259,43 +245,6 @@ COARSENED = {
     "held": lambda: PeriodicLayers((1.0, 1.0), LAYERS, (64, 64), sides=("periodic", "xz")),
     "mirrored": lambda: PeriodicLayers((1.0, 1.0), LAYERS, (64, 64), sides=("x", "y")),
 }
-
-
-@pytest.mark.parametrize("name", COARSENED)
-def test_smooth_pressures_move_every_other_point_as_the_fine_grid(name):
-    """A pressure of two waves, as even or odd about the sides as the normal displacement."""
-    body = COARSENED[name]()
-    fine, lateral = body.normal_filter, body.normal_filter.lateral
-    coarse, every = fine.coarser, (slice(None, None, 2),) * len(body.shape)
-    assert all(2 * n == m for n, m in zip(coarse.cells, fine.cells, strict=True))
-    weights = np.broadcast_to(getattr(body, "weights", 1.0), body.shape)
-    places = np.meshgrid(
-        *(np.arange(m) / n for m, n in zip(body.shape, fine.cells, strict=True)), indexing="ij"
-    )
-    odd = [lateral is not None and p is not None and p[-1]
-           for p in (lateral.odd if lateral else places)]  # fmt: skip
-    pressure = np.prod(
-        [
-            np.sin(np.pi * x) if turned else 1.0 + 0.5 * np.cos(2 * np.pi * x)
-            for x, turned in zip(places, odd, strict=True)
-        ],
-        axis=0,
-    )
-    u, share = fine.apply_normal(pressure * weights), 2 ** len(body.shape)
-    there = coarse.apply_normal(share * (pressure * weights)[every])  # a point is so many
-    assert np.abs(there - u[every]).max() < 1e-13 * np.abs(u).max()
-    again = coarse.precondition_normal(there) / share
-    assert np.ptp(again / weights[every] - pressure[every]) < 1e-12  # but for a mean that is free
-    # Refined forces are those of the interpolated pressure.
-    found = fine.refined(share * (pressure * weights)[every]) / weights
-    assert found[every] == pytest.approx(pressure[every], rel=1e-14)
-    between = np.abs(found - pressure).max()
-    assert 1e-4 < between < (np.pi / 32) ** 2  # of second order: h^2 / 8 times the curvature
-    assert fine.refined(share * weights[every]) == pytest.approx(weights, rel=1e-14)
-    if name == "half space":
-        own, f = HalfSpace((1.0, 2.0), (32, 64), 1.0, 0.3), pressure[every]
-        assert np.abs(coarse.apply_normal(f) - own.apply_normal(f)).max() < 1e-14 * np.abs(u).max()
-        assert coarse.coarser is None
 
 
 @pytest.mark.parametrize("pressed", [True, False])

@@ -75,17 +75,6 @@ def test_a_half_space_is_symmetric_and_positive(lengths, shape):
     assert pytest.approx(means, abs=1e-12) == W @ S
 
 
-def test_plane_strain_is_a_space_whose_load_does_not_vary():
-    line, space = HalfSpace(2.0, 16, E, NU), HalfSpace((2.0, 0.8), (16, 4), E, NU)
-    forces = np.random.default_rng(0).standard_normal((2, 16))
-    spread = np.zeros((3, 16, 4))
-    spread[[0, 2]] = forces[:, :, None]
-    u = space.apply(spread * 0.2)  # a strip of 4 points carries the force of 4 x .2 per length
-    wanted = np.repeat(line.apply(forces)[:, :, None], 4, axis=2)
-    assert u[[0, 2]] == pytest.approx(wanted, abs=1e-14)
-    assert u[1] == pytest.approx(0, abs=1e-14)
-
-
 @pytest.mark.parametrize(
     "space",
     [
@@ -236,20 +225,6 @@ def test_stiff_and_thin_layers_keep_their_digits(layers):
     assert abs(block.precondition(block.apply(f)) - f).max() < 1e-8
 
 
-def test_a_uniform_pressure_compresses_each_layer_by_its_own_modulus():
-    block = PeriodicLayers((2.0, 3.0), COATED, (4, 4))
-    forces = np.zeros((3, 4, 4))
-    forces[2] = 0.01 * np.prod(block.spacing)
-    modulus = [E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) for _, _, E, nu in COATED]
-    exact = 0.01 * sum(layer[0] / M for layer, M in zip(COATED, modulus, strict=True))
-    assert np.abs(block.apply(forces)[2] / exact - 1).max() < 1e-12
-    sigma = block.stress(forces, np.array([[0.3, 1.9], [2.2, 0.1], [0.05, 0.4]]))
-    assert np.allclose(sigma[2, 2], -0.01, rtol=1e-12)
-    assert np.allclose(sigma[0, 0], -0.01 * np.array([0.25, 2 / 3]), rtol=1e-11)  # nu / (1 - nu)
-    assert block.unknowns == 3 * 16 * 5
-    assert repr(block) == "PeriodicLayers(3-D, 4 x 4 x 5 cells, 240 unknowns)"
-
-
 @pytest.mark.parametrize("sides", ["periodic", "x"])
 def test_a_half_space_carries_the_mean_pressure(sides):
     """It is uniform in the layers, and they are compressed by it, whatever they lie on."""
@@ -273,18 +248,6 @@ def test_an_element_that_keeps_shape_functions_serves_layers_of_several_heights(
     np.testing.assert_allclose(theirs, ours, rtol=1e-9, atol=1e-12)
 
 
-def test_layers_between_sides_on_a_half_space_are_a_half_of_the_periodic_ones():
-    """Both on the same half space: the mirrored forces of twice the width, half of it."""
-    n, layers, base = 8, [(0.25, 2, 2.0, 0.3)], (1.0, 0.2)
-    forces = np.random.default_rng(4).standard_normal((2, n + 1))
-    forces[0, [0, n]] = 0.0
-    half = PeriodicLayers(1.0, layers, n, sides="x", base=base).apply(forces)
-    twice = np.concatenate((forces, ([[-1.0], [1.0]] * forces)[:, -2:0:-1]), axis=1)
-    twice[:, [0, n]] *= 2.0
-    whole = PeriodicLayers(2.0, layers, 2 * n, base=base).apply(twice)
-    assert abs(half - whole[:, : n + 1]).max() < 1e-12 * abs(half).max()
-
-
 @pytest.mark.parametrize("cells", [(1, 1), (1, 3), (3, 1)])
 def test_one_cell_between_rollers_is_a_column(cells):
     """It is shortened without moving aside: the modulus is that of confined compression."""
@@ -293,6 +256,8 @@ def test_one_cell_between_rollers_is_a_column(cells):
     block = PeriodicLayers((1.0, 2.0), layers, cells, **more)
     give = sum(h * (1 + nu) * (1 - 2 * nu) / (E * (1 - nu)) for h, _, E, nu in layers)
     assert GridContact(block, Rigid(0.0)).solve().pressure == pytest.approx(0.1 / give, rel=1e-12)
+    shown = f"PeriodicLayers(3-D, {cells[0]} x {cells[1]} x 5 cells, {block.unknowns} unknowns"
+    assert repr(block).startswith(shown)
 
 
 THICK, STIFF, K = 0.125, 100.0, 2 * np.pi  # a coating of nu = .2, its ground E = 1, nu = .3
@@ -366,32 +331,6 @@ def test_stress_jumps_as_it_should():
     assert errors[1] < 0.4 * errors[0]
 
 
-def test_kinked_layers_are_one_softer_body():
-    """Fields inside on either path, with more unknowns; without kinks nothing changes."""
-    body, smooth, rng = kinked(16), kinked(16, interfaces="smooth"), np.random.default_rng(0)
-    forces = rng.standard_normal((2, *body.shape))
-    forces -= forces.mean(axis=1, keepdims=True)
-    size = abs(body.apply(forces)).max()
-    assert abs(body.displacement(forces, 0) - body.apply(forces)).max() < 1e-11 * size
-    x = rng.uniform(0, 1, 5)
-    nodes = np.array([np.arange(16) / 16, np.full(16, THICK)])
-    assert abs(body.sample(forces, nodes) - body.displacement(forces, 2)).max() < 1e-11 * size
-    below, at, above = (
-        body.sample(forces, np.array([x, np.full(5, THICK + z)])) for z in (-1e-10, 0, 1e-10)
-    )
-    assert max(abs(below - at).max(), abs(above - at).max()) < 1e-8 * size
-    assert np.vdot(forces, body.apply(forces)) > (1 + 1e-4) * np.vdot(forces, smooth.apply(forces))
-    assert body.unknowns == smooth.unknowns + 2 * 16
-    cases = (None, [(0.2, 2, 5.0, 0.2), ONE[0]]), (ADINI, [(0.2, 2, 1.0, 0.3), ONE[0]])
-    for element, layers in cases:  # linear cells have no derivatives, one material no kink
-        one, other = (
-            PeriodicLayers(1.0, layers, 8, element=element, interfaces=interfaces)
-            for interfaces in ("kinked", "smooth")
-        )
-        assert np.array_equal(one.apply(forces[:, :8]), other.apply(forces[:, :8]))
-        assert one.elastic().basis.N == other.elastic().basis.N
-
-
 SPACE = {"lengths": (1.0, 1.0), "cells": (4, 4)}
 
 
@@ -399,7 +338,6 @@ SPACE = {"lengths": (1.0, 1.0), "cells": (4, 4)}
     ("given", "message"),
     [
         ({"lengths": (1.0, 1.0, 1.0)}, "lengths="),
-        ({"lengths": -1.0}, "lengths="),
         ({"layers": []}, "layers="),
         ({"layers": None}, "layers=None: expected a list"),
         ({"layers": [(0.0, 1, 1.0, 0.3)]}, r"layers\[0\]: the height must be positive"),
@@ -408,7 +346,6 @@ SPACE = {"lengths": (1.0, 1.0), "cells": (4, 4)}
         ({"plane": "axisymmetric"}, "plane='axisymmetric': layers have no radii"),
         (SPACE | {"plane": "stress"}, "a body in three dimensions"),
         ({"cells": (4, (1, 2))}, "cells="),
-        ({"cells": 4.5}, "cells="),
         ({"cells": 1}, "cells="),
         ({"top": "z"}, "components="),
         ({"motion": (0.0, 1.0, 2.0)}, "motion="),
@@ -417,12 +354,10 @@ SPACE = {"lengths": (1.0, 1.0), "cells": (4, 4)}
         ({"element": ElementHex1()}, "element: ElementHex1 does not live on"),
         ({"element": "Q1"}, "element: expected one of scikit-fem"),
         ({"element": ADINI, "base": (1.0, 0.3)}, "base: the half space is joined"),
-        ({"base": 1.0}, "base="),
         ({"base": (1.0, 0.5)}, "nu"),
         ({"base": (1.0, 0.3), "plane": "stress"}, "base: a top"),
         ({"interfaces": np.array(["smooth", "kinked"])}, "interfaces=array"),
         ({"sides": "xy"}, "sides='xy': transforms diagonalise sides across x that are"),
-        ({"sides": 3}, "sides=3"),
         ({"sides": ("x", "y")}, "expected 'periodic' or 1 entries"),
         ({"sides": "x", "motion": (0.1, 0.0)}, r"motion=.*the sides hold x at zero"),
         *((SPACE | {"sides": s}, "sides=") for s in ("x", ("x", "x"), ("periodic", "yz"))),
@@ -445,11 +380,9 @@ def test_bad_layers_are_named(given, message):
         ({"shape": (8, 0.5)}, "shape"),
         ({"E": 0.0}, "E="),
         ({"E": 1e308}, "E=1e[+]308: .* units"),
-        ({"E": 1e-308}, "E=1e-308: .* units"),
         ({"lengths": (1e-200, 1e-200)}, "E=1.0: .* units"),
         ({"nu": 0.5}, "nu"),
         ({"normal": (0, 1, 1)}, "normal"),
-        ({"normal": (0, 1)}, "normal"),
     ],
 )
 def test_bad_half_spaces_are_named(settings, words):

@@ -12,9 +12,8 @@ from skfem import ElementHex1, ElementQuad1
 from contact import ContactProblem, LayeredBlock
 from contact.arrays import dense_arrays
 from contact.body.layers import block_vectors
-from contact.spectral import wave_condensation, wave_kernel
+from contact.spectral import wave_kernel
 from contact.spectral.layer_arguments import node_kinds
-from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import Slab, Stack, cell
 from contact.spectral.wave_cells import Column, cell_table, parities
 from contact.spectral.wave_condensation import condensed
@@ -98,32 +97,6 @@ def test_condensation_is_that_of_all_levels(element, layers):
     assert abs(found - exact).max() < 4 * lost * abs(exact).max()
     product = full(stiffness, dim) @ full(compliance, dim)
     assert abs(product - np.eye(dim)).max() < 1e-11
-
-
-def test_blocks_of_waves_make_no_difference(monkeypatch):
-    *_, own = column(ElementHexAdini(), LAYERS["coated"])
-    once = condensed(own, steps(3))
-    monkeypatch.setattr(wave_condensation, "_NUMBERS", 9 * 12**2 * 7)
-    np.testing.assert_array_equal(condensed(own, steps(3)), once)
-
-
-@pytest.mark.parametrize("turns", [(1, 0), (1, 1, 0), (0, 2, 2), (1, 3, 0)])
-def test_symbols_are_multiplied_and_inverted_wave_by_wave(turns):
-    rng, n = np.random.default_rng(2), len(turns)
-    root = rng.standard_normal((6, n, n))
-    N = np.einsum("wij,wlj->wil", root, root) + np.eye(n)
-    d = np.array([1, 1j, -1, -1j])[list(turns)]
-    S = d[:, None] * N * np.conj(d)
-    symbol = RealSymbol.of(np.moveaxis(S, 0, 2), turns)
-    assert symbol.full() == pytest.approx(np.moveaxis(S, 0, 2), abs=1e-14)
-    inverse = np.moveaxis(np.linalg.inv(S), 0, 2)
-    assert np.abs(symbol.inverse().full() - inverse).max() < 1e-12 * np.abs(inverse).max()
-    np.testing.assert_array_equal(symbol[0, n - 1], N[:, 0, n - 1])
-    real = all(turn % 2 == 0 for turn in turns)
-    waves = rng.standard_normal((n, 6)) + (0 if real else 1j) * rng.standard_normal((n, 6))
-    found = symbol.times(waves.copy())
-    np.testing.assert_allclose(found, np.einsum("wij,jw->iw", S, waves), atol=1e-13)
-    assert np.isrealobj(found) == real
 
 
 @pytest.mark.sampled(2)

@@ -113,24 +113,6 @@ elements = pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)
 
 
 @elements
-@pytest.mark.parametrize("place", [None, bent, tilted], ids=["flat", "bent", "tilted"])
-def test_normals_turn_as_their_differences_say(element, place):
-    """Nothing is left out here but the change of the weights of facets that meet."""
-    interface, (u, *_), (a, _), rng = state(element, place)
-    outline, count = interface.first, 40
-    facet = rng.integers(outline.facets.size, size=count)
-    X = rng.random((2, count)) * 0.5
-    parts = turning_normals(outline, chart(outline, u), trace_of_nodes(outline), facet, X)
-    ours = np.array([part @ a for part in parts])
-
-    def at(step):
-        return chart(outline, u + step * a).direction(facet, X)
-
-    exact = (at(STEP) - at(-STEP)) / (2 * STEP)
-    assert np.abs(ours - exact).max() <= 2e-2 * np.abs(exact).max()
-
-
-@elements
 def test_a_rotation_turns_the_normals_by_itself(element):
     interface, (u, *_), _, _rng = state(element, tilted)
     outline = interface.first

@@ -1,4 +1,4 @@
-"""Two blocks so large that, where they touch, they are half planes: Cattaneo, Mindlin, Dundurs.
+"""Blocks so large that, where they touch, they are half spaces: Cattaneo, Mindlin, Dundurs, Hertz.
 
 Cattaneo and Mindlin: equal bodies pressed by P, pushed by Q < F P, and pulled back. With the
 half-width a = 1 and c = sqrt(1 - |Q| / F P), the shear over F p0 is
@@ -18,34 +18,30 @@ that slides along x on body 1 under q = F p has
 
 x0 = 2 l a and P = pi E* a^2 (1 - 4 l^2) / 4R, where l = 0 is Hertz. (J. Dundurs and M. S. Lee, J.
 Elasticity 2 (1972), 109-112; K. L. Johnson, Contact Mechanics, Cambridge 1985, section 7.2.)
+
+Hertz' point contact of a quarter of two unlike bodies, with 1/E* = sum of (1 - nu^2) / E and the
+gap r^2 / 2R:
+
+    a^3 = 3 P R / 4 E*,   p = p0 sqrt(1 - r^2 / a^2),   p0 = 3 P / 2 pi a^2.
+
+(H. Hertz, J. reine angew. Math. 92 (1882), 156-171; K. L. Johnson, section 4.2.)
 """
 
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
-from skfem import ElementQuad2, FacetBasis, LinearForm, MeshQuad
+from skfem import ElementHex1, ElementHex2, ElementQuad2, FacetBasis, LinearForm, MeshHex, MeshQuad
+from two_blocks import growing
 
 from contact import ContactProblem, ElasticBody, LoadStepper, Status
-from skfem_adini import ElementQuadAdini
+from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 FAR = 100.0  # size of the blocks, in half-widths of contact
 
 
-def ticks(step, fine, ratio=1.25):
-    """From 0 to FAR: equal steps up to `fine`, then growing."""
-    found = list(np.arange(round(fine / step) + 1) * step)
-    while found[-1] < FAR:
-        step *= ratio
-        found.append(found[-1] + step)
-    found[-1] = FAR
-    if found[-1] - found[-2] < 0.5 * (found[-2] - found[-3]):
-        del found[-2]
-    return np.array(found)
-
-
 def block(element, cells, up, E, nu, flat=0.25):
     """Above or below y = 0, of `cells` cells a unit of length, `flat` times as high as wide."""
-    x, y = ticks(1 / cells, 1.4), ticks(flat / cells, flat / cells)
+    x, y = (growing(s / cells, fine, FAR, 1.25) for s, fine in ((1, 1.4), (flat, flat / cells)))
     mesh = MeshQuad.init_tensor(np.r_[-x[:0:-1], x], y if up else -y[::-1]).with_defaults()
     return ElasticBody.from_mesh(mesh, element(), E=E, nu=nu)
 
@@ -172,3 +168,55 @@ def test_pressure_of_a_cylinder_that_slides(element, one, two, way, friction):
     hertz = np.sqrt(np.maximum(1 - t**2, 0))
     assert np.abs(exact - hertz)[np.abs(t) < 0.8].max() >= 0.04  # what is told apart
     assert centre == pytest.approx(2 * l * a, abs=0.02 * abs(2 * l * a))
+
+
+RADIUS, UPPER, LOWER = 500.0, (1.0, 0.3), (3.0, 0.2)
+MODULUS = 1 / sum((1 - nu**2) / E for E, nu in (UPPER, LOWER))
+LOAD = 4 * MODULUS / (3 * RADIUS)  # so that a = 1
+HERTZ = 1.5 * LOAD / np.pi
+
+
+def quarter(element, cells, up, material, far, ratio):
+    x, z = growing(1 / cells, 1.3, far, ratio), growing(0.5 / cells, 1 / cells, far, ratio)
+    z = z if up else -z[::-1]
+    mesh = MeshHex.init_tensor(x, x, z)
+    sides = {"left": (0, 0.0), "front": (1, 0.0), "bottom": (2, z[0]), "top": (2, z[-1])}
+    mesh = mesh.with_boundaries(
+        {name: (lambda p, k=k, v=v: np.abs(p[k] - v) < 1e-9) for name, (k, v) in sides.items()}
+    )
+    E, nu = material
+    body = ElasticBody.from_mesh(mesh, element(), E=E, nu=nu)
+    return body.fix("left", "x").fix("front", "y")
+
+
+POINTS = [
+    (ElementHex1, 4, 15.0, 1.5, 0.0, 0.02),
+    (ElementHex1, 4, 15.0, 1.5, 0.2, 0.02),
+    pytest.param(ElementHex1, 8, 15.0, 1.5, 0.0, 0.01, marks=pytest.mark.slow),
+    pytest.param(ElementHex2, 3, 12.0, 1.8, 0.0, 0.03, marks=pytest.mark.slow),
+    pytest.param(ElementHexAdini, 4, 15.0, 1.5, 0.0, 0.04, marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.filterwarnings("ignore::contact.ContactWarning")
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(("element", "cells", "far", "ratio", "friction", "tol"), POINTS)
+def test_point_contact(element, cells, far, ratio, friction, tol):
+    upper = quarter(element, cells, True, UPPER, far, ratio)
+    lower = quarter(element, cells / 1.3, False, LOWER, far, ratio).fix("bottom", "z")
+    upper.load("top", (0.0, 0.0, -LOAD / 4 / far**2))
+    surface = lower.surface("top", lambda x: (x[0] ** 2 + x[1] ** 2) / (2 * RADIUS))
+    result = ContactProblem(upper, "bottom", surface, friction=friction).solve()
+    r, w = np.hypot(*result.x[:2]), result.system.rows.weights
+    off, inside = result.pressure / HERTZ - np.sqrt(np.maximum(1 - r**2, 0)), r < 0.85
+    assert np.sqrt(w[inside] @ off[inside] ** 2 / w[inside].sum()) <= tol
+    assert np.abs(off[inside]).max() <= 2.5 * tol
+    # The pressure's second moment is .4 a^2.
+    a = np.sqrt(2.5 * (result.mu @ r**2) / result.mu.sum())
+    assert a == pytest.approx(1, abs=tol)
+    assert result.resultant[2] == pytest.approx(LOAD / 4, rel=1e-9)
+    # Along the plane of symmetry y = 0 nothing rubs across it, and shear points inwards or out.
+    shear = np.einsum("mj,djm->dm", result.shear, result.system.rows.tangents)
+    on = result.x_nominal[1] < 1e-9
+    assert np.abs(shear[1, on]).max() <= 1e-9 * HERTZ
+    assert max(result.kkt.values()) <= 1e-10
