@@ -49,6 +49,11 @@ class Gradients(NamedTuple):
         solution has one-sided derivatives only, and these are those of one side, with what is
         touched without force taken as free.
 
+    References
+    ----------
+    B. Amos, J. Z. Kolter, "OptNet: differentiable optimization as a layer in neural networks",
+    ICML 2017, PMLR 70, 136-145.
+
     Examples
     --------
     The first of two variables is held at its bound, with which it moves:
