@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 
 from gpu.errors import GpuError, Infeasible, InputError, Unbounded
-from gpu.qp.active_set.dual import LIMITS, room
+from gpu.qp.active_set.dual import LIMITS, room, stored
 from gpu.qp.data.derivatives import Gradients, gradients
 from gpu.qp.data.qp_problem import EMPTY, SOLVED, FactoredMatrix, QPProblem, Rows, check_problem
 from gpu.qp.data.qp_result import KKT, QPResult, Status
@@ -257,8 +257,10 @@ class _Given:
             self._joined(xp, [part[name] for name in names])
             for names in (("A", "G"), ("b", "h_low", "lb"), ("b", "h", "ub"))
         )
-        P, C, q = (xp.ascontiguousarray(value) for value in (part["P"], C, part["q"]))
-        return _Data(P, C.reshape(len(C), -1, n), q, low, high, m)
+        keep = stored if xp is np else xp.ascontiguousarray
+        C = C.reshape(len(C), -1, n)
+        P, q = part["P"], part["q"]
+        return _Data(keep(P), keep(C), keep(q), keep(low), keep(high), m)
 
     def _joined(self, xp: Any, parts: list[Any]) -> Any:
         """Arrays one below the other; copied for each problem if one of them is its own."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpu.qp.active_set.dual import Kept, plain_array, plain_sides, result_of, rows_of
+from gpu.qp.active_set.dual import Kept, plain_array, plain_sides, result_of, rows_of, stored
 from gpu.qp.data.qp_problem import FactoredMatrix, Rows, check_problem
 from gpu.qp.data.qp_result import QPResult
 from gpu.qp.solve_qp import solve_qp
@@ -149,7 +149,7 @@ class QPFactor(FactoredMatrix):
         pair = plain_sides(kept.q.size, kept.equal, kept.general, h, b, lb, ub, h_low)
         if pair is None or type(q) is not np.ndarray or q.shape != kept.q.shape:
             return None
-        return kept._replace(q=q, low=pair[0], high=pair[1])
+        return kept._replace(q=stored(q), low=pair[0], high=pair[1])
 
 
 def _count(A: Any) -> int:

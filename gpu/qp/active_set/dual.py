@@ -64,6 +64,8 @@ def plain_rows(P: Any, q: Any, G: Any, h: Any, A: Any, b: Any, lb: Any, ub: Any,
     pair = plain_sides(n, m, l, h, b, lb, ub, h_low)
     if pair is None or type(q) is not np.ndarray or q.dtype != float or q.shape != (n,):
         return None
+    if not q.flags.carray:
+        return None
     C = G if A is None else A if G is None else np.concatenate([A, G])
     return Rows(P, np.zeros((0, n)) if C is None else C, q, pair[0], pair[1], m, l)
 
@@ -104,8 +106,9 @@ def plain_array(value: Any) -> Any:
 
 
 def _matrix(M: Any) -> bool:
-    """Whether M is a dense matrix of plain doubles, row by row."""
-    return type(M) is np.ndarray and M.ndim == 2 and M.dtype == float and M.flags.c_contiguous
+    """Whether M is a dense matrix of plain doubles, row by row. One that is read-only or stored in
+    another order would be compiled for anew."""
+    return type(M) is np.ndarray and M.ndim == 2 and M.dtype == float and M.flags.carray
 
 
 def rows_of(problem: QPProblem) -> Rows | None:
@@ -116,7 +119,12 @@ def rows_of(problem: QPProblem) -> Rows | None:
     if q.size > (LIMITS.boxes if problem.boxes_only else LIMITS.unknowns):
         return None
     rows = problem.rows
-    return rows._replace(C=np.ascontiguousarray(rows.C), q=np.ascontiguousarray(q))
+    return rows._replace(P=stored(P), C=stored(rows.C), q=stored(q))
+
+
+def stored(array: np.ndarray) -> np.ndarray:
+    """The array as it is compiled for: in order, aligned and writeable."""
+    return np.require(array, requirements=("C", "A", "W"))
 
 
 class Found(NamedTuple):
@@ -183,12 +191,8 @@ class Kept:
         """The same, whatever comes of it."""
         m, n = rows.C.shape
         x, y, box, active, kkt = room(m, n)
-        steps, code, count, idle = (
-            np.empty((LIMITS.steps * (m + n), 2), np.int64),
-            UNDECIDED,
-            0,
-            False,
-        )
+        steps = np.empty((LIMITS.steps * (m + n), 2), np.int64)
+        code, count, idle = UNDECIDED, 0, False
         if self.good and self.kernels.plain(rows.q, rows.low, rows.high):
             code, self.k, count, idle = self.kernels.solve(
                 *rows[:5], self.D, self.J, self.S, self.size, self.R, self.act, self.side, self.k,

@@ -10,6 +10,7 @@ import pytest
 from scipy import sparse
 
 from gpu import Infeasible, InputError, NotConverged, QPFactor, Status, batch_solve_qp, solve_qp
+from gpu.qp.active_set import dual_kernels
 from gpu.qp.active_set.dual import LIMITS, dual_active_set, rows_of
 from gpu.qp.data.qp_problem import UNDECIDED, check_problem
 from gpu.qp.data.qp_result import residuals_of
@@ -96,6 +97,37 @@ def test_equal_bits_from_lists_and_arrays():
     for name in ("x", "y", "z", "z_box", "active", "active_rows"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     assert (one.kkt, one.history, one.status) == (two.kkt, two.history, two.status)
+
+
+def test_nothing_is_compiled_anew_for_other_storage():
+    data = family(9)
+    known = solve_qp(**data)
+    factor = QPFactor(data["P"], G=data["G"], A=data["A"])
+    sides = {name: data[name] for name in ("h", "b", "lb", "ub", "h_low")}
+    factor.solve(data["q"], **sides)
+    many = {name: np.stack([value, value]) for name, value in data.items()}
+    batch_solve_qp(**many)
+    kernels = (dual_kernels.solve_one, dual_kernels.solve, dual_kernels.solve_many)
+    before = [len(kernel.signatures) for kernel in kernels]
+
+    def frozen(value):
+        value = value.copy()
+        value.flags.writeable = False
+        return value
+
+    def strided(value):
+        return np.repeat(value, 2, axis=-1)[..., ::2]
+
+    for change in (frozen, strided, np.asfortranarray, lambda v: np.frombuffer(
+        b"x" + v.tobytes(), np.uint8)[1:].view(float).reshape(v.shape)
+    ):  # fmt: skip
+        other = {name: change(value) for name, value in data.items()}
+        np.testing.assert_array_equal(solve_qp(**other).x, known.x)
+        found = factor.solve(other["q"], **{name: other[name] for name in sides})
+        np.testing.assert_allclose(found.x, known.x, rtol=0, atol=1e-13)
+        batch = batch_solve_qp(**{name: change(value) for name, value in many.items()})
+        np.testing.assert_allclose(batch.x[1], known.x, rtol=0, atol=1e-13)
+    assert [len(kernel.signatures) for kernel in kernels] == before
 
 
 def test_rows_that_return_and_vertices_of_too_many_rows():
