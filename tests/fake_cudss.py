@@ -14,9 +14,7 @@ class FakeCudss:
     def __init__(self):
         self.alive, self.calls, self.fail, self.keys = {}, [], {}, {}
         self.solved, self.error = [], 0.0  # columns of each solution, error of each solution
-        self.jitter = (
-            0.0  # by how much results vary from call to call but in the deterministic mode
-        )
+        self.jitter = 0.0  # by how much results vary but in the deterministic mode
         self.estimates = [0] * 16
         self.phases = []  # what was executed
         self.orders, self.trees = [], []  # what was handed over

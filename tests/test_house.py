@@ -100,6 +100,21 @@ def test_package_is_typed_and_exports_what_it_says(package: str) -> None:
         assert hasattr(module, name)
 
 
+# Of all that solve sparse systems, by the modules of skfem_adini that import them.
+SOLVERS = {"splu", "spilu", "spsolve", "factorized", "cg", "gmres", "minres", "solve", "pypardiso"}
+ONE_LAYER = {"factorize": {"splu"}, "multigrid": {"cg"}, "pardiso": {"pypardiso"}}
+
+
+def test_sparse_systems_are_solved_by_one_layer() -> None:
+    for path in ROOT.joinpath("skfem_adini").glob("**/*.py"):
+        found = set()
+        for node in ast.walk(_tree(path)):
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+                found.add((getattr(node, "module", None) or "").split(".")[0])
+        assert found & SOLVERS == ONE_LAYER.get(path.stem, set()), path
+
+
 def test_modules_hold_one_concept() -> None:
     for path in MODULES:
         assert len(path.read_text().splitlines()) <= 800, path

@@ -1,7 +1,4 @@
-"""The reproduction page holds every table, figure and algorithm, and its numbers can be had again.
-
-That its tables are those of the committed JSON is asked in test_readme.py.
-"""
+"""The reproduction page holds every table, figure and algorithm, with the numbers of the runs."""
 
 import importlib
 import json

@@ -5,17 +5,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def compilations():
-    """The names of all functions that numba compiles in the block."""
+    """The names of all functions that numba compiles in the block, known at its end."""
     from numba.core import event
 
     names = []
-
-    class Listener(event.Listener):
-        def on_start(self, found):
-            names.append(found.data["dispatcher"].py_func.__name__)
-
-        def on_end(self, found):
-            pass
-
-    with event.install_listener("numba:compile", Listener()):
+    with event.install_recorder("numba:compile") as recorder:
         yield names
+    names += [e.data["dispatcher"].py_func.__name__ for _, e in recorder.buffer if e.is_start]

@@ -35,10 +35,7 @@ def scales(run):
 
 
 def dot_test(solver, run, rng):
-    """The differences of the products, relative to the sums of the magnitudes.
-
-    For changes of the state and of the parameters apart, each scaled as the run's moments.
-    """
+    """Differences of the products over sums of magnitudes, for state and parameters apart."""
     tangent, adjoint, size = solver.tangent(run), solver.adjoint(run), run[0].data.size
     scale, found = np.append(scales(run), np.ones(tangent.shape[1] - size)), []
     assert adjoint.shape == tangent.shape[::-1]
@@ -69,10 +66,7 @@ def along(solver, run, name):
 
 
 def parameter_error(solver, run, e=2e-5):
-    """The largest error of the tangent in any parameter, by differences of order four.
-
-    With so small an `e` no foot passes an edge, where derivatives jump, and rounding is 1e-15 / e.
-    """
+    """The largest error of the tangent in any parameter, by differences of order four."""
     worst = 0.0
     for name, value in solver.parameters.items():
         low, below, above, high = (
@@ -96,10 +90,7 @@ def state_error(solver, run, rng):
 
 
 def taylor_order(solver, run, direction, sizes):
-    """The order of the remainder of the nodal values in the size of a change of the parameters.
-
-    `direction` has the change of each parameter by name.
-    """
+    """The order of the remainder in a change of the parameters, given by their names."""
     size, nodes = run[0].data.size, run.final.data[0].size
     values = solver.parameters
     change = [direction.get(name, 0.0) for name in values]

@@ -1,7 +1,4 @@
-"""A CUDA device played by the host: CuPy's names over NumPy, kernels compiled by a C++ compiler.
-
-Arrays are as strict as those of CuPy: they do not mix with NumPy's, and come back by ``get`` alone.
-"""
+"""A CUDA device played by the host: names of CuPy over NumPy, kernels by a C++ compiler."""
 
 import ctypes
 import re
@@ -111,11 +108,7 @@ class _Ufuncs:
 
 
 class HostCupy(types.ModuleType):
-    """The names of CuPy that the package uses.
-
-    `backward` runs the threads of all kernels in the opposite order; what a device may compute in
-    any order must not depend on it.
-    """
+    """The names of CuPy that the package uses; `backward` turns the order of all threads."""
 
     ndarray = Array
 

@@ -1,10 +1,8 @@
-"""Arrays that come in: what is masked is seen, and what the caller does with his changes nothing.
-
-Every public argument that takes arrays is in one of the tables below.
-"""
+"""Arrays that come in, of every public argument: masks are seen, later changes change nothing."""
 
 import inspect
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,19 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cip
-from cip import (
-    Covariance,
-    Grid,
-    InputError,
-    Sensors,
-    Solver,
-    Source,
-    SplineVelocity,
-    State,
-    Velocity,
-    identify_velocity,
-    place_sensors,
-)
+from cip import Covariance, Grid, Sensors, Solver, Source, State, Velocity, identify_velocity
 
 LINE, PLANE = Grid((0, 1), 8, periodic=True), Grid([(0, 1), (0, 2)], (8, 6), periodic=True)
 RNG = np.random.default_rng(5)
@@ -80,7 +66,7 @@ def placed(value):
     solver = Solver(LINE, 1.0)
     B = Covariance.diffusion(LINE, "cubic", deviation=1.0, length=0.15)
     plan = Sensors([0.1, 0.35, 0.6], [0.1], deviations=0.1)
-    found = place_sensors(solver, solver.state(0.0), B, plan, budget=1, dt=0.05, excluded=value)
+    found = cip.place_sensors(solver, solver.state(0.0), B, plan, budget=1, dt=0.05, excluded=value)
     return lambda: np.array(found.chosen)
 
 
@@ -96,7 +82,6 @@ def tangent(value):
 
 
 SEEN = np.sin(2 * np.pi * (LINE.coordinates[0] - 0.12))
-SEEN_IN_PLANE = np.tile(SEEN[:, None], 6)
 TIMES6 = np.linspace(0.0, 1.0, 6) ** 2
 ROOT = Covariance.diffusion(LINE, "cubic", deviation=1.0, length=0.15).root @ np.eye(8)
 
@@ -120,7 +105,7 @@ def rooted(v):
 
 
 def numbers(v):
-    velocity = SplineVelocity(LINE, 6, v)
+    velocity = cip.SplineVelocity(LINE, 6, v)
     return lambda: list(velocity.parameters.values())
 
 
@@ -134,15 +119,14 @@ def emitted(times, arrays):
 
 # For each argument a value and what is made of it, as a function that is called later.
 TWO, SIDES = np.array([0.2, 0.3]), np.array([True, False])
+THREE, diffusion = np.array([True, False, True, True]), Covariance.diffusion
+bent = partial(Grid.from_coordinates, TIMES6, TIMES6)
+splines = partial(cip.SplineVelocity, degree=3)
 TAKE = {
     "Covariance root": (ROOT, rooted),
     "Covariance deviations": (NODAL, held(lambda v: Covariance(LINE, "cubic", ROOT, v))),
-    "Covariance.diffusion deviation": (
-        NODAL, held(lambda v: Covariance.diffusion(LINE, "cubic", v, 0.2)),
-    ),
-    "Covariance.diffusion length": (
-        TWO, held(lambda v: Covariance.diffusion(PLANE, "bicubic", 1.0, v)),
-    ),
+    "Covariance.diffusion deviation": (NODAL, held(lambda v: diffusion(LINE, "cubic", v, 0.2))),
+    "Covariance.diffusion length": (TWO, held(lambda v: diffusion(PLANE, "bicubic", 1.0, v))),
     "Covariance.patterns deviations": (TWO, held(waves)),
     "Grid bounds": (np.array([0.0, 1.0]), held(lambda v: Grid(v, 8), "bounds")),
     "Grid shape": (np.array([8, 6]), held(lambda v: Grid((0, 1), v), "cells")),
@@ -150,20 +134,13 @@ TAKE = {
     "Grid.from_coordinates x": (TIMES6, along(0)),
     "Grid.from_coordinates y": (TIMES6, along(1)),
     "Grid.from_coordinates z": (TIMES6, along(2)),
-    "Grid.from_coordinates periodic": (
-        SIDES, held(lambda v: Grid.from_coordinates(TIMES6, TIMES6, periodic=v), "periodic"),
-    ),
+    "Grid.from_coordinates periodic": (SIDES, held(lambda v: bent(periodic=v), "periodic")),
     "Sensors points": (POINTS, lambda v: sensors(points=v)),
     "Sensors times": (TIMES, lambda v: sensors(times=v)),
     "Sensors values": (REPORTS, lambda v: sensors(values=v)),
     "Sensors deviations": (1.0 + REPORTS, lambda v: sensors(deviations=v)),
-    "Sensors.with_values values": (
-        REPORTS, held(lambda v: Sensors(POINTS, TIMES).with_values(v), "values"),
-    ),
-    "Sensors.at chosen": (
-        np.array([True, False, True, True]),
-        held(lambda v: Sensors(POINTS, TIMES).at(v), "points"),
-    ),
+    "Sensors.with_values values": (REPORTS, held(Sensors(POINTS, TIMES).with_values, "values")),
+    "Sensors.at chosen": (THREE, held(Sensors(POINTS, TIMES).at, "points")),
     "Solver velocity": (FIELD, lambda v: of_solver("velocity", [v, 1.0])),
     "Solver source": (FIELD, lambda v: of_solver("source", v)),
     "Solver decay": (FIELD, lambda v: of_solver("decay", v)),
@@ -172,9 +149,7 @@ TAKE = {
     "Source s": (FIELD, lambda v: values(Source(v))),
     "Source.from_snapshots times": (TIMES, lambda v: emitted(v, WINDS[:, 0])),
     "Source.from_snapshots arrays": (WINDS[:, 0], lambda v: emitted(TIMES, v)),
-    "SplineVelocity pieces": (
-        np.array([4, 5]), held(lambda v: SplineVelocity(PLANE, v, degree=3), "names"),
-    ),
+    "SplineVelocity pieces": (np.array([4, 5]), held(lambda v: splines(PLANE, v), "names")),
     "SplineVelocity start": (NODAL, numbers),
     "State data": (ROOT[:, 0].reshape(2, 8), held(lambda v: State(LINE, "cubic", v), "data")),
     "State.from_function f": (NODAL, held(lambda v: State.from_function(v, LINE), "data")),
@@ -186,7 +161,7 @@ TAKE = {
     "Velocity.from_snapshots arrays": (WINDS, lambda v: winds(TIMES, v)),
     "identify_velocity data": (SEEN, lambda v: identified(data={0.1: v})),
     "identify_velocity data in the plane": (
-        SEEN_IN_PLANE, lambda v: identified(PLANE, ("a", "0"), data={0.1: v}),
+        np.tile(SEEN[:, None], 6), lambda v: identified(PLANE, ("a", "0"), data={0.1: v}),
     ),
     "identify_velocity noise": (np.array([0.02]), lambda v: identified(noise=v)),
     "identify_velocity bounds": (np.array([0.5, 2.0]), lambda v: identified(bounds=v)),
@@ -275,7 +250,7 @@ def test_no_mask_is_dropped(name, kind):
     for at in (0, array.size - 1):
         value = with_a_mask(array, at, kind)
         if name not in MISSING:
-            with pytest.raises(InputError, match="mask"):
+            with pytest.raises(cip.InputError, match="mask"):
                 take(value)()
             continue
         found = take(value)()
@@ -371,14 +346,14 @@ def test_missing_values_of_pandas():
     gap[1, 2] = np.nan
     for value in (frame, [list(row) for row in frame.itertuples(index=False)]):
         np.testing.assert_array_equal(sensors(values=value)(), sensors(values=gap)())
-    with pytest.raises(InputError, match="points"):
+    with pytest.raises(cip.InputError, match="points"):
         sensors(points=pandas.Series([0.5, pandas.NA, 0.1], dtype="Float64"))
 
 
 def test_missing_values_of_xarray():
     xarray = pytest.importorskip("xarray")
     hidden = np.ma.masked_equal(np.where(FIELD[1, 2] == FIELD, FILL, FIELD), FILL)
-    with pytest.raises(InputError, match="node"):
+    with pytest.raises(cip.InputError, match="node"):
         values(Velocity([xarray.DataArray(hidden), 1.0]))()
-    with pytest.raises(InputError, match="node"):
+    with pytest.raises(cip.InputError, match="node"):
         values(Source(xarray.DataArray(hidden)))()

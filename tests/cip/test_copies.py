@@ -252,15 +252,6 @@ def test_one_solver_in_many_threads_with_steps_of_many_lengths(velocity, more):
         sys.setswitchinterval(interval)
 
 
-@pytest.mark.slow
-def test_a_spawned_worker_returns_a_run():
-    solver = Solver(Grid((0, 1), 32, periodic=True), lambda x: 1 + 0 * x)
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        found = pool.apply(Solver.run, (solver, solver.state(FIELD), 0.02, 0.01))
-    expected = solver.run(solver.state(FIELD), 0.02, 0.01)
-    np.testing.assert_array_equal(found.final.data, expected.final.data)
-
-
 def test_runs_do_not_depend_on_runs_before():
     """Bit-equal to those of a new solver: what one run finds of sub-steps dies with it."""
     field = Velocity.from_expression("sin(2*pi*x1)*exp(5*t)")

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from skfem import MeshHex, MeshQuad
 
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 
-def _deformed(mesh, f):
-    return type(mesh)(np.array(f(*mesh.p)), mesh.t)
+def _mapped(A, mesh):
+    return type(mesh)(np.array(A) @ mesh.p, mesh.t)
 
 
 def _graded():
@@ -33,14 +34,6 @@ def _bricks():
     return MeshHex.init_tensor(x, y, z)
 
 
-def _turned_bricks():
-    """Rotate about (1, 2, 3) by 0.7."""
-    k = np.array([1.0, 2, 3]) / np.sqrt(14)
-    K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
-    R = np.eye(3) + np.sin(0.7) * K + (1 - np.cos(0.7)) * K @ K
-    return MeshHex(R @ _bricks().p, _bricks().t)
-
-
 def _mixed_bricks():
     """Swap two reference axes, or turn them cyclically, in some of the cells."""
     mesh = MeshHex().refined(1)
@@ -51,15 +44,14 @@ def _mixed_bricks():
 
 
 COS, SIN, HALF = np.cos(0.3), np.sin(0.3), np.sqrt(0.5)
+TURN = Rotation.from_rotvec(0.7 * np.array([1.0, 2, 3]) / np.sqrt(14)).as_matrix()
 PARALLELOGRAMS = {
     "anticlockwise": lambda: MeshQuad().refined(2),
     "clockwise-graded": _graded,
     "mixed-orientation": _mixed_orientation,
-    "rotated": lambda: _deformed(_graded(), lambda x, y: (COS * x - SIN * y, SIN * x + COS * y)),
-    "sheared": lambda: _deformed(_graded(), lambda x, y: (x + 0.7 * y, y - 0.1 * x)),
-    "diamond": lambda: _deformed(
-        MeshQuad().refined(2), lambda x, y: (HALF * (x - y), HALF * (x + y))
-    ),
+    "rotated": lambda: _mapped([[COS, -SIN], [SIN, COS]], _graded()),
+    "sheared": lambda: _mapped([[1, 0.7], [-0.1, 1]], _graded()),
+    "diamond": lambda: _mapped([[HALF, -HALF], [HALF, HALF]], MeshQuad().refined(2)),
 }
 RECTANGLES = {
     "refined": lambda: MeshQuad().refined(2),
@@ -70,10 +62,8 @@ PARALLELEPIPEDS = {
     "refined": lambda: MeshHex().refined(1),
     "graded": _bricks,
     "mixed-axes": _mixed_bricks,
-    "turned": _turned_bricks,
-    "sheared": lambda: _deformed(
-        _bricks(), lambda x, y, z: (x + 0.7 * y - 0.2 * z, y - 0.1 * x, z + 0.3 * x)
-    ),
+    "turned": lambda: _mapped(TURN, _bricks()),
+    "sheared": lambda: _mapped([[1, 0.7, -0.2], [-0.1, 1, 0], [0.3, 0, 1]], _bricks()),
 }
 QUADS = PARALLELOGRAMS | {"convex": lambda: _moved(MeshQuad().refined(2), 0.05)}
 HEXES = PARALLELEPIPEDS | {"warped": lambda: _moved(MeshHex().refined(1), 0.1)}
@@ -95,37 +85,16 @@ def space(request):
     return make(), kind
 
 
-@pytest.fixture(params=PARALLELOGRAMS)
-def parallelograms(request):
-    return PARALLELOGRAMS[request.param]()
+def _of(meshes):
+    @pytest.fixture(params=meshes)
+    def mesh(request):
+        return meshes[request.param]()
+
+    return mesh
 
 
-@pytest.fixture(params=QUADS)
-def any_quads(request):
-    return QUADS[request.param]()
-
-
-@pytest.fixture(params=PARALLELEPIPEDS)
-def parallelepipeds(request):
-    return PARALLELEPIPEDS[request.param]()
-
-
-@pytest.fixture
-def warped_hexes():
-    return HEXES["warped"]()
-
-
-@pytest.fixture(params=HEXES)
-def any_hexes(request):
-    return HEXES[request.param]()
-
-
-@pytest.fixture
-def convergence_order():
-    """Return a function that fits the order of errors on meshes with n cells a side."""
-
-    def fit(cells, errors):
-        assert len(cells) >= 3
-        return -np.polyfit(np.log(cells), np.log(errors), 1)[0]
-
-    return fit
+parallelograms, parallelepipeds = _of(PARALLELOGRAMS), _of(PARALLELEPIPEDS)
+any_quads, any_hexes = _of(QUADS), _of(HEXES)
+warped_hexes = _of({"warped": HEXES["warped"]})
+parallel_cells = _of(PARALLELOGRAMS | {f"{name} bricks": f for name, f in PARALLELEPIPEDS.items()})
+any_cells = _of(QUADS | {f"{name} bricks": make for name, make in HEXES.items()})

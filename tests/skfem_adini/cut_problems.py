@@ -8,7 +8,7 @@ from scipy.special import jn_zeros, jnp_zeros, jv, jvp
 from skfem import Basis, BilinearForm, MeshQuad
 from skfem.models.poisson import laplace, mass
 
-from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, nitsche
+from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, LevelSet, nitsche
 from tests.skfem_adini.boundary_integrals import Curve, eigenvalue
 
 R = 0.411
@@ -29,6 +29,19 @@ def ellipse(x, a=0.43, b=0.27, turn=0.3):
 def flower(x, amplitude):
     u, v = x[0] - 0.5, x[1] - 0.5
     return np.hypot(u, v) - 0.35 - amplitude * np.cos(5 * (np.arctan2(v, u) - 0.1))
+
+
+def ball(x=0.5, y=0.5, r=R):
+    return LevelSet(lambda p: (p[0] - x) ** 2 + (p[1] - y) ** 2 - r**2)
+
+
+def half_plane(p, normal):
+    return LevelSet(lambda x: normal[0] * (x[0] - p[0]) + normal[1] * (x[1] - p[1]))
+
+
+def box(left, right, bottom, top):
+    sides = half_plane((left, 0), (-1, 0)) & half_plane((right, 0), (1, 0))
+    return sides & half_plane((0, bottom), (0, -1)) & half_plane((0, top), (0, 1))
 
 
 def unit_square(n):

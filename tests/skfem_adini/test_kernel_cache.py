@@ -1,4 +1,4 @@
-"""Machine code kept on disk: never of an older package, and not needed."""
+"""Machine code kept on disk: never of an older package, found by the next process, not needed."""
 
 import os
 import shutil
@@ -8,11 +8,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from unittest.mock import Mock
 
-import numpy as np
 import pytest
 
 import skfem_adini
+from cip import Grid, Solver, Velocity
+from cip.engines import cpu_loops
 from skfem_adini.curved.quadrature import cut_quadrature
+from skfem_adini.ground import jit
 from skfem_adini.ground.jit import compiled
 
 PACKAGE = Path(skfem_adini.__file__).parent
@@ -109,12 +111,6 @@ def test_assemble_where_no_folder_can_be_written(package):
 
 
 @pytest.mark.slow
-def test_cut_domains_where_no_folder_can_be_written(package):
-    (area,) = run(package, CUT, **nowhere(package))
-    assert float(area) == pytest.approx(0.09 * np.pi, rel=1e-4)
-
-
-@pytest.mark.slow
 def test_a_changed_rule_of_cut_cells(package):
     """`height_rule` is called by `cut_boxes`, whose code on disk kept the old weights."""
     (area,) = run(package, CUT)
@@ -140,3 +136,67 @@ def test_kernels_asked_for_in_threads():
     with ThreadPoolExecutor(8) as pool:
         found = {pool.submit(cut_quadrature.compiled_cut_boxes).result() for _ in range(8)}
     assert len(found) == 1
+
+
+# Loops and formulas of cip.
+
+
+SCRIPT = """
+import numba
+from numba.core import event
+from cip import Grid, Solver, Velocity
+
+with event.install_recorder("numba:compile") as recorder:
+    grid, velocity = Grid((0, 1), 8, periodic=True), Velocity.from_expression("cos(t)")
+    solver = Solver(grid, velocity, profile="linear")
+    solver.step(solver.state("x1"), 0.1)
+    print(sum(e.is_start for _, e in recorder.buffer))
+    numba.njit("int64(int64)")(lambda x: x)
+    print(sum(e.is_start for _, e in recorder.buffer))
+"""
+
+
+@pytest.mark.turns(4)
+def test_the_next_process_compiles_nothing():
+    """What this process has compiled the next one finds; the listener does count."""
+    grid, velocity = Grid((0, 1), 8, periodic=True), Velocity.from_expression("cos(t)")
+    solver = Solver(grid, velocity, profile="linear")
+    solver.step(solver.state("x1"), 0.1)
+    path = os.pathsep.join([str(Path(jit.__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+    output = subprocess.run(
+        [sys.executable, "-c", SCRIPT], env={**os.environ, "PYTHONPATH": path}, check=True,
+        capture_output=True,
+    ).stdout  # fmt: skip
+    assert output.split() == [b"0", b"1"]
+
+
+def test_one_path_serves_all_grids_and_solvers():
+    paths = []
+    for n in (8, 9):
+        grid = Grid((0, 1 + n), n)
+        solver = Solver(grid, Velocity.from_expression("cos(3*t)"), boundary=0.0)
+        paths.append(cpu_loops.compiled(grid, solver._stages[0])[0])
+    assert paths[0] is paths[1]
+
+
+def test_no_folder_to_write_to(monkeypatch):
+    """Kernels then live as long as the process."""
+    from numba.core.caching import CacheImpl
+
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
+    twice = jit.loop(lambda x: 2 * x)
+    assert twice(21) == 42
+    assert not twice._cache.cache_path
+
+
+def test_files_of_formulas_do_not_pile_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(jit, "GENERATED", jit.GENERATED._replace(kept=3))
+    for age in range(5):
+        file = tmp_path / f"cpu_loops.path{jit.GENERATED.mark}{age}.py311.1.nbc"
+        file.touch()
+        os.utime(file, (1000 - age, 1000 - age))
+    (tmp_path / "cpu.run_line_node_linear.py311.nbi").touch()
+    jit._forget_old(tmp_path)
+    left = sorted(file.name for file in tmp_path.iterdir())
+    assert len(left) == 4
+    assert not any(f"{jit.GENERATED.mark}{age}" in name for name in left for age in (3, 4))

@@ -1,7 +1,5 @@
 """Pictures show the numbers they are given, on the axes they are given."""
 
-import sys
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ from skfem.models.elasticity import linear_elasticity
 from skfem.models.poisson import laplace
 
 from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, ElementQuadBFS
-from skfem_adini.errors import MissingDependency
 from skfem_adini.plot import plot_cut_domain, plot_cut_field, plot_matrix, plot_shape_function
 from tests.skfem_adini.cut_problems import LEVEL_SETS, unit_square
 
@@ -75,17 +72,6 @@ def test_matrix_of_a_vector_field():
     basis = BASIS.with_element(ElementVector(ElementQuadAdini()))
     ax = plot_matrix(linear_elasticity(1.0, 1.0).assemble(basis), basis)
     assert len(ax.get_xticklabels()) == 6
-
-
-def test_no_such_function():
-    with pytest.raises(ValueError, match="Index larger"):
-        plot_shape_function(ElementQuadAdini(), 12)
-
-
-def test_without_matplotlib_the_install_line_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
-    with pytest.raises(MissingDependency, match="pip install"):
-        plot_matrix(LAPLACE, BASIS)
 
 
 # Pictures of cut domains show every kind of cell.

@@ -6,9 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from device_cases import CASES, field, solver_of
+from schemes import FAMILIES, solved
+from schemes import solver_of as solver_of_scheme
 
 from cip import Grid, InputError, MissingDependency, Solver, State, Velocity
-from cip.engines.cuda_engine import device_source
+from cip.engines.cuda_engine import OPTIONS, device_source, feet_source
+from cip.profiles.catalogue import LIMITER_CODES
+from cip.sensitivities import path_tangent
+from cip.sensitivities.device_window import gather_all, pull_all, push_all, tangent_all, unwind_all
+from gpu.cuda.catalogue import ARCHITECTURES
 
 SLOW = pytest.mark.slow
 FAST = {
@@ -130,3 +136,140 @@ def test_without_a_device_that_answers(monkeypatch):
         monkeypatch.setitem(sys.modules, "cupy", fake)
         with pytest.raises(error, match=message):
             Solver(grid, 1.0, backend="cupy")
+
+
+# Every kernel of the device compiles for every architecture: NVRTC needs no GPU.
+
+
+# The form and the place of the feet are constants in a kernel: advection holds what transport has.
+KERNELS = [
+    (*case, feet)
+    for case in CASES
+    for feet in ("stored", "computed")
+    if not case[0].startswith("csl") or feet == "stored"
+]
+ENDS = (ARCHITECTURES[0], ARCHITECTURES[-1])
+KIND = ("profile", "limiter", "dim", "feet")
+
+
+def check(compile_cuda, architecture, kernel, form="advection", uneven=False, **types):
+    profile, limiter, dim, feet = kernel
+    solver = solver_of(profile, limiter, dim, form=form, uneven=uneven)
+    stage = solver._stages[-1]
+    source = device_source(
+        stage, solver._kernels.name(stage), LIMITER_CODES[limiter], feet == "computed",
+        types.get("real", "double"), types.get("index", "int"),
+    )  # fmt: skip
+    cubin = compile_cuda(source, architecture, OPTIONS)
+    assert cubin.startswith(b"\x7fELF")
+    assert b".text.run" in cubin
+
+
+# Of those that compute their feet one of each kind: the rest of their code is that of the others.
+PATHS = [("cubic", None, 1), ("adini", None, 2), ("cubic", None, 3)]
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(
+    KIND, [kernel for kernel in KERNELS if kernel[3] == "stored" or kernel[:3] in PATHS]
+)
+def test_kernel_compiles(compile_cuda, profile, limiter, dim, feet):
+    """Each kernel for the oldest or for the newest architecture, by turns."""
+    kernel = (profile, limiter, dim, feet)
+    check(compile_cuda, ENDS[KERNELS.index(kernel) % 2], kernel)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+@pytest.mark.parametrize(KIND, KERNELS)
+def test_every_kernel_compiles(compile_cuda, profile, limiter, dim, feet, architecture):
+    """All for all, with the other types too."""
+    kernel = (profile, limiter, dim, feet)
+    forms = ("advection",) if profile.startswith("csl") else ("transport", "advection")
+    for form in forms:
+        check(compile_cuda, architecture, kernel, form)
+    check(compile_cuda, architecture, kernel, real="float", index="long long")
+    if feet == "stored":
+        check(compile_cuda, architecture, kernel, uneven=True)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize(
+    ("dim", "profile", "degree"),
+    [(1, "cubic", 5), (2, "adini", 3), pytest.param(2, "adini", 5, marks=pytest.mark.slow)],
+)
+def test_snapshots_compile(compile_cuda, dim, profile, degree):
+    """Splines as arguments of the kernel; parameters are those of the oddest names."""
+    grid = Grid([(0, 1)] * dim, (8,) * dim, periodic=True)
+    winds = Velocity.from_snapshots([0, 1], np.zeros((2, dim, *grid.nodes)), grid, degree)
+    (stage,) = Solver(grid, winds, profile=profile)._stages
+    source = device_source(stage, f"node_{profile}", 0, True, "double", "int")
+    assert b".text.run" in compile_cuda(source, ENDS[1], OPTIONS)
+
+
+def test_feet_without_parameters_compile_and_wrong_source_is_refused(compile_cuda):
+    (stage,) = Solver(Grid((0, 1), 8, periodic=True), 0.5)._stages
+    source = feet_source(stage, "double", "int")
+    assert b".text.run" in compile_cuda(source, ARCHITECTURES[0], OPTIONS)
+    with pytest.raises(RuntimeError, match='identifier "y" is undefined'):
+        compile_cuda('extern "C" __global__ void run(double* x) { x[0] = y; }', "sm_90", OPTIONS)
+
+
+# Tangents and adjoints: equal to those of the CPU, and the same bits again.
+
+
+SCHEMES = list(dict.fromkeys(scheme for family in FAMILIES.values() for scheme in family))
+
+
+def every_scheme(*fast):
+    return pytest.mark.parametrize(
+        "scheme",
+        [
+            pytest.param(s, marks=[] if s in fast else SLOW, id=f"{q}: {', '.join(s)}")
+            for q, s in enumerate(SCHEMES)
+        ],
+    )
+
+
+@every_scheme(("inflow", "cubic", "advection"))
+def test_operators_are_those_of_the_cpu(cupy, monkeypatch, scheme):
+    """Equal products, a dot-test on the device, and the same bits again."""
+    rng = np.random.default_rng(4)
+    solver, run = solved(*scheme, dt=0.06)  # the last step is shorter
+    on_device, its_run = solved(*scheme, dt=0.06, backend="cupy")
+    weight = rng.standard_normal(run.final.data.size)
+    expected = solver.adjoint(run) @ weight
+    change = rng.standard_normal(expected.size)
+    tangent, adjoint = on_device.tangent(its_run), on_device.adjoint(its_run)
+    gradient = adjoint @ cupy.asarray(weight)
+    assert isinstance(gradient, cupy.ndarray)
+    expected_new = solver.tangent(run) @ change  # of so few nodes by NumPy
+    with monkeypatch.context() as compiling:
+        compiling.setattr(path_tangent, "_COMPILE_FROM", 0)
+        new = tangent @ cupy.asarray(change)
+    for found, known in ((gradient, expected), (new, expected_new)):
+        bound = 1e-12 * np.abs(known).max()
+        np.testing.assert_allclose(found.get(), known, rtol=1e-12, atol=bound)
+    size = np.abs(weight) @ np.abs(new.get()) + np.abs(change) @ np.abs(gradient.get())
+    assert abs(weight @ new.get() - change @ gradient.get()) <= 1e-13 * size
+    # On the host: the threads of every kernel in the opposite order.
+    monkeypatch.setattr(cupy, "backward", True, raising=False)
+    again = on_device.adjoint(its_run, checkpoints=2) @ cupy.asarray(weight)
+    assert (again == gradient).all()
+
+
+@every_scheme(
+    ("ring", "cubic", "advection"), ("inflow", "csl4", "advection"),
+    ("torus", "adini", "transport"), ("space", "cubic", "transport"),
+)  # fmt: skip
+def test_kernels_compile(compile_cuda, scheme):
+    """By NVRTC, which needs no device, for the oldest and the newest card."""
+    stage = solver_of_scheme(*scheme)._stages[-1]
+    sources = [
+        pull_all(stage, "int"), gather_all(stage, "long long"), unwind_all(stage, 4, "int"),
+        push_all(stage, "long long"), tangent_all(stage, path_tangent.PathTangent(stage).source,
+                                                  "int"),
+        feet_source(stage, "double", "int"), feet_source(stage, "float", "long long"),
+    ]  # fmt: skip
+    for q, source in enumerate(sources):
+        assert b".text.run" in compile_cuda(source, ARCHITECTURES[-(q % 2)], OPTIONS)

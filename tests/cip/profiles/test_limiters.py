@@ -1,23 +1,19 @@
-"""Bounds, oscillation and conservation: the Jiang-Shu profile and Zalesak's disk."""
+"""Profiles of one cell; bounds, oscillation, conservation: Jiang-Shu's profile, Zalesak's disk."""
 
 import pickle
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
 from example_scripts import load
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cip import Grid, InputError, Solver, State, Velocity
-
-
-def jiang_shu(profile, limiter, cfl=0.4, n=200):
-    example = load("cip_jiang_shu")
-    solver = example.solver(example.grid(n), profile, limiter)
-    start = example.start(solver)
-    run = solver.run(start, 8.0, dt=cfl * 2 / n, snapshots=8)
-    u = run.final["u"]
-    return 2 / n * np.abs(u - start["u"]).sum(), u, run.diagnostics
+from cip.profiles import line_profiles
+from cip.profiles.catalogue import Limits
+from cip.profiles.conservative_profiles import csl2
 
 
 @pytest.mark.parametrize(
@@ -30,8 +26,12 @@ def jiang_shu(profile, limiter, cfl=0.4, n=200):
     ],
 )
 def test_jiang_shu(profile, limiter, error, low, high):
-    l1, u, found = jiang_shu(profile, limiter)
-    assert l1 <= error
+    example, n = load("cip_jiang_shu"), 200
+    solver = example.solver(example.grid(n), profile, limiter)
+    start = example.start(solver)
+    run = solver.run(start, 8.0, dt=0.8 / n, snapshots=8)
+    u, found = run.final["u"], run.diagnostics
+    assert 2 / n * np.abs(u - start["u"]).sum() <= error
     assert low <= u.min()
     assert u.max() <= high
     if profile == "csl4":
@@ -132,14 +132,6 @@ def test_clamp_keeps_the_range_in_two_dimensions(seed, dt):
         assert after.max() <= high
 
 
-def zalesak(profile, limiter):
-    example = load("cip_zalesak")
-    solver = example.solver(100, profile, limiter)
-    start = example.start(solver)
-    final = solver.run(start, 1.0, dt=1 / 628).final["u"]
-    return np.abs(final - start["u"]).sum() / start["u"].sum(), final
-
-
 @pytest.mark.parametrize(
     ("profile", "limiter", "limit"),
     [
@@ -150,8 +142,11 @@ def zalesak(profile, limiter):
 )
 def test_zalesak(profile, limiter, limit):
     """Below Adini's profile with the clamp, .317; the bicubic one below itself without, .246."""
-    error, final = zalesak(profile, limiter)
-    assert error < limit
+    example = load("cip_zalesak")
+    solver = example.solver(100, profile, limiter)
+    start = example.start(solver)["u"]
+    final = solver.run(example.start(solver), 1.0, dt=1 / 628).final["u"]
+    assert np.abs(final - start).sum() < limit * start.sum()
     assert limiter is None or (final.min() >= -0.01 and final.max() <= 1.01)
 
 
@@ -256,3 +251,105 @@ def test_what_a_source_has_moved_goes_on():
     for state in (middle, pickle.loads(pickle.dumps(middle))):
         end = solver.run(state, 0.6, dt=0.1).final
         np.testing.assert_allclose(end["u"], 1.7, rtol=0, atol=1e-12)
+
+
+# Profiles of one cell, and the cell of a foot: exact arithmetic, bounds, ends, periods.
+
+
+locate: Any = getattr(line_profiles.locate, "py_func", line_profiles.locate)
+quintic, rational = line_profiles.quintic.py_func, line_profiles.rational.py_func
+EPS = 2.0**-52
+number = st.floats(-1, 1)
+small = st.floats(0, 1e-3)
+
+
+def exact(a, b, va, vb, wa, wb, s):
+    """Value and three derivatives by powers of s, whose coefficients solve the six conditions."""
+    d, p, q = b - a - va - wa, vb - va - 2 * wa, wb - wa
+    powers = [a, va, wa, 10 * d - 4 * p + q, 7 * p - 15 * d - 2 * q, 6 * d - 3 * p + q]
+    found = []
+    for _ in range(4):
+        found.append(sum(c * s**k for k, c in enumerate(powers)))
+        powers = [k * c for k, c in enumerate(powers)][1:]
+    return found
+
+
+@given(
+    data=st.tuples(*[number] * 6), s=st.one_of(small, small.map(lambda r: 1 - r), st.floats(0, 1))
+)
+def test_derivatives_keep_their_digits_at_both_ends(data, s):
+    """There they are those of the data, however large the profile's coefficients are."""
+    found = quintic(*data, s)
+    expected = exact(*map(Fraction, data), Fraction(s))
+    for order in (1, 2):
+        bound = EPS * (16 + 2400 * s * (1 - s))
+        assert abs(Fraction(found[order]) - expected[order]) <= bound
+    assert float(expected[0]) == pytest.approx(found[0], abs=400 * EPS)
+    assert float(expected[3]) == pytest.approx(found[3], abs=10000 * EPS)
+
+
+@given(seed=st.integers(0, 10**6))
+def test_rational_profile_with_means(seed):
+    """It takes both end values and the mean, monotone in monotone cells however steep."""
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform(-1, 1, 2)
+    inside = rng.uniform() < 0.7
+    part = 10.0 ** rng.uniform(-14, 0)  # down to a jump at one end
+    m = a + (b - a) * (part if rng.uniform() < 0.5 else 1 - part) if inside else a + b + 2.5
+
+    def at(s):
+        return csl2.py_func(a, b, m, s, Limits(3, 0.0, 0.0, 0.0))
+
+    assert at(0.0)[0] == pytest.approx(a, abs=1e-14)
+    assert at(0.0)[2] == 0.0
+    assert at(1.0)[0] == pytest.approx(b, abs=1e-13)
+    assert at(1.0)[2] == pytest.approx(m, abs=1e-14)
+    if inside:
+        s = np.sort(np.concatenate([rng.uniform(0, 1, 40), 1 - 10.0 ** rng.uniform(-12, 0, 40)]))
+        values = np.array([at(x)[0] for x in s])
+        assert np.all(np.diff(values) * np.sign(b - a) >= -1e-14)
+    for s in rng.uniform(0.1, 0.9, 3) if part > 1e-3 else ():
+        step = 1e-5
+        value, slope, _ = at(s)
+        assert (at(s + step)[2] - at(s - step)[2]) / (2 * step) == pytest.approx(value, abs=1e-4)
+        assert (at(s + step)[0] - at(s - step)[0]) / (2 * step) == pytest.approx(
+            slope, rel=1e-3, abs=1e-4
+        )
+
+
+def test_rational_profile_beside_a_jump():
+    """Flat on one side, steep on the other: end values and slopes to rounding, no false extrema."""
+    s = np.concatenate([[0.0], 10.0 ** np.arange(-16.0, -1), np.linspace(0.1, 0.9, 9)])
+    s = np.sort(np.concatenate([s, 1 - s]))
+    for flat in (1e-3, 1e-8, 1e-13):
+        found = np.array([rational(1.0, 1.0, -flat, 1.0, x) for x in s])
+        np.testing.assert_allclose(found[[0, -1], 0], 1.0, rtol=1e-15)
+        np.testing.assert_allclose(found[[0, -1], 1], [-flat, 1.0], rtol=1e-12)
+        # Convex: slopes increase, and no value lies below both end tangents.
+        assert np.all(np.diff(found[:, 1]) >= -1e-13)
+        assert np.all(found[:, 0] >= np.maximum(1 - flat * s, s) - 1e-15)
+        mirrored = np.array([rational(1.0, 1.0, -1.0, flat, 1 - x) for x in s])
+        np.testing.assert_allclose(mirrored[:, 0], found[:, 0], rtol=1e-14)
+
+
+@given(
+    n=st.integers(4, 10**6), i=st.floats(0, 1, exclude_max=True),
+    cells=st.integers(-(10**9), 10**9), s=st.floats(0, 1, exclude_max=True),
+)  # fmt: skip
+@example(n=49, i=0.0, cells=-49, s=0.0)
+@example(n=4, i=0.9, cells=1, s=0.0)
+def test_feet_wrap_into_the_period(n, i, cells, s):
+    """Whole periods, however many, do not change the cell."""
+    node, d = int(i * n), cells + s
+    k, r, place = locate(node, d, n, 1)
+    assert k == (node + int(np.floor(d))) % n
+    assert r == (k + 1) % n
+    assert place == d - np.floor(d)
+
+
+@given(n=st.integers(4, 100), d=st.floats(-300, 300))
+@settings(max_examples=50)
+def test_feet_stay_on_a_line_with_ends(n, d):
+    k, r, place = locate(n // 2, d, n, 0)
+    assert 0 <= k == r - 1 <= n - 2
+    assert k + place == pytest.approx(min(max(n // 2 + d, 0), n - 1), abs=1e-9)

@@ -1,13 +1,85 @@
-"""What tangents and adjoints are made of: memory, threads, compiled code, splines, and refusals."""
+"""Tangents and adjoints of all schemes, and what they are made of: memory, threads, kernels."""
+
+from functools import reduce
 
 import numpy as np
 import pytest
-from derivative_checks import along, dot_test, run_again, scales
-from schemes import FLOWS, RING, field_of, solved, solver_of
+from derivative_checks import (
+    along,
+    dot_test,
+    equal_substeps,
+    few_examples,
+    parameter_error,
+    run_again,
+    scales,
+    state_error,
+    taylor_order,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from schemes import FAMILIES, FLOWS, field_of, solved, solver_of
 
-from cip import Grid, InputError, NotSupported, Solver, Source, SplineVelocity, Velocity
+from cip import Grid, InputError, Solver, Source, SplineVelocity, Velocity
 from cip.sensitivities import path_adjoint, path_tangent, window
 from cip.solver import derivatives
+
+
+@few_examples
+@given(
+    a=st.floats(0.4, 1.2), b=st.floats(-0.4, 0.4), k=st.floats(0.0, 2.0), m=st.floats(0, 1),
+    w=st.floats(-5, 5), dt=st.floats(0.01, 0.21), seed=st.integers(0, 99),
+)  # fmt: skip
+def check_transpose(scheme, dt, seed, **values):
+    solver, run = solved(*scheme, dt=dt, **values)
+    assert max(dot_test(solver, run, np.random.default_rng(seed))) <= 1e-13
+
+
+def check(scheme, bound, e=2e-5):
+    """`bound`: of rounding, 1e-15 over the step `e` of differences and powers of cells' widths."""
+    check_transpose(scheme)
+    rng = np.random.default_rng(1)
+    with equal_substeps():  # no foot passes an edge and no path another wall
+        solver, run = solved(*scheme)
+        assert dot_test(solver, run, rng)[0] <= 1e-14
+        assert state_error(solver, run, rng) < 1e-12
+        assert parameter_error(solver, run, e) < bound
+        direction = dict(zip(solver.parameters, rng.uniform(-1, 1, 8), strict=False))
+        order = taylor_order(solver, run, direction, 5e-4 * 0.5 ** np.arange(5))
+        assert abs(order - 2.0) <= 0.05
+        grid, profile = solver.grid, solver.profile
+        if profile.startswith("csl") and all(grid.periodic) and solver.source is None:
+            volumes = reduce(np.multiply.outer, grid.widths)
+            for name in "ab":  # no parameter of the velocity changes the integral
+                moved = along(solver, run, name).reshape(run[0].data.shape)[-1] * volumes
+                assert np.abs(moved).max() > 1e-3
+                assert abs(moved.sum()) < 4e-14
+
+
+def family(name, every, *bounds):
+    """Each scheme is compiled anew: a few in the fast lane, others each turn."""
+
+    @pytest.mark.sampled(every)
+    @pytest.mark.parametrize("scheme", FAMILIES[name], ids=", ".join)
+    def test(scheme):
+        check(scheme, *bounds)
+
+    return test
+
+
+test_lines = family("lines", 8, 1e-9, 6e-5)
+test_inflow = family("inflow", 8, 2e-9)
+test_csl2 = family("csl2", 4, 1e-8)
+test_csl4 = family("csl4", 4, 1e-8)
+test_planes = family("planes", 10, 2e-9)
+test_sweeps = family("sweeps", 15, 1e-8)
+test_reactions = family("reactions", 8, 5e-9)
+test_reactions_in_planes_and_space = pytest.mark.slow(
+    family("reactions in planes and space", 1, 5e-9)
+)
+
+
+# Memory, threads, compiled code, splines.
+
 
 PLANE = Grid([(0, 1)] * 2, (14, 13), periodic=True)
 WAVES = ("waves", "cubic", "advection")
@@ -174,51 +246,3 @@ def test_parameters_of_a_solver():
         Solver(grid, solver.velocity, source=a)
     with pytest.raises(InputError, match="boundary 'x-': expected a number, a formula or a call"):
         Solver(grid, solver.velocity, boundary={"x-": Source(np.ones(22))})
-
-
-BOUNDED = {"profile": "csl2", "form": "advection", "limiter": "bounds", "bounds": (-2, 2)}
-
-
-@pytest.mark.parametrize(
-    ("grid", "options", "message"),
-    [
-        (RING, {"profile": "piecewise_linear"}, "profile: 'piecewise_linear' is not differen"),
-        (RING, {"profile": "linear"}, "profile: 'linear' is not differentiable"),
-        (RING, {"limiter": "clamp"}, "limiter: 'clamp' is not differentiable"),
-        (RING, {"limiter": "rational"}, "limiter: 'rational' is not differentiable"),
-        (RING, BOUNDED, "limiter: 'bounds' is not differentiable"),
-        (PLANE, {"profile": "adini", "limiter": "eno"}, "limiter: 'eno' is not differentiable"),
-    ],
-)
-def test_schemes_without_derivatives_are_refused(grid, options, message):
-    solver = Solver(grid, (1.0, 0.0)[: grid.dim], **options)
-    run = solver.run(solver.state("sin(2*pi*x1)"), 0.1, dt=0.1)
-    for operator in (solver.tangent, solver.adjoint):
-        with pytest.raises(NotSupported, match=message):
-            operator(run)
-
-
-def test_runs_and_vectors_that_do_not_fit():
-    solver, run = solved(*WAVES)
-    single = Solver(RING, 1.0, dtype=np.float32)
-    alone = single.run(single.state(0.0), 0.1, dt=0.1)
-    quintic = solver_of("waves", "quintic", "advection")
-    for call, message in [
-        (lambda: solver.tangent(run.final), r"run: expected what solver\.run returned"),
-        (lambda: solver_of(*WAVES, a=0.5).tangent(run), "run: it is not a run of this solver"),
-        (lambda: quintic.adjoint(run), "state: it carries the moments of 'cubic'"),
-        (lambda: single.tangent(alone), "dtype: derivatives need"),
-        *[
-            (lambda k=k: solver.adjoint(run, checkpoints=k), "checkpoints: expected a positive num")
-            for k in (0, -1, 1.5, True)
-        ],
-        *[
-            (
-                lambda o=o, n=n: o @ (1j * np.ones(n)),
-                "x: expected real values instead of complex128",
-            )
-            for o, n in ((solver.tangent(run), 52), (solver.adjoint(run), 50))
-        ],
-    ]:
-        with pytest.raises(InputError, match=message):
-            call()

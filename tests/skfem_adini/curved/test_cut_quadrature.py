@@ -1,48 +1,27 @@
 """Areas, lengths, moments and normals of cut cells: closed forms, any disk, corners, polygons."""
 
+from functools import reduce
+from operator import and_
+
 import numpy as np
 import pytest
 from convergence import order
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from skfem import Basis, ElementQuad2, MeshQuad
+from skfem import Basis, ElementQuad2
 
-from skfem_adini import (
-    CutDomain,
-    ElementQuadAdini,
-    FieldLevelSet,
-    InputError,
-    LevelSet,
-    Polygon,
-    cut_quadrature,
-)
-
-R = 0.411
+import skfem_adini
+from skfem_adini import CutDomain, ElementQuadAdini, InputError, LevelSet, Polygon, cut_quadrature
+from tests.skfem_adini.cut_problems import R, ball, box, half_plane, unit_square
 
 
 def cells(n):
-    t = np.linspace(0, 1, n + 1)
-    X, Y = (a.ravel() for a in np.meshgrid(t[:-1], t[:-1], indexing="ij"))
-    U, V = (a.ravel() for a in np.meshgrid(t[1:], t[1:], indexing="ij"))
-    return np.array([X, Y]), np.array([U, V])
-
-
-def circle(x=0.5, y=0.5, r=R):
-    return LevelSet(lambda p: (p[0] - x) ** 2 + (p[1] - y) ** 2 - r**2)
+    corners = unit_square(n).p[:, unit_square(n).t]
+    return corners.min(axis=1), corners.max(axis=1)
 
 
 def distance(x=0.5, y=0.5, r=R):
     return LevelSet(lambda p: np.hypot(p[0] - x, p[1] - y) - r)
-
-
-def half_plane(p, normal):
-    return LevelSet(lambda x: normal[0] * (x[0] - p[0]) + normal[1] * (x[1] - p[1]))
-
-
-def box(a, b, c, d):
-    sides = ((a, 0, -1, 0), (b, 0, 1, 0), (0, c, 0, -1), (0, d, 0, 1))
-    planes = [half_plane(side[:2], side[2:]) for side in sides]
-    return planes[0] & planes[1] & planes[2] & planes[3]
 
 
 def moment(rule, power):
@@ -66,7 +45,7 @@ def check(rule, area, length, tolerance=1e-11):
 
 
 @pytest.mark.parametrize("n", [1, 4, 8, 32])
-@pytest.mark.parametrize("level_set", [circle(), distance()], ids=["quadratic", "distance"])
+@pytest.mark.parametrize("level_set", [ball(), distance()], ids=["quadratic", "distance"])
 def test_disk(level_set, n):
     rule = cut_quadrature(level_set, *cells(n))
     check(rule, np.pi * R**2, 2 * np.pi * R)
@@ -79,10 +58,9 @@ def test_disk(level_set, n):
 @pytest.mark.parametrize("q", [1, 2, 3])
 def test_error_falls_with_twice_the_points(q):
     n = np.array([16, 24, 32, 48, 64])
-    disk = circle(0.47, 0.52)
+    disk = ball(0.47, 0.52)
     errors = [abs(cut_quadrature(disk, *cells(k), q=q).area - np.pi * R**2) for k in n]
-    rate = order(n, errors)
-    assert rate == pytest.approx(2 * q, abs=0.5)
+    assert order(n, errors) == pytest.approx(2 * q, abs=0.5)
 
 
 def test_given_gradient_gives_the_normals():
@@ -101,7 +79,7 @@ def test_given_gradient_gives_the_normals():
     x=st.floats(0.45, 0.55), y=st.floats(0.45, 0.55), r=st.floats(0.02, 0.44), n=st.integers(1, 12)
 )
 def test_any_disk(x, y, r, n):
-    check(cut_quadrature(circle(x, y, r), *cells(n)), np.pi * r**2, 2 * np.pi * r)
+    check(cut_quadrature(ball(x, y, r), *cells(n)), np.pi * r**2, 2 * np.pi * r)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -110,7 +88,7 @@ def test_tangencies_and_slivers(sign):
     n = 16
     for power in (0, *range(-16, -3), -1):
         r = 0.5 - 1 / n + sign * 10.0**power / n * (power < 0)
-        check(cut_quadrature(circle(r=r), *cells(n)), np.pi * r**2, 2 * np.pi * r)
+        check(cut_quadrature(ball(r=r), *cells(n)), np.pi * r**2, 2 * np.pi * r)
 
 
 def test_boundary_on_grid_lines_and_through_vertices():
@@ -123,20 +101,20 @@ def test_boundary_on_grid_lines_and_through_vertices():
     check(cut_quadrature(diagonal, *cells(4)), 0.5, 2 + np.sqrt(2))
 
 
+def doubled(level_set):
+    return LevelSet(lambda x: 2 * level_set.function(x))
+
+
 COMPOSED = {
     "box": (box(0.23, 0.71, 0.11, 0.53), 0.48 * 0.42, 1.8),
     "L": (box(0.1, 0.9, 0.1, 0.9) - box(0.53, 1, 0.53, 1), 0.64 - 0.37**2, 3.2),
     "seam": (box(0.1, 0.53, 0.1, 0.9) | box(0.53, 0.9, 0.1, 0.9), 0.64, 3.2),
-    "function": ((lambda x: circle(r=0.4).function(x)) - circle(r=0.2), np.pi * 0.12, 1.2 * np.pi),
-    "ring": (circle(r=0.4) - circle(r=0.1), np.pi * 0.15, np.pi),
-    "half": (circle(r=0.4) & half_plane((0.5, 0), (1, 0)), np.pi * 0.08, 0.4 * np.pi + 0.8),
-    "same twice": (
-        circle(r=0.4) & LevelSet(lambda x: 2 * ((x[0] - 0.5) ** 2 + (x[1] - 0.5) ** 2 - 0.16)),
-        np.pi * 0.16,
-        0.8 * np.pi,
-    ),
-    "apart": (circle(0.2, 0.2, 0.11) | circle(0.71, 0.6, 0.2), np.pi * 0.0521, 0.62 * np.pi),
-    "touching": (circle(0.3, 0.5, 0.1) | circle(0.5, 0.5, 0.1), 0.02 * np.pi, 0.4 * np.pi),
+    "function": ((lambda x: ball(r=0.4).function(x)) - ball(r=0.2), np.pi * 0.12, 1.2 * np.pi),
+    "ring": (ball(r=0.4) - ball(r=0.1), np.pi * 0.15, np.pi),
+    "half": (ball(r=0.4) & half_plane((0.5, 0), (1, 0)), np.pi * 0.08, 0.4 * np.pi + 0.8),
+    "same twice": (ball(r=0.4) & doubled(ball(r=0.4)), np.pi * 0.16, 0.8 * np.pi),
+    "apart": (ball(0.2, 0.2, 0.11) | ball(0.71, 0.6, 0.2), np.pi * 0.0521, 0.62 * np.pi),
+    "touching": (ball(0.3, 0.5, 0.1) | ball(0.5, 0.5, 0.1), 0.02 * np.pi, 0.4 * np.pi),
 }
 
 
@@ -155,35 +133,32 @@ def segment(r, d):
 
 @pytest.mark.parametrize("n", [4, 9])
 @pytest.mark.parametrize("angle", [0, 1e-7, 0.1, 0.3, np.pi / 4, 1.2])
-def test_turned_square_and_lens(angle, n):
+def test_turned_square(angle, n):
     c, s = np.cos(angle), np.sin(angle)
-    square = None
-    for normal in ((c, s), (-s, c), (-c, -s), (s, -c)):
-        side = half_plane((0.5 + 0.3 * normal[0], 0.5 + 0.3 * normal[1]), normal)
-        square = side if square is None else square & side
+    sides = (
+        half_plane((0.5 + 0.3 * x, 0.5 + 0.3 * y), (x, y))
+        for x, y in ((c, s), (-s, c), (-c, -s), (s, -c))
+    )
     # Corners that almost lie on a line parallel to an axis lose digits.
-    check(cut_quadrature(square, *cells(n)), 0.36, 2.4, tolerance=1e-9)
-    d, r = 0.2, 0.4
-    both = circle(0.5 + d * c, 0.5 + d * s, r) & circle(0.5 - d * c, 0.5 - d * s, r)
-    check(cut_quadrature(both, *cells(n)), *(2 * np.array(segment(r, d))))
+    check(cut_quadrature(reduce(and_, sides), *cells(n)), 0.36, 2.4, tolerance=1e-9)
 
 
 def test_maximum_as_a_plain_function():
     """Nobody told us where the corners are."""
     d, r = 0.2, 0.4
-    one, two = (circle(0.5 + side, 0.5, r).function for side in (d, -d))
+    one, two = (ball(0.5 + side, 0.5, r).function for side in (d, -d))
     rule = cut_quadrature(lambda x: np.maximum(one(x), two(x)), *cells(7))
     check(rule, *(2 * np.array(segment(r, d))))
 
 
 def test_complement_has_the_opposite_normal():
-    rule = cut_quadrature(~circle(), *cells(8))
+    rule = cut_quadrature(~ball(), *cells(8))
     assert rule.area == pytest.approx(1 - np.pi * R**2, abs=1e-12)
     np.testing.assert_allclose(rule.normals, (0.5 - rule.boundary_points) / R, atol=1e-9)
 
 
 def test_parts_name_the_leaf():
-    plane, disk = half_plane((0.53, 0), (1, 0)), circle(r=0.4)
+    plane, disk = half_plane((0.53, 0), (1, 0)), ball(r=0.4)
     rule = cut_quadrature(disk & plane, *cells(8))
     chord = rule.boundary_weights[rule.parts == 1].sum()
     assert chord == pytest.approx(2 * np.sqrt(0.16 - 0.03**2), abs=1e-12)
@@ -192,11 +167,10 @@ def test_parts_name_the_leaf():
 
 @pytest.mark.parametrize("element", [ElementQuad2(), ElementQuadAdini()], ids=["Quad2", "Adini"])
 def test_finite_element_function_as_level_set(element):
-    mesh = MeshQuad.init_tensor(*[np.linspace(0, 1, 9)] * 2)
+    mesh = unit_square(8)
     basis = Basis(mesh, element)
-    x = basis.project(lambda x: (x[0] - 0.5) ** 2 + (x[1] - 0.5) ** 2 - R**2)
-    corners = mesh.p[:, mesh.t]
-    rule = cut_quadrature(FieldLevelSet(basis, x), corners.min(axis=1), corners.max(axis=1))
+    x = basis.project(ball().function)
+    rule = cut_quadrature(skfem_adini.FieldLevelSet(basis, x), *cells(8))
     check(rule, np.pi * R**2, 2 * np.pi * R)
 
 
@@ -228,13 +202,13 @@ def test_outside_and_inside_everywhere():
 def half_disk(x, y, r, turn, d):
     c, s = np.cos(turn), np.sin(turn)
     area, arc = segment(r, d)
-    level_set = circle(x, y, r) & LevelSet(lambda p: c * (p[0] - x) + s * (p[1] - y) + d)
+    level_set = ball(x, y, r) & LevelSet(lambda p: c * (p[0] - x) + s * (p[1] - y) + d)
     return level_set, area, arc + 2 * np.sqrt(r**2 - d**2)
 
 
 def two_disks(x, y, r, turn, distance, s, how):
-    first = circle(x, y, r)
-    second = circle(x + distance * np.cos(turn), y + distance * np.sin(turn), s)
+    first = ball(x, y, r)
+    second = ball(x + distance * np.cos(turn), y + distance * np.sin(turn), s)
     d = (distance**2 + r**2 - s**2) / (2 * distance)
     (area_1, arc_1), (area_2, arc_2) = segment(r, d), segment(s, distance - d)
     lens, whole, round_ = area_1 + area_2, np.pi * r**2, 2 * np.pi * r
@@ -266,8 +240,7 @@ def domains():
 
 def test_areas_and_perimeters():
     for level_set, area, perimeter, n in domains():
-        mesh = MeshQuad.init_tensor(*[np.linspace(0, 1, n + 1)] * 2)
-        domain = CutDomain(mesh, level_set, q=5)
+        domain = CutDomain(unit_square(n), level_set, q=5)
         assert domain.area == pytest.approx(area, abs=1e-10)
         assert domain.perimeter == pytest.approx(perimeter, abs=1e-9)
 
@@ -335,7 +308,7 @@ def test_parts_are_sides_and_full_cells_are_recognised():
 # Intersection, union and difference of polygons, against areas by hand and points at random.
 
 
-MESH = MeshQuad.init_tensor(*[np.linspace(0, 1, 9)] * 2)
+MESH = unit_square(8)
 
 
 def rectangle(a, b, c, d):
@@ -351,10 +324,8 @@ OTHERS = {
     "along a side": (rectangle(0.8, 0.9, 0.1, 0.8), 0.07, 0.0),
     "along a part of a side": (rectangle(0.8, 0.9, 0.3, 0.4), 0.01, 0.0),
     "apart": (rectangle(0.85, 0.9, 0.1, 0.2), 0.005, 0.0),
-    "a triangle over two sides": (
-        Polygon([[0.4, 1.0, 0.4], [0.1, 0.1, 0.7]]), 0.18, 0.16,
-    ),
-}  # fmt: skip
+    "a triangle over two sides": (Polygon([[0.4, 1.0, 0.4], [0.1, 0.1, 0.7]]), 0.18, 0.16),
+}
 
 
 @pytest.mark.parametrize("case", OTHERS)

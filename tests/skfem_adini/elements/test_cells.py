@@ -5,41 +5,18 @@ import pickle
 
 import numpy as np
 import pytest
-from skfem import (
-    Basis,
-    BilinearForm,
-    ElementDG,
-    ElementQuad1,
-    ElementVector,
-    FacetBasis,
-    MeshHex,
-    MeshHex2,
-    MeshQuad,
-    MeshQuad2,
-)
+import skfem
+from skfem import Basis, ElementVector, FacetBasis, MeshHex, MeshHex2, MeshQuad, MeshQuad2
 from skfem.element import ElementQuadBFS as ScikitFemBFS
 from skfem.helpers import ddot
 from skfem.models.elasticity import linear_elasticity
 from skfem.models.poisson import laplace, mass
 
-from skfem_adini import (
-    ElementHexAdini,
-    ElementQuadAdini,
-    ElementQuadAdiniCut,
-    ElementQuadAdiniWeighted,
-    ElementQuadBFS,
-    InputError,
-    assemble,
-    essential_constraints,
-    essential_dofs,
-    near_null_space,
-    nodal_gradient,
-    project_trace,
-    to_pyvista,
-)
+import skfem_adini
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadAdiniWeighted, ElementQuadBFS
 
 ADINI, BRICK, BFS = ElementQuadAdini(), ElementHexAdini(), ElementQuadBFS()
-BENDING = BilinearForm(lambda u, v, _: ddot(u.hess, v.hess))
+BENDING = skfem.BilinearForm(lambda u, v, _: ddot(u.hess, v.hess))
 
 
 def moved(mesh, by):
@@ -119,17 +96,13 @@ def logged(caplog):
     return messages
 
 
-def test_silent_on_parallelograms(parallelograms, logged):
-    assert not logged(parallelograms, ADINI)
-
-
-def test_silent_on_parallelepipeds(parallelepipeds, logged):
-    assert not logged(parallelepipeds, BRICK)
+def test_silent_on_parallel_sides(parallel_cells, logged):
+    assert not logged(parallel_cells, ADINI if parallel_cells.dim() == 2 else BRICK)
 
 
 def test_once_for_each_mesh(logged):
     """However many bases and elements it gets; a mesh made later is spoken of again."""
-    elements = [ADINI, ElementVector(ADINI), ADINI * ADINI, ElementDG(ADINI)]
+    elements = [ADINI, ElementVector(ADINI), ADINI * ADINI, skfem.ElementDG(ADINI)]
     for first in elements * 2:
         mesh = trapezoid()
         assert len(logged(mesh, first)) == 1
@@ -141,7 +114,7 @@ def test_assembly_speaks_of_the_mesh_once_and_facets_and_probes_do_not(caplog):
     """Assembly evaluates a few cells at a time, as meshes of their own."""
     mesh = moved(MeshQuad().refined(3), 0.08)
     for _ in range(2):
-        assemble(laplace, mesh, ADINI)
+        skfem_adini.assemble(laplace, mesh, ADINI)
     basis = Basis(mesh, ADINI)
     assert len(caplog.messages) == 1
     caplog.clear()
@@ -184,10 +157,10 @@ def turned_top(angle):
     return MeshHex(p, MeshHex().t)
 
 
-@pytest.mark.parametrize("angle", [1.0, 3.0])
-def test_far_from_a_parallelepiped_but_valid(angle, logged):
+def test_far_from_a_parallelepiped_but_valid(logged):
     """At 3.0 only the eight parts of each edge show that the Jacobian keeps its sign."""
-    assert len(logged(turned_top(angle), BRICK)) == 1
+    for angle in (1.0, 3.0):
+        assert len(logged(turned_top(angle), BRICK)) == 1
 
 
 def brick(vertex, place):
@@ -200,6 +173,7 @@ def quad(*corners):
     return MeshQuad(np.array(corners, float).T, np.array([[0, 1, 2, 3]]).T, validate=False)
 
 
+FLAT = [[1.0], [1.0], [0.0]]
 SIGN = r"1 of 1 cells.*Jacobian of one sign"
 RECTANGLE = r"1 of 1 cells are no rectangles.*turn the coordinates"
 REFUSED = {
@@ -207,12 +181,8 @@ REFUSED = {
     "in the plane of its neighbours": (brick(0, (0.5, 0.5, 0.0)), BRICK, SIGN),
     "two vertices in one place": (brick(0, (1.0, 0, 0)), BRICK, SIGN),
     "NaN brick": (brick(3, (np.nan, 0, 0)), BRICK, SIGN),
-    "flat brick": (
-        MeshHex(MeshHex().p * [[1.0], [1], [0]], MeshHex().t, validate=False), BRICK, SIGN
-    ),
-    "order of another code": (
-        MeshHex(MeshHex().p, np.roll(MeshHex().t, 1, axis=0)), BRICK, SIGN
-    ),
+    "flat brick": (MeshHex(MeshHex().p * FLAT, MeshHex().t, validate=False), BRICK, SIGN),
+    "order of another code": (MeshHex(MeshHex().p, np.roll(MeshHex().t, 1, 0)), BRICK, SIGN),
     # All corners are sound, the middle is flat.
     "top turned by half a turn": (turned_top(np.pi), BRICK, SIGN),
     "turned": (quad((0, 0), (1, 0.001), (0.999, 1.001), (-0.001, 1)), BFS, RECTANGLE),
@@ -233,7 +203,7 @@ REFUSED = {
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_bad_cells_are_refused(name):
     mesh, element, message = REFUSED[name]
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(skfem_adini.InputError, match=message):
         element.gbasis(mesh._mapping(), np.full((mesh.dim(), 1), 0.5), 0)
 
 
@@ -262,23 +232,26 @@ def test_second_order_meshes(name):
         return
     assert agree(*(laplace.assemble(basis) for basis in bases))
     assert agree(*(mass.assemble(FacetBasis(basis.mesh, basis.elem)) for basis in bases))
-    assert agree(*(assemble(mass, basis.mesh, basis.elem) for basis in bases))
+    assert agree(*(skfem_adini.assemble(mass, basis.mesh, basis.elem) for basis in bases))
     # Vertices come first, in the order of the first-order mesh.
     np.testing.assert_array_equal(bases[0].nodal_dofs, bases[1].nodal_dofs)
     x = np.random.default_rng(0).standard_normal(bases[0].N)
     some = [basis.mesh.boundary_facets()[:3] for basis in bases]
     np.testing.assert_array_equal(*some)
     calls = (
-        lambda basis, _: nodal_gradient(basis, x),
-        lambda basis, _: near_null_space(basis).modes,
-        lambda basis, facets: essential_constraints(basis, facets, lambda x: x[0])[1],
-        lambda basis, facets: project_trace(basis, facets, lambda x: x[0] ** 2),
-        lambda basis, _: np.asarray(to_pyvista(basis, x).points),
-        lambda basis, _: np.asarray(to_pyvista(basis, x).point_data["u"]),
+        lambda basis, _: skfem_adini.nodal_gradient(basis, x),
+        lambda basis, _: skfem_adini.near_null_space(basis).modes,
+        lambda basis, facets: skfem_adini.essential_constraints(basis, facets, lambda x: x[0])[1],
+        lambda basis, facets: skfem_adini.project_trace(basis, facets, lambda x: x[0] ** 2),
+        lambda basis, _: np.asarray(skfem_adini.to_pyvista(basis, x).points),
+        lambda basis, _: np.asarray(skfem_adini.to_pyvista(basis, x).point_data["u"]),
     )
     for call in calls:
         assert agree(*(call(basis, facets) for basis, facets in zip(bases, some, strict=True)))
-    fixed = [essential_dofs(b, f, clamp_normal=True) for b, f in zip(bases, some, strict=True)]
+    fixed = [
+        skfem_adini.essential_dofs(b, f, clamp_normal=True)
+        for b, f in zip(bases, some, strict=True)
+    ]
     np.testing.assert_array_equal(*fixed)
 
 
@@ -293,7 +266,7 @@ def test_curved_cells_are_refused(kind, element, node):
         p = mesh.doflocs.copy()
         p[1, node] += by
         message = rf"cells of the {kind.__name__} are curved.*straight-sided"
-        with pytest.raises(InputError, match=message):
+        with pytest.raises(skfem_adini.InputError, match=message):
             Basis(kind(p, mesh.t), element)
 
 
@@ -309,7 +282,7 @@ def test_equality_is_that_of_class_and_derivatives(kind):
     assert hash(one) == hash(same)
     assert len({one, same, other}) == 2
     assert one != other
-    assert all(one != e() for e in [*KINDS, ScikitFemBFS, ElementQuad1] if e is not kind)
+    assert all(one != e() for e in [*KINDS, ScikitFemBFS, skfem.ElementQuad1] if e is not kind)
     assert repr(one) == f"{kind.__name__}(derivatives=2)"
     copy = pickle.loads(pickle.dumps(other))
     assert copy == other
@@ -343,5 +316,7 @@ def test_elements_of_curved_domains_are_named_and_compared_by_their_functions():
     functions = "weight=weight, gradient=slope, hessian=NoneType"
     assert repr(one) == f"ElementQuadAdiniWeighted({functions}, derivatives=1, degree=2)"
     mesh = MeshQuad().refined(3)
-    cut = ElementQuadAdiniCut(mesh, lambda x: (x[0] - 0.5) ** 2 + (x[1] - 0.5) ** 2 - 0.411**2)
+    cut = skfem_adini.ElementQuadAdiniCut(
+        mesh, lambda x: (x[0] - 0.5) ** 2 + (x[1] - 0.5) ** 2 - 0.411**2
+    )
     assert repr(cut) == f"ElementQuadAdiniCut(64 cells, {cut.inside.sum()} vertices inside)"

@@ -1,52 +1,119 @@
-"""VTK output holds the fields exactly and survives the file."""
+"""Gradients and stresses at the vertices; VTK output is exact and survives the file."""
 
-import sys
 import xml.etree.ElementTree as ElementTree
 
 import meshio
 import numpy as np
 import pytest
 import pyvista as pv
+import skfem
 from full_disk import errors_without_space
-from skfem import (
-    Basis,
-    ElementHex1,
-    ElementHex2,
-    ElementQuad1,
-    ElementQuad2,
-    ElementQuadS2,
-    ElementTetP1,
-    ElementTetP2,
-    ElementTriArgyris,
-    ElementTriP0,
-    ElementTriP1,
-    ElementTriP2,
-    ElementVector,
-    MeshHex,
-    MeshQuad,
-    MeshTet,
-    MeshTri,
-)
+from hypothesis import given
+from hypothesis import strategies as st
+from skfem import Basis, ElementQuad1, ElementVector, MeshHex, MeshQuad, MeshTet, MeshTri
 
-from skfem_adini import (
-    ElementHexAdini,
-    ElementQuadAdini,
-    ElementQuadBFS,
-    MissingDependency,
-    nodal_gradient,
-    nodal_stress,
-    save,
-    to_pyvista,
+import skfem_adini
+from skfem_adini import ElementHexAdini, ElementQuadAdini, nodal_stress, save, to_pyvista, von_mises
+
+TICKS = np.array([0, 0.3, 0.5, 1.1])
+PLANE = Basis(MeshQuad.init_tensor(TICKS, TICKS[:3]), ElementVector(ElementQuadAdini()))
+SPACE = Basis(MeshHex.init_tensor(TICKS[:3], TICKS, TICKS[:2]), ElementVector(ElementHexAdini()))
+numbers = st.floats(-2, 2)
+
+
+def linear_field(basis, gradient, shift=0.0):
+    """Return the dofs of u = gradient x + shift, without the functions under test."""
+    dim = basis.mesh.dim()
+    x = basis.zeros()
+    dofs = basis.nodal_dofs.reshape(-1, dim, basis.mesh.nvertices)
+    x[dofs[0]] = gradient @ basis.mesh.p + shift
+    for j in range(dim):
+        x[dofs[1 + j]] = gradient[:, j : j + 1]
+    return x
+
+
+@pytest.mark.parametrize(
+    "element",
+    [ElementQuadAdini(), skfem_adini.ElementQuadBFS(), ElementHexAdini()],
+    ids=lambda element: type(element).__name__,
 )
+def test_gradient_of_a_cubic(element):
+    mesh = SPACE.mesh if isinstance(element, ElementHexAdini) else PLANE.mesh
+    basis = Basis(mesh, element)
+    x = basis.project(lambda p: p[0] ** 3 * p[1] - p[1] ** 2 + p[-1])
+    X, Y, last = mesh.p[0], mesh.p[1], np.eye(mesh.dim())[-1]
+    expected = np.zeros((mesh.dim(), mesh.nvertices)) + last[:, None]
+    expected[:2] += [3 * X**2 * Y, X**3 - 2 * Y]
+    np.testing.assert_allclose(skfem_adini.nodal_gradient(basis, x), expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("basis", [PLANE, SPACE], ids=["plane", "space"])
+@given(angle=numbers, shift=numbers, E=st.floats(0.1, 10), nu=st.floats(-0.9, 0.49))
+def test_small_rotations_have_no_stress(basis, angle, shift, E, nu):
+    spin = np.zeros((basis.mesh.dim(),) * 2)
+    spin[0, 1], spin[1, 0] = angle, -angle
+    stress = nodal_stress(basis, linear_field(basis, spin, shift), E, nu)
+    np.testing.assert_array_equal(stress, 0)
+
+
+@given(stretch=numbers, E=st.floats(0.1, 10), nu=st.floats(-0.9, 0.49))
+def test_uniaxial_tension(stretch, E, nu):
+    """With free sides only sigma_xx = E e is left; between rigid plates sigma_zz is nu of it."""
+    for basis, plane in ((PLANE, "stress"), (SPACE, "strain")):
+        gradient = np.diag([stretch, *[-nu * stretch] * (basis.mesh.dim() - 1)])
+        stress = nodal_stress(basis, linear_field(basis, gradient), E, nu, plane=plane)
+        expected = np.zeros((3, 3, 1))
+        expected[0, 0] = E * stretch
+        scale = E * abs(stretch) / ((1 - 2 * nu) * (1 + nu))
+        np.testing.assert_allclose(stress - expected, 0, atol=1e-13 * scale + 1e-300)
+    gradient = np.diag([stretch, -nu / (1 - nu) * stretch])
+    stress = nodal_stress(PLANE, linear_field(PLANE, gradient), E, nu)
+    expected[0, 0] = E / (1 - nu**2) * stretch
+    expected[2, 2] = nu * expected[0, 0]
+    np.testing.assert_allclose(stress - expected, 0, atol=1e-13 * scale + 1e-300)
+
+
+def test_von_mises():
+    assert von_mises(np.diag([5.0, 0, 0])) == pytest.approx(5)
+    assert von_mises(np.eye(3) * 7) == pytest.approx(0)
+    shear = np.zeros((3, 3, 2))
+    shear[0, 2] = shear[2, 0] = [1, 2]
+    np.testing.assert_allclose(von_mises(shear), np.sqrt(3) * np.array([1, 2]))
+    sigma = np.random.default_rng(0).uniform(-1, 1, (3, 3))
+    a, b, c = np.linalg.eigvalsh(sigma + sigma.T)
+    principal = np.sqrt(((a - b) ** 2 + (b - c) ** 2 + (c - a) ** 2) / 2)
+    assert von_mises(sigma + sigma.T) == pytest.approx(principal)
+
+
+def test_mean_over_materials():
+    """At a vertex of the interface half the cells are stiff; elsewhere the value is one-sided."""
+    middle = PLANE.mesh.p[0, PLANE.mesh.t].mean(axis=0)
+    E = np.where(middle < 0.3, 1.0, 9.0)
+    u = linear_field(PLANE, np.array([[0.0, 1.0], [0.0, 0.0]]))
+    shear = nodal_stress(PLANE, u, E, 0.0)[0, 1]
+    px = PLANE.mesh.p[0]
+    np.testing.assert_allclose(shear, np.select([px < 0.3, px == 0.3], [0.5, 2.5], 4.5))
+
+
+def test_law():
+    """Any law of the gradient; here the first Piola-Kirchhoff stress of Saint Venant-Kirchhoff."""
+
+    def law(gradient):
+        F = gradient + np.eye(2)[..., None]
+        green = 0.5 * (np.einsum("kin,kjn->ijn", F, F) - np.eye(2)[..., None])
+        return np.einsum("ikn,kjn->ijn", F, 2 * green)
+
+    x = linear_field(PLANE, np.diag([1.0, 0.0]))
+    expected = np.broadcast_to(np.diag([6.0, 0.0])[..., None], (2, 2, PLANE.mesh.nvertices))
+    np.testing.assert_allclose(nodal_stress(PLANE, x, law=law), expected)
+
+
+# Files and grids of VTK.
 
 
 def rectangles():
     x = np.array([0, 0.3, 0.55, 1.0])
     return MeshQuad.init_tensor(x, x)
-
-
-def random_points(dim, count=200):
-    return np.random.default_rng(0).uniform(0.02, 0.98, (dim, count))
 
 
 def random_field(mesh, element, intorder=None):
@@ -65,7 +132,7 @@ def sample(grid, points, name="u"):
 
 def is_exact(grid, basis, x, atol=1e-12):
     """Whether the VTK field is that of the basis at random points."""
-    points = random_points(basis.mesh.dim())
+    points = np.random.default_rng(0).uniform(0.02, 0.98, (basis.mesh.dim(), 200))
     values, expected = sample(grid, points), basis.interpolator(x)(points)
     if expected.ndim == 2:
         assert not values[:, len(expected) :].any()
@@ -78,7 +145,7 @@ BRICKS = MeshHex.init_tensor(X, X[:3] / 0.55, X)
 EXACT = {  # as one cubic cell of VTK each
     "Adini": (rectangles(), ElementQuadAdini(), 70),
     "vector": (rectangles(), ElementVector(ElementQuadAdini()), 70),
-    "BFS": (rectangles(), ElementQuadBFS(), 70),
+    "BFS": (rectangles(), skfem_adini.ElementQuadBFS(), 70),
     "bricks": (BRICKS, ElementHexAdini(), 72),
     "refined bricks": (MeshHex().refined(1), ElementHexAdini(), 72),
     "vector bricks": (MeshHex(), ElementVector(ElementHexAdini()), 72),
@@ -87,10 +154,7 @@ EXACT = {  # as one cubic cell of VTK each
 
 @pytest.mark.parametrize("name", EXACT)
 def test_cubic_cells_are_exact_also_in_files(name, tmp_path):
-    """And in what meshio reads of them and writes again.
-
-    VTK gives .vtu files of hexahedra version 2.3, which meshio refuses; .vtk files it reads.
-    """
+    """And in what meshio reads and writes again; hexahedra in .vtu files it refuses."""
     mesh, element, vtk_type = EXACT[name]
     basis, x = random_field(mesh, element, intorder=2)
     grid = to_pyvista(basis, x)
@@ -98,7 +162,7 @@ def test_cubic_cells_are_exact_also_in_files(name, tmp_path):
     lattice = np.prod([3 * (len(np.unique(c)) - 1) + 1 for c in mesh.p])
     assert (grid.n_cells, grid.n_points) == (mesh.nelements, lattice)
     is_exact(grid, basis, x)
-    data = {} if "vector" in name else {"gradient": nodal_gradient(basis, x)}
+    data = {} if "vector" in name else {"gradient": skfem_adini.nodal_gradient(basis, x)}
     for suffix in ("vtu", "vtk"):
         path = save(tmp_path / "new" / f"field.{suffix}", basis, x, point_data=data)
         is_exact(pv.read(path), basis, x)
@@ -119,10 +183,12 @@ def test_cubic_cells_are_exact_also_in_files(name, tmp_path):
             np.testing.assert_array_equal(np.ravel(second[key]), np.ravel(pv.read(path)[key]))
 
 
-def check_nodes(mesh, element):
+def test_nodes_of_any_cells(any_cells):
     """The values at the nodes of every cell are those of the element at these points."""
+    mesh, dim = any_cells, any_cells.dim()
+    element = ElementQuadAdini() if dim == 2 else ElementHexAdini()
     basis, x = random_field(mesh, element, intorder=1)
-    grid, dim = to_pyvista(basis, x), mesh.dim()
+    grid = to_pyvista(basis, x)
     for c in range(0, mesh.nelements, 1 if dim == 2 else 3):
         nodes = grid.get_cell(c).point_ids
         local = basis.mapping.invF(grid.points[nodes, :dim].T[:, None], tind=np.array([c]))
@@ -136,23 +202,15 @@ def check_nodes(mesh, element):
         assert grid.compute_cell_sizes()["Volume"].min() > 0
 
 
-def test_nodes_on_any_quadrilaterals(any_quads):
-    check_nodes(any_quads, ElementQuadAdini())
-
-
-def test_nodes_on_any_bricks(any_hexes):
-    check_nodes(any_hexes, ElementHexAdini())
-
-
 SAME_CELL = {
-    5: (MeshTri, ElementTriP1()),
-    22: (MeshTri, ElementVector(ElementTriP2())),
+    5: (MeshTri, skfem.ElementTriP1()),
+    22: (MeshTri, ElementVector(skfem.ElementTriP2())),
     9: (MeshQuad, ElementQuad1()),
-    28: (MeshQuad, ElementVector(ElementQuad2())),
-    10: (MeshTet, ElementVector(ElementTetP1())),
-    24: (MeshTet, ElementTetP2()),
-    12: (MeshHex, ElementVector(ElementHex1())),
-    29: (MeshHex, ElementHex2()),
+    28: (MeshQuad, ElementVector(skfem.ElementQuad2())),
+    10: (MeshTet, ElementVector(skfem.ElementTetP1())),
+    24: (MeshTet, skfem.ElementTetP2()),
+    12: (MeshHex, ElementVector(skfem.ElementHex1())),
+    29: (MeshHex, skfem.ElementHex2()),
 }
 
 
@@ -168,21 +226,21 @@ def test_other_elements_as_their_own_cells(vtk_type):
 
 
 def test_serendipity_lies_in_the_nine_node_cell():
-    basis, x = random_field(rectangles(), ElementQuadS2())
+    basis, x = random_field(rectangles(), skfem.ElementQuadS2())
     is_exact(to_pyvista(basis, x), basis, x)
 
 
-@pytest.mark.parametrize(
-    ("mesh", "element", "linear_type"),
-    [
-        (rectangles(), ElementQuadAdini(), 9),
-        (MeshTri().refined(1), ElementTriP2(), 5),
-        (MeshTet(), ElementTetP2(), 10),
-        (MeshHex(), ElementHex2(), 12),
-    ],
-    ids=["quad", "tri", "tet", "hex"],
-)
-def test_linear_sub_cells_are_positive_and_nodally_exact(mesh, element, linear_type):
+LINEAR = {
+    9: (rectangles(), ElementQuadAdini()),
+    5: (MeshTri().refined(1), skfem.ElementTriP2()),
+    10: (MeshTet(), skfem.ElementTetP2()),
+    12: (MeshHex(), skfem.ElementHex2()),
+}
+
+
+@pytest.mark.parametrize("linear_type", LINEAR)
+def test_linear_sub_cells_are_positive_and_nodally_exact(linear_type):
+    mesh, element = LINEAR[linear_type]
     basis = Basis(mesh, element)
     x = basis.project(lambda p: p[0] ** 2 - p[1])
     grid = to_pyvista(basis, x, subdivide=4)
@@ -195,7 +253,7 @@ def test_linear_sub_cells_are_positive_and_nodally_exact(mesh, element, linear_t
 
 
 def test_discontinuous_and_unknown_elements_share_no_points():
-    for element in (ElementTriP0(), ElementTriArgyris()):
+    for element in (skfem.ElementTriP0(), skfem.ElementTriArgyris()):
         basis = Basis(MeshTri().refined(1), element)
         grid = to_pyvista(basis, basis.project(lambda p: 1 + 0 * p[0]))
         assert set(grid.celltypes) == {5}
@@ -272,19 +330,12 @@ def test_gradients_beside_the_field(tmp_path):
     """Vectors come with three components, gradients of vector fields row by row with nine."""
     basis = Basis(rectangles(), ElementVector(ElementQuadAdini()))
     x = basis.project(lambda p: np.array([p[0] + 2 * p[1], 3 * p[0] + 4 * p[1]]))
-    gradient = nodal_gradient(basis, x)
+    gradient = skfem_adini.nodal_gradient(basis, x)
     data = {"gradient": gradient, "first": gradient[0]}
     grid = pv.read(save(tmp_path / "field.vtu", basis, x, point_data=data))
     row = [1.0, 2, 0, 3, 4, 0, 0, 0, 0]
     np.testing.assert_allclose(grid["gradient"], np.tile(row, (grid.n_points, 1)), atol=1e-10)
     np.testing.assert_allclose(grid["first"], np.tile(row[:3], (grid.n_points, 1)), atol=1e-10)
-
-
-def test_without_pyvista_the_install_line_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyvista", None)
-    basis = Basis(rectangles(), ElementQuadAdini())
-    with pytest.raises(MissingDependency, match="pip install"):
-        to_pyvista(basis, basis.zeros())
 
 
 WITHOUT_SPACE = """

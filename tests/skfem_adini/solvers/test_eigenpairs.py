@@ -9,21 +9,12 @@ from hypothesis import strategies as st
 from optional_packages import PARDISO
 from scipy import linalg, sparse
 from skfem import Basis, BilinearForm, ElementVector, MeshHex, MeshQuad
-from skfem.helpers import dd, ddot, dot
+from skfem.helpers import dot
 from skfem.models.elasticity import linear_elasticity
 from skfem.models.poisson import laplace, mass
 
-from skfem_adini import (
-    ElementHexAdini,
-    ElementQuadAdini,
-    IndefiniteWarning,
-    InputError,
-    NotConverged,
-    UniformSolver,
-    essential_dofs,
-    lowest_eigenpairs,
-    refine_eigenpair,
-)
+import skfem_adini
+from skfem_adini import ElementQuadAdini, InputError, lowest_eigenpairs, refine_eigenpair
 
 SOLVERS = [pytest.param("pardiso", marks=PARDISO), "superlu"]
 PI = 4 * np.arctan(np.longdouble(1))
@@ -70,10 +61,10 @@ def test_dirichlet_eigenvalues_are_those_of_the_symbol(cells, lengths, places):
     """Halved steps are exact in binary, so that the mesh is the solver's grid to the last bit."""
     solid, refinements = len(cells) == 3, int(np.log2(cells[0]))
     mesh = (MeshHex if solid else MeshQuad)().refined(refinements).scaled(lengths)
-    basis = Basis(mesh, ElementHexAdini() if solid else ElementQuadAdini())
-    fixed = essential_dofs(basis, mesh.boundary_facets())
+    basis = Basis(mesh, skfem_adini.ElementHexAdini() if solid else ElementQuadAdini())
+    fixed = skfem_adini.essential_dofs(basis, mesh.boundary_facets())
     values, x = modes(basis, 4, fixed)
-    solver = UniformSolver(cells, lengths)
+    solver = skfem_adini.UniformSolver(cells, lengths)
     for place, mode in places.items():
         exact = np.longdouble(str(solver.eigenvalue(*mode, digits=25)))
         found = refine_eigenpair(basis, x[:, place], fixed).value
@@ -122,7 +113,7 @@ def test_eigenvectors_are_orthonormal_and_solve_the_equation(solver):
     np.testing.assert_allclose(x.T @ M @ x, np.eye(6), atol=1e-12)
     np.testing.assert_allclose(x.T @ K @ x, np.diag(values), atol=1e-10)
     assert (np.diff(values) > 0).all()
-    fixed = essential_dofs(basis, basis.mesh.boundary_facets())
+    fixed = skfem_adini.essential_dofs(basis, basis.mesh.boundary_facets())
     values, x = lowest_eigenpairs(K, M, 3, fixed, solver=solver)
     np.testing.assert_array_equal(x[fixed], 0)
     again = lowest_eigenpairs(K, M, 3, fixed, solver=solver)
@@ -136,7 +127,9 @@ def test_rigid_modes_of_free_bodies_have_small_residuals(dim, side):
     """Rigid modes alone, all equal, next to a shift that is nearly zero."""
     ticks = [np.linspace(0, side, 3)] * dim
     mesh = (MeshQuad if dim == 2 else MeshHex).init_tensor(*ticks)
-    basis = Basis(mesh, ElementVector(ElementQuadAdini() if dim == 2 else ElementHexAdini()))
+    basis = Basis(
+        mesh, ElementVector(ElementQuadAdini() if dim == 2 else skfem_adini.ElementHexAdini())
+    )
     K = linear_elasticity(1.0, 1.0).assemble(basis)
     M = BilinearForm(lambda u, v, _: dot(u, v)).assemble(basis)
     exact = linalg.eigh(K.toarray(), M.toarray(), eigvals_only=True)
@@ -177,7 +170,7 @@ def test_squares_of_any_size(side, solver):
     """3 % wrong at 1e7, nonsense at 1e8, "are essential conditions missing?" at 1e-6."""
     basis = square(8, (side, side))
     K, M = pair(basis)
-    fixed = essential_dofs(basis, basis.mesh.boundary_facets())
+    fixed = skfem_adini.essential_dofs(basis, basis.mesh.boundary_facets())
     for count in (1, 2, 5, 6):
         values, x = lowest_eigenpairs(K, M, count, solver=solver)
         exact = np.pi**2 * np.array([0, 1, 1, 2, 4, 4])[:count]
@@ -197,14 +190,6 @@ def test_values_are_as_accurate_as_with_a_chosen_shift():
     K, M = pair(square(8))
     expected = lowest_eigenpairs(K, M, 3, shift=-3.0)[0] + 1e-9
     np.testing.assert_allclose(lowest_eigenpairs(K + 1e-9 * M, M, 3)[0], expected, atol=1e-11)
-
-
-def test_free_plate_with_three_motions_without_energy():
-    basis = Basis(MeshQuad().refined(4), ElementQuadAdini(derivatives=2))
-    K = BilinearForm(lambda u, v, w: ddot(dd(u), dd(v))).assemble(basis)
-    values, _ = lowest_eigenpairs(K, mass.assemble(basis), 6)
-    assert np.abs(values[:3]).max() < 1e-6
-    assert values[3] > 100
 
 
 def test_fixed_dofs_in_every_form():
@@ -245,7 +230,7 @@ def test_mass_with_positive_diagonal_that_is_not_definite(solver):
                 lowest_eigenpairs(bar(n), coupled(n, off), 3, shift=shift, solver=solver)
     # One pair of dofs is coupled too strongly; the lowest eigenvalues do not see it.
     basis = square(8)
-    fixed = essential_dofs(basis, basis.mesh.boundary_facets())
+    fixed = skfem_adini.essential_dofs(basis, basis.mesh.boundary_facets())
     K, M = laplace.assemble(basis), mass.assemble(basis).tolil()
     i, j = np.setdiff1d(basis.nodal_dofs[0], fixed)[[3, 30]]
     M[i, j] = M[j, i] = 1.01 * np.sqrt(M[i, i] * M[j, j])
@@ -296,7 +281,7 @@ def test_negative_eigenvalue_is_said(solver):
     for lowest in (-1e-6, -0.5, -3555.0):
         K = sparse.diags_array(np.append(lowest, np.linspace(1, 4e3, n - 1))).tocsr()
         M = coupled(n, 0.1)
-        with pytest.warns(IndefiniteWarning, match="K: the eigenvalue -.* negative"):
+        with pytest.warns(skfem_adini.IndefiniteWarning, match="K: the eigenvalue -.* negative"):
             values, _ = lowest_eigenpairs(K, M, 2, solver=solver)
         exact = linalg.eigh(K.toarray(), M.toarray(), eigvals_only=True)
         np.testing.assert_allclose(values, exact[:2], rtol=1e-7)
@@ -311,14 +296,5 @@ def test_every_pair_is_checked_by_its_residual(monkeypatch):
         return values, z
 
     monkeypatch.setattr(module, "eigsh", wrong)
-    with pytest.raises(NotConverged, match="residual"):
+    with pytest.raises(skfem_adini.NotConverged, match="residual"):
         lowest_eigenpairs(bar(50), sparse.eye_array(50).tocsr(), 3)
-
-
-def test_lumped_mass_is_not_factored(monkeypatch):
-    """A matrix dominated by its diagonal is definite."""
-    calls = []
-    given = module.factorize
-    monkeypatch.setattr(module, "factorize", lambda *a, **o: calls.append(a) or given(*a, **o))
-    lowest_eigenpairs(bar(50), sparse.eye_array(50).tocsr(), 3)
-    assert len(calls) == 1

@@ -1,25 +1,31 @@
-"""Spaces, vectors and matrices on several processes are those of one, row by row."""
+"""Several processes give what one gives; what fails ends, with a reason."""
 
+import sys
 from copy import deepcopy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import pyvista
 import skfem
 from scipy import linalg
 from skfem.models.elasticity import linear_elasticity
 from skfem.models.poisson import laplace, mass, unit_load
 
-from skfem_adini import ElementQuadAdini, InputError, near_null_space
+from skfem_adini import AdiniError, ElementQuadAdini, InputError, MissingDependency, near_null_space
 from skfem_adini.distributed import (
     DistributedBasis,
     DistributedMatrix,
     DistributedSolver,
     TensorGrid,
+    communicator,
     lowest_eigenpairs,
     partition,
     smooth_modes,
+    world,
 )
+from tests.mpi_runs import run, start
 from tests.skfem_adini.distributed.spaces import spaces
 from tests.skfem_adini.distributed.threads_as_processes import on_threads
 
@@ -110,11 +116,7 @@ def test_smooth_modes_are_without_energy(size: int) -> None:
         K, L = vector.assemble(linear_elasticity(1.0, 1.0)), scalar.assemble(laplace)
         modes = smooth_modes(vector)
         gathered = np.array([vector.gather(m) for m in modes.T]) if comm.size else None
-        return (
-            np.abs(K.rows @ modes).max(),
-            np.abs(L.rows @ smooth_modes(scalar)).max(),
-            gathered,
-        )
+        return (np.abs(K.rows @ modes).max(), np.abs(L.rows @ smooth_modes(scalar)).max(), gathered)
 
     for elastic, harmonic, _ in (found := on_threads(size, task)):
         assert elastic <= 1e-12
@@ -172,3 +174,80 @@ def test_bad_input_is_named() -> None:
     for words, call in cases:
         with pytest.raises(InputError, match=words):
             call()
+
+
+# Under mpiexec, and where something is missing.
+
+
+HERE = "tests.skfem_adini.distributed"
+
+
+@pytest.mark.mpi
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_all_is_as_on_one_process(size: int) -> None:
+    """Matrices, solutions, eigenvalues and Schur complements that `parity.py` compares."""
+    parity = run(f"{HERE}.parity", size)
+    assert len(parity["matrices"]) == 16
+    for name, (entries, product) in parity["matrices"].items():
+        assert max(entries, product) <= 1e-13, name
+    assert len(parity["solutions"]) == 12
+    for name, (error, iterations) in parity["solutions"].items():
+        assert error <= (1e-11 if "mumps" in name else 1e-8), name
+        # Systems of elasticity by BoomerAMG, which sees them as scalar, need more.
+        assert iterations <= (150 if "hypre" in name else 40), name
+    found = parity["eigenvalues"]
+    assert max(found["values"], found["norms"]) <= 1e-10
+    assert found["residual"] <= 1e-9
+    assert all(error <= 1e-12 for error in parity["complement"].values()), parity["complement"]
+
+
+@pytest.mark.mpi
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("raises", "this process has had enough"),
+        ("is killed", "signal 9"),
+        ("cannot write", "could not write its part"),
+        ("is singular", "essential conditions"),
+    ],
+)
+def test_a_process_that_fails_ends_all(what: str, words: str, tmp_path: Path) -> None:
+    done = start(f"{HERE}.misfortune", 3, what, str(tmp_path / "u.pvtu"), timeout=60.0)
+    assert done.returncode != 0
+    assert words in done.stderr + done.stdout
+    assert not (tmp_path / "u.pvtu").exists()
+    assert "all went well" not in done.stdout
+
+
+@pytest.mark.mpi
+def test_pvtu_holds_every_cell_once(tmp_path: Path) -> None:
+    done = start(f"{HERE}.misfortune", 3, "nothing", str(tmp_path / "u.pvtu"))
+    assert done.returncode == 0, done.stderr
+    grid = pyvista.read(tmp_path / "u.pvtu")
+    assert grid.n_cells == 64
+    assert abs(grid.compute_cell_sizes()["Area"].sum() - 1) < 1e-12
+    assert (grid["u"] == 1.0).all()
+
+
+def test_launcher_of_another_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mpi4py")
+    monkeypatch.setenv("PMI_SIZE", "3")
+    with pytest.raises(AdiniError, match="the launcher has started 3 processes"):
+        world()
+
+
+def test_processes_without_mpi4py_are_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mpi4py", None)
+    assert world().size == 1
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    with pytest.raises(MissingDependency, match="pip install mpi4py"):
+        world()
+
+
+def test_missing_petsc_names_the_three_ways(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "petsc4py", None)
+    with pytest.raises(MissingDependency) as raised:
+        communicator.petsc(communicator.Alone())
+    assert all(way in str(raised.value) for way in ("apt install", "conda install", "pip install"))

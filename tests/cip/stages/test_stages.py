@@ -1,9 +1,11 @@
-"""Section 3.3 of King (2012), both examples, the two-dimensional updates, and walls of planes."""
+"""Planes and space: both examples of King (2012), section 3.3, exact flows, walls, sweeps."""
 
 from itertools import product
 
 import numpy as np
 import pytest
+from example_scripts import load
+from scipy import ndimage
 
 from cip import Grid, Solver, Velocity
 
@@ -158,3 +160,73 @@ def test_turning_flow_leaves_through_its_corner(profile):
         errors.append(np.abs(run.final["u"] - field(*grid.mesh(), 0.5)).max())
     assert errors[-1] < 1e-5
     assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) > 2.5)
+
+
+# Sweeps in space, and the deformation flow of LeVeque (1996).
+
+
+DEFORMATION = (
+    "2*sin(pi*x1)**2*sin(2*pi*x2)*sin(2*pi*x3)*cos(pi*t/3)",
+    "-sin(2*pi*x1)*sin(pi*x2)**2*sin(2*pi*x3)*cos(pi*t/3)",
+    "-sin(2*pi*x1)*sin(2*pi*x2)*sin(pi*x3)**2*cos(pi*t/3)",
+)
+
+
+def test_mass_and_positivity():
+    grid = Grid((0, 1), (12, 10, 11), periodic=True)
+    solver = Solver(
+        grid,
+        Velocity.from_expression("0.5+0.3*sin(2*pi*x2)", "0.4*cos(2*pi*x3)", "sin(2*pi*x1)/3"),
+        "advection", "csl2", "bounds", "strang",
+    )  # fmt: skip
+    start = solver.state(lambda x, y, z: np.exp(-30 * ((x - 0.5) ** 2 + (y - 0.5) ** 2)) + 0 * z)
+    run = solver.run(start, 1.0, dt=0.21, snapshots=3)
+    np.testing.assert_allclose(run.diagnostics.mass, start.mass, rtol=1e-13)
+    for state in run.states:
+        assert min(state[name].min() for name in state.names) >= -1e-13
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("profile", ["linear", pytest.param("cubic", marks=pytest.mark.slow)])
+def test_constants(profile):
+    flow, grid = Velocity.from_expression(*DEFORMATION), Grid((0, 1), (8, 8, 8), periodic=True)
+    solver = Solver(grid, flow, profile=profile, splitting="strang")
+    final = solver.run(solver.state(2.5), 0.4, dt=0.13).final
+    np.testing.assert_allclose(final["u"], 2.5, rtol=1e-14)
+
+
+@pytest.mark.slow
+def test_deformation_flow_beside_splines():
+    """N = 64, back at its start after 60 steps: means win in every norm, values in L1 and L2."""
+    example = load("cip_deformation")
+    run = example.simulate(64, 60, "csl4")
+    start, end = run[0], run.final
+    np.testing.assert_allclose(run.diagnostics.mass, start.mass, rtol=1e-13)
+    begin, u = example.splines(64, 60)
+    other = example.norms(example.means(u), example.means(begin))
+    found = example.norms(end["mean"], start["mean"])
+    assert found[0] <= 0.4 * other[0]
+    assert found[1] <= 0.55 * other[1]
+    assert found[2] <= 0.85 * other[2]
+    other = example.norms(u, begin)
+    found = example.norms(end["u"], start["u"])
+    assert found[0] <= 0.55 * other[0]
+    assert found[1] <= 0.72 * other[1]
+    assert found[2] <= 1.3 * other[2]
+
+
+def test_peer_of_the_deformation_flow():
+    """The splines' means against quadrature of SciPy's interpolant, their velocity against ours."""
+    example = load("cip_deformation")
+    u = np.random.default_rng(8).random((6, 7, 5))
+    x, w = np.polynomial.legendre.leggauss(4)
+    places = np.meshgrid(*(np.add.outer(np.arange(n), (1 + x) / 2).ravel() for n in u.shape),
+                         indexing="ij")  # fmt: skip
+    fine = ndimage.map_coordinates(u, places, order=3, mode="grid-wrap")
+    fine = fine.reshape(6, 4, 7, 4, 5, 4)
+    expected = np.einsum("iajbkc,a,b,c->ijk", fine, w / 2, w / 2, w / 2)
+    np.testing.assert_allclose(example.means(u), expected, atol=1e-13)
+    points = np.random.default_rng(9).random((3, 10))
+    formulas = Velocity.from_expression(*DEFORMATION).on(Grid((0, 1), (4, 4, 4)))
+    ours = [f.derivative((0, 0, 0, 0), (1.0,) * 4)(*points, 0.7) for f in formulas]
+    np.testing.assert_allclose(example.speed(points, 0.7), ours, atol=1e-14)
