@@ -116,7 +116,8 @@ def eigsh(
     _check_symmetric(matrix)
     if mass is not None:
         _check_symmetric(mass)
-        _check_positive(mass, sigma is not None)
+        shifted = sigma is not None or (which == "SM" and stored(matrix, mass))
+        _check_positive(mass, shifted)
     if which == "BE":
         halves = [("LA", k - k // 2), ("SA", k // 2)][: min(k, 2)]
         ends = [_found(matrix, mass, sigma, *half, effort) for half in halves]

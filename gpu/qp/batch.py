@@ -12,13 +12,23 @@ import numpy as np
 from gpu.errors import GpuError, Infeasible, InputError, Unbounded
 from gpu.qp.active_set.dual import LIMITS, room, stored
 from gpu.qp.data.derivatives import Gradients, gradients
-from gpu.qp.data.qp_problem import EMPTY, SOLVED, FactoredMatrix, QPProblem, Rows, check_problem
+from gpu.qp.data.qp_problem import (
+    EMPTY,
+    SOLVED,
+    UNDECIDED,
+    FactoredMatrix,
+    QPProblem,
+    Rows,
+    check_problem,
+)
+from gpu.qp.data.qp_problem import LIMITS as PROBLEM
 from gpu.qp.data.qp_result import KKT, QPResult, Status
 from gpu.qp.data.standard_qp import ROUNDING, is_sparse
 from gpu.qp.solve_qp import checked_options, solve_qp
 from skfem_adini.ground.arguments import flag, shown, unmasked
 from skfem_adini.ground.arrays import cores, namespace, on_device, to_host
 
+INFINITE = PROBLEM.infinite
 CHAIN = 64  # problems that one thread solves in a row, each from the active set of the last
 
 
@@ -68,15 +78,16 @@ class QPBatch(Sequence[QPResult]):
     errors: dict[int, GpuError]
     _data: _Data | None
     _alone: dict[int, QPResult]
+    _shared: frozenset[str]  # of P, G and A
 
     @classmethod
     def _of(
         cls, data: _Data | None, found: _Found, equal: int, errors: dict[int, GpuError],
-        alone: dict[int, QPResult],
+        alone: dict[int, QPResult], shared: frozenset[str],
     ) -> QPBatch:  # fmt: skip
         """What was found, the errors, and problems that were solved by themselves."""
         self = object.__new__(cls)
-        m = equal
+        m, self._shared = equal, shared
         self.x, self.z_box, self.kkt = found.x, found.z_box, found.kkt
         self.y, self.z = found.y[:, :m], found.y[:, m:]
         self.active_rows = found.active[:, m : found.y.shape[1]]
@@ -111,9 +122,11 @@ class QPBatch(Sequence[QPResult]):
             raise self.errors[i]
         if i in self._alone or self._data is None:
             return self._alone[i]
+        parts = (self.x, self.y, self.z, self.z_box, self.active, self.active_rows)
+        x, y, z, z_box, active, active_rows = (part[i].copy() for part in parts)
         return QPResult(
-            self.x[i], self.y[i], self.z[i], self.z_box[i], self.status[i], self.active[i],
-            KKT(*to_host(self.kkt[i]).tolist()), int(self.iterations[i]), (), self.active_rows[i],
+            x, y, z, z_box, self.status[i], active,
+            KKT(*to_host(self.kkt[i]).tolist()), int(self.iterations[i]), (), active_rows,
             _problem=self._data.member(i),
         )  # fmt: skip
 
@@ -131,20 +144,26 @@ class QPBatch(Sequence[QPResult]):
         Returns
         -------
         Gradients
-            Arrays with a leading dimension k. By P, G and A that all problems share it is 1, and
-            the gradients are sums. Problems without solution have zeros and the flag.
+            Arrays with a leading dimension k (lists of sparse ones). By dense P, G and A that all
+            problems share it is 1, and the gradients are sums. Problems without solution have
+            zeros and the flag. Arrays of the problems must be as they were.
         """
-        given = dx, dz, dy, dz_box
-        data = self._data
+        given, data = (dx, dz, dy, dz_box), self._data
+        for name, value in zip(("dx", "dz", "dy", "dz_box"), given, strict=True):
+            if value is not None and np.shape(value)[:1] != (len(self),):
+                raise InputError(
+                    f"{name} has shape {np.shape(value)}: it must have a row for each of "
+                    f"{len(self)} problems"
+                )
         if data is not None and not self.errors:
             y = namespace(self.x).concatenate([self.y, self.z], axis=1)
-            return gradients(data, self.x, y, self.z_box, given)
+            return _summed(gradients(data, self.x, y, self.z_box, given), self._shared)
         parts = [
             None if i in self.errors
             else self[i].vjp(*(None if part is None else part[i] for part in given))
             for i in range(len(self))
         ]  # fmt: skip
-        return _together(parts, data)
+        return _summed(_together(parts), self._shared)
 
 
 class _Found(NamedTuple):
@@ -220,8 +239,9 @@ class _Given:
                     value = np.asarray(value)
                 except ValueError as error:
                     raise InputError(f"{name} is not an array of real numbers: {error}") from None
-                self.values[place] = value
             self.own[place] = value.ndim == dimensions
+            if self.own[place]:
+                self.values[place] = value
             if self.own[place] and len(value) != count:
                 raise InputError(f"{name} has {len(value)} rows: there are {count} linear terms q")
 
@@ -242,7 +262,7 @@ class _Given:
 
     def stacked(self, first: QPProblem) -> _Data:
         """The data of all, after the check of the first."""
-        xp, n, m = namespace(first.q), first.q.size, first.b.size
+        xp, m = namespace(first.q), first.b.size
         f = first
         values = (f.factor.P, f.q, f.G, f.row_high, f.A, f.b, f.lb, f.ub, f.row_low)
         shared = dict(zip(self.names, values, strict=True))
@@ -258,7 +278,6 @@ class _Given:
             for names in (("A", "G"), ("b", "h_low", "lb"), ("b", "h", "ub"))
         )
         keep = stored if xp is np else xp.ascontiguousarray
-        C = C.reshape(len(C), -1, n)
         P, q = part["P"], part["q"]
         return _Data(keep(P), keep(C), keep(q), keep(low), keep(high), m)
 
@@ -335,7 +354,17 @@ def batch_solve_qp(
     batch = _Given(count, P, q, G, h, A, b, lb, ub, h_low)
     if start is not None and (not isinstance(start, QPBatch) or len(start) != count):
         raise InputError(f"start is {shown(start)}: it must be a QPBatch of {count} problems")
+    if not batch.own[1]:
+        raise InputError("q has one dimension: it must have a row for each problem")
     first = check_problem(**batch.member(0)) if count else None
+    if first is not None and start is not None:
+        sizes = (first.q.size, first.b.size, first.row_low.size)
+        found_sizes = tuple(part.shape[1] for part in (start.x, start.y, start.z))
+        if found_sizes != sizes:
+            raise InputError(
+                f"start has {found_sizes} variables, equality rows and inequality rows: the "
+                f"problems have {sizes}"
+            )
     if first is not None and _fits(first):
         data = batch.stacked(first)
         found = _solved(data, count, start, warm_start, tol)
@@ -353,6 +382,8 @@ def batch_solve_qp(
             _clear(found, i)
             continue
         before = last if warm_start and data is None else None
+        if start is not None and i not in start.errors:
+            before = start[i]
         try:
             last = solve_qp(**batch.member(i), start=before, tol=tol, host_below=host_below)
         except InputError as error:
@@ -364,7 +395,9 @@ def batch_solve_qp(
         else:
             _put(found, i, last)
             alone[i] = last
-    return QPBatch._of(data, found, 0 if first is None else first.b.size, errors, alone)
+    equal = 0 if first is None else first.b.size
+    shared = (name for name, own in zip(batch.names, batch.own, strict=True) if not own)
+    return QPBatch._of(data, found, equal, errors, alone, frozenset(shared) & {"P", "G", "A"})
 
 
 def _fits(first: QPProblem) -> bool:
@@ -373,7 +406,17 @@ def _fits(first: QPProblem) -> bool:
     return not is_sparse(P) and first.factor.definite and first.q.size <= LIMITS.unknowns
 
 
-def _together(parts: list[Gradients | None], data: _Data | None) -> Gradients:
+def _summed(found: Gradients, shared: frozenset[str]) -> Gradients:
+    """The gradients, those by what all problems share as sums."""
+    sums = {
+        name: value.sum(axis=0, keepdims=True)
+        for name, value in found._asdict().items()
+        if name in shared and value is not None and not isinstance(value, list)
+    }
+    return found._replace(**sums)
+
+
+def _together(parts: list[Gradients | None]) -> Gradients:
     """Gradients of problems one by one, in the arrays of a batch."""
     some = next((part for part in parts if part is not None), None)
     if some is None:
@@ -387,11 +430,6 @@ def _together(parts: list[Gradients | None], data: _Data | None) -> Gradients:
         ] if like is not None else []  # fmt: skip
         fields[name] = None if like is None else values if is_sparse(like) else xp.stack(values)
     fields["degenerate"] = xp.asarray([part is None or part.degenerate for part in parts])
-    if data is not None:
-        shared = [("P", data.P), ("G", data.C), ("A", data.C)]
-        for name, part in shared:
-            if len(part) == 1 and fields[name] is not None:
-                fields[name] = fields[name].sum(axis=0, keepdims=True)
     return Gradients(**fields)
 
 
@@ -426,15 +464,20 @@ def _on_device(data: _Data, state: np.ndarray, tol: float) -> _Found:
     from gpu.qp.active_set.dual_device import solve_batch
 
     xp, m = namespace(data.q), data.C.shape[1]
-    low, high = data.low, data.high
+    low = xp.where(data.low <= -INFINITE, -xp.inf, data.low)
+    high = xp.where(data.high >= INFINITE, xp.inf, data.high)
+    good = (xp.swapaxes(data.P, 1, 2) == data.P).all(axis=(1, 2))
+    good = good & xp.isfinite(data.q).all(axis=1)
+    good = good & ((low <= high) & (low < INFINITE) & (high > -INFINITE)).all(axis=1)
     given = xp.asarray(state) if state.any() else None
     found = solve_batch(
         data.P, data.q, data.C, low[:, :m], high[:, :m], low[:, m:], high[:, m:], given, tol
     )
     primal, stationarity, gap, pairs = found.residuals.T
     kkt = xp.stack([stationarity, primal, xp.zeros_like(gap), pairs, gap], axis=1)
+    code = xp.where(good, found.code, UNDECIDED).astype(np.int8)
     idle = ((found.state[:, m:] != 0) & (found.z_box == 0.0) & (low < high)[:, m:]).any(axis=1)
-    return _Found(found.x, found.y, found.z_box, found.state, kkt, found.code, idle, found.steps)
+    return _Found(found.x, found.y, found.z_box, found.state, kkt, code, idle, found.steps)
 
 
 def _rows(name: str, value: Any) -> int:

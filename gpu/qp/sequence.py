@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from gpu.qp.active_set.dual import Kept, plain_array, plain_sides, result_of, rows_of, stored
 from gpu.qp.data.qp_problem import FactoredMatrix, Rows, check_problem
 from gpu.qp.data.qp_result import QPResult
+from gpu.qp.data.standard_qp import ROUNDING
 from gpu.qp.solve_qp import solve_qp
 from skfem_adini.ground.arrays import namespace
 
@@ -19,12 +20,13 @@ class QPFactor(FactoredMatrix):
 
     `solve` takes the linear term and the sides of one problem. Where problems are small and dense
     it begins at the active set of the last one, whose factors are kept, so that a problem like the
-    last costs a few products of matrix and vector. `solve_qp` takes a `QPFactor` in place of `P`.
+    last costs a few products of matrix and vector. `solve_qp` takes a `QPFactor` in place of `P`;
+    its rows serve `solve` only.
 
     Parameters
     ----------
     P : (n, n) array_like, SciPy sparse array or CuPy array
-        The matrix; it is copied.
+        The matrix; it is copied, but for a symmetric CuPy array.
     G : (l, n) array_like or sparse array, optional
         Inequality rows of `solve`; copied.
     A : (m, n) array_like, optional
@@ -123,7 +125,8 @@ class QPFactor(FactoredMatrix):
         GpuError
             As `solve_qp` does.
         """
-        rows = self._plain(q, h, b, lb, ub, h_low) if start is None and 1e-12 <= tol < 1.0 else None
+        plain = start is None and type(tol) is float and ROUNDING.sharp <= tol < 1.0
+        rows = self._plain(q, h, b, lb, ub, h_low) if plain else None
         if rows is None:
             return solve_qp(
                 self, q, self.G, h, self.A, b, lb, ub, h_low=h_low, start=start, tol=tol
@@ -138,6 +141,10 @@ class QPFactor(FactoredMatrix):
             return result
         return solve_qp(self.P, q, self.G, h, self.A, b, lb, ub, h_low=h_low, tol=tol)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the factors of active sets, which each copy makes for itself."""
+        return self.__dict__ | {"_free": []}
+
     def _plain(self, q: Any, *sides: Any) -> Rows | None:
         """The problem for the compiled method, if all is plain."""
         kept = self._rows
@@ -149,7 +156,7 @@ class QPFactor(FactoredMatrix):
         pair = plain_sides(kept.q.size, kept.equal, kept.general, h, b, lb, ub, h_low)
         if pair is None or type(q) is not np.ndarray or q.shape != kept.q.shape:
             return None
-        return kept._replace(q=stored(q), low=pair[0], high=pair[1])
+        return kept._replace(q=stored(q.copy()), low=pair[0], high=pair[1])
 
 
 def _count(A: Any) -> int:

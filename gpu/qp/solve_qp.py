@@ -19,7 +19,7 @@ from gpu.qp.active_set.dual import (
     rows_of,
 )
 from gpu.qp.active_set.whitened import WhitenedActiveSet
-from gpu.qp.data.budget import Budget, Spent
+from gpu.qp.data.budget import Budget
 from gpu.qp.data.equilibrate import largest_side, with_rounding
 from gpu.qp.data.qp_problem import (
     EMPTY,
@@ -58,7 +58,7 @@ class _Limits(NamedTuple):  # limits of proximal points and of absolute residual
     proximity: float = 1e-6  # of the diagonal of P: enough for a Cholesky factor
     steps: int = 60  # proximal points: where there is a solution, few are the rule
     sparse: int = 300_000  # most nonzeros of P and C for absolute residuals
-    move: float = 64 * float(np.finfo(float).eps)  # of forces with a diagonal of ones: rounding
+    move: float = 1e-9  # of lengths with a diagonal of ones: less than this contradicts nothing
     dense: int = 30_000  # the same in dense storage: a few sparse factorisations
 
 
@@ -91,12 +91,12 @@ def solve_qp(
     .. math:: \min_x \tfrac12 x^TPx + q^Tx \quad\text{subject to}\quad
               Ax = b,\quad h_l \le Gx \le h,\quad l \le x \le u
 
-    Strictly convex dense problems are solved by primal-dual active sets: with bounds and a few
-    equality rows by `gpu.qp.active_set.box`, otherwise by `gpu.qp.active_set.whitened`, which
-    factors P once. Where that exchange stalls, where P is semidefinite (a linear program has P =
-    0), and where matrices are sparse, an interior point (`gpu.qp.interior_point.interior_point`)
-    finds the active set, from which `gpu.qp.interior_point.polish` goes on to the accuracy of the
-    arithmetic.
+    Strictly convex dense problems are solved by active sets: small ones by a compiled dual method,
+    `gpu.qp.active_set.dual`, larger ones by primal-dual exchanges, `gpu.qp.active_set.box` with
+    bounds and a few equality rows, otherwise `gpu.qp.active_set.whitened`, which factors P once.
+    Where that exchange stalls, where P is semidefinite (a linear program has P = 0), and where
+    matrices are sparse, an interior point (`gpu.qp.interior_point.interior_point`) finds the active
+    set, from which `gpu.qp.interior_point.polish` goes on to the accuracy of the arithmetic.
 
     Parameters
     ----------
@@ -129,7 +129,8 @@ def solve_qp(
         seek one whose residuals are below `tol` in the units of the problem too, see
         `gpu.qp.last_digits`. It may take many times as long, and changes last digits only.
     time_limit : float, optional
-        Seconds after which no further step begins; looked at between steps only.
+        Seconds after which no further step begins; looked at between steps only, and not by the
+        compiled method of small problems.
     max_steps : int, optional
         Largest number of steps of active sets and of interior points, together with those that
         prove infeasibility. Neither limit stops the polish of a point that is good enough.
@@ -166,7 +167,9 @@ def solve_qp(
     ----------
     M. Hintermüller, K. Ito and K. Kunisch, The primal-dual active set strategy as a semismooth
     Newton method, SIAM J. Optim. 13 (2003), 865-888. S. Mehrotra, On the implementation of a
-    primal-dual interior point method, SIAM J. Optim. 2 (1992), 575-601.
+    primal-dual interior point method, SIAM J. Optim. 2 (1992), 575-601. D. Goldfarb, A. Idnani, A
+    numerically stable dual method for solving strictly convex quadratic programs, Math. Program. 27
+    (1983), 1-33.
 
     Examples
     --------
@@ -185,7 +188,7 @@ def solve_qp(
     if plain and type(tol) is float and ROUNDING.sharp <= tol < 1.0:
         rows = plain_rows(P, q, G, h, A, b, lb, ub, h_low)
         result = None if rows is None else result_of(rows, dual_active_set(rows))
-        if result is not None and budget.allows(result.iterations):
+        if result is not None and result.iterations <= budget.most:
             return result
     with np.errstate(all="ignore"):  # what overflows shows in the residuals
         problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
@@ -196,7 +199,7 @@ def solve_qp(
             return _on_host(problem, start, tol=tol, **limits)
         try:
             return _any(problem, start, tol, polish, budget, small)
-        except Spent:
+        except TimeoutError:
             raise _unfinished(problem, budget) from None
 
 
@@ -281,7 +284,7 @@ def _dual(
     """The answer of the compiled dual method, `Infeasible`, or None where another has to decide."""
     state = _first_state(problem, problem.program, start)
     found = dual_active_set(rows, state)
-    if not budget.allows(len(found.steps)):
+    if len(found.steps) > budget.most:
         return None
     if found.code == EMPTY and with_rounding(problem.program, certain=True) is None:
         proof = proven(_widened(problem), -found.y)
@@ -299,9 +302,13 @@ def _dual(
 
 
 def _widened(problem: QPProblem) -> StandardQP:
-    """The program with sides apart by what rounding of the forces moves x."""
+    """The program with sides apart by a part of all lengths: lesser contradictions may be rounding
+    of what they were computed from, and are left to other methods."""
     p, D = problem.program, problem.factor.scale
-    move = LIMITS.move * D * float((D * abs(p.q)).max())
+    unit = abs(p.C) @ D
+    rows = np.where(unit > 0.0, unit, 1.0)
+    sides = p.row_low / rows, p.row_high / rows, p.lb / D, p.ub / D
+    move = LIMITS.move * D * max(float((D * abs(p.q)).max()), largest_side(*sides))
     rows = abs(p.C) @ move
     sides = p.row_low - rows, p.row_high + rows, p.lb - move, p.ub + move
     return replace(p, row_low=sides[0], row_high=sides[1], lb=sides[2], ub=sides[3])
@@ -394,7 +401,7 @@ def _boxes(
         iterate.run(tol, max_steps=100 + 10 * problem.q.size)
     except Infeasible as error:
         raise Infeasible(str(error), rows * error.certificate) from None
-    except Spent:
+    except TimeoutError:
         x, y = problem.factor.scale * iterate.x, rows * iterate.y
         budget.best = budget.best or certified(problem.program, x, y)
         raise
@@ -571,7 +578,7 @@ def _whitened(
         x, multipliers = method.run(state)
     except NotConverged:
         return None
-    except Spent:
+    except TimeoutError:
         (x, multipliers), spent = method.latest, True
     x, y = d * x, e * xp.asarray(multipliers)[: e.size]
     if xp is not np:
@@ -579,7 +586,7 @@ def _whitened(
     point = certified(p, x, y)
     if spent:
         budget.best = point
-        raise Spent
+        raise TimeoutError
     return point, tuple(method.history)
 
 

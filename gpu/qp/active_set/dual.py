@@ -66,8 +66,10 @@ def plain_rows(P: Any, q: Any, G: Any, h: Any, A: Any, b: Any, lb: Any, ub: Any,
         return None
     if not q.flags.carray:
         return None
-    C = G if A is None else A if G is None else np.concatenate([A, G])
-    return Rows(P, np.zeros((0, n)) if C is None else C, q, pair[0], pair[1], m, l)
+    # Copies: results keep them for derivatives.
+    parts = [M for M in (A, G) if M is not None]
+    C = np.concatenate(parts) if parts else np.zeros((0, n))
+    return Rows(P.copy(), C, q.copy(), pair[0], pair[1], m, l)
 
 
 def plain_sides(n: int, m: int, l: int, h: Any, b: Any, lb: Any, ub: Any, h_low: Any) -> Any:
@@ -119,7 +121,7 @@ def rows_of(problem: QPProblem) -> Rows | None:
     if q.size > (LIMITS.boxes if problem.boxes_only else LIMITS.unknowns):
         return None
     rows = problem.rows
-    return rows._replace(P=stored(P), C=stored(rows.C), q=stored(q))
+    return rows._replace(P=stored(P), C=stored(rows.C), q=stored(q.copy()))
 
 
 def stored(array: np.ndarray) -> np.ndarray:
@@ -163,19 +165,19 @@ class Kept:
     """What is made of a matrix and rows, with the factored active set of the last problem."""
 
     def __init__(self, P: np.ndarray, C: np.ndarray) -> None:
-        (m, n), self.kernels = C.shape, _kernels()
+        m, n = C.shape
         self.D, self.J, self.R = np.empty(n), np.empty((n, n)), np.empty((n, n))
         self.S, self.size = np.empty((m, n)), np.empty(m)
         self.act, self.side, self.k = np.empty(n, np.int64), np.empty(n), 0
-        self.good = self.kernels.factor(P, self.D, self.J)
-        self.good &= self.kernels.scale_rows(C, self.D, self.S, self.size)
+        self.good = _kernels().factor(P, self.D, self.J)
+        self.good &= _kernels().scale_rows(C, self.D, self.S, self.size)
         self.first = self.J.copy()
 
     def begin(self, rows: Rows, state: np.ndarray) -> None:
         """Hold equalities and what has a state."""
         if self.good:
             parts = self.J, self.R, self.S, self.D, rows.low, rows.high
-            self.k = self.kernels.begin(*parts, state, self.act, self.side)
+            self.k = _kernels().begin(*parts, state, self.act, self.side)
 
     def solve(self, rows: Rows) -> Found:
         """Solve a problem from the set held last."""
@@ -193,8 +195,8 @@ class Kept:
         x, y, box, active, kkt = room(m, n)
         steps = np.empty((LIMITS.steps * (m + n), 2), np.int64)
         code, count, idle = UNDECIDED, 0, False
-        if self.good and self.kernels.plain(rows.q, rows.low, rows.high):
-            code, self.k, count, idle = self.kernels.solve(
+        if self.good and _kernels().plain(rows.q, rows.low, rows.high):
+            code, self.k, count, idle = _kernels().solve(
                 *rows[:5], self.D, self.J, self.S, self.size, self.R, self.act, self.side, self.k,
                 rows.boxes_only, x, y, box, active, steps, kkt,
             )  # fmt: skip

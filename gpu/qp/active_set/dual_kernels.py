@@ -358,9 +358,9 @@ def iterate(
             for i in range(k):
                 u[i] -= t * r[i]
             new += t
+            if (k == n and t >= whole) or (l < 0 and not t >= whole):  # the latter with NaN only
+                return UNDECIDED, k, step + 1, -1, s
             if t >= whole:
-                if k == n:
-                    return UNDECIDED, k, step + 1, -1, s
                 add(J, R, d, z, k, rest)
                 act[k], side[k], u[k], place[c] = c, s, new, k
                 k += 1

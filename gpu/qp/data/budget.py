@@ -11,12 +11,9 @@ from gpu.errors import InputError
 from skfem_adini.ground.arguments import integer
 
 
-class Spent(Exception):
-    """Steps or time of a `Budget` are over; no error of the library, so that no way on is tried."""
-
-
 class Budget:
-    """Steps and seconds of one call, all attempts and proofs together."""
+    """Steps and seconds of one call, all attempts and proofs together; `TimeoutError`, which is no
+    error of the library, so that no way on is tried, ends it."""
 
     def __init__(self, time_limit: float | None = None, max_steps: int | None = None) -> None:
         number = isinstance(time_limit, int | float | np.number)
@@ -30,15 +27,11 @@ class Budget:
     def __str__(self) -> str:
         return f"{self.steps} steps and {time.perf_counter() - self.begin:.3g} s"
 
-    def allows(self, steps: int) -> bool:
-        """Whether so many steps, made just now, are within it."""
-        return steps <= self.most and time.perf_counter() - self.begin <= self.seconds
-
     def count(self, *_: Any) -> None:
-        """Count a step of an auxiliary problem; raise `Spent` after the last."""
+        """Count a step of an auxiliary problem; raise `TimeoutError` after the last."""
         self.steps += 1
         if self.steps >= self.most or time.perf_counter() - self.begin >= self.seconds:
-            raise Spent
+            raise TimeoutError
 
     def step(self, point: Any, tol: float) -> None:
         """The same for the problem itself; nothing is raised where the point is good enough."""
@@ -46,6 +39,6 @@ class Budget:
             self.best = point
         try:
             self.count()
-        except Spent:
+        except TimeoutError:
             if not point.residuals.worst <= tol:
                 raise

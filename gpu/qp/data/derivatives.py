@@ -24,13 +24,14 @@ from scipy import sparse
 
 from gpu.arrays.sparse_factor import SuperLUFactor
 from gpu.errors import InputError, NotConverged
+from gpu.qp.data.qp_problem import real_array
 from gpu.qp.data.standard_qp import is_sparse
 from skfem_adini.ground.arrays import namespace, to_host
 
 
 class _Limits(NamedTuple):  # what counts as rounding
     changed: float = 1e-6  # residual of a solution in its problem: its arrays were changed
-    weak: float = 1e-9  # of the forces, of a row's terms: nothing tells held from free
+    weak: float = 1e-12  # of the largest forces and lengths: nothing tells held from free
     solved: float = 1e-9  # residual of the linear system over its terms
 
 
@@ -38,16 +39,16 @@ LIMITS = _Limits()
 
 
 class Gradients(NamedTuple):
-    """Gradients by the arguments of `solve_qp`; None for those that the problem does not have.
+    """Gradients by the arguments of `solve_qp`.
 
     Parameters
     ----------
     P, q, G, h, h_low, A, b, lb, ub : array or sparse array
-        The gradients, with the shapes of the arguments; that by P is symmetric.
+        The gradients; that by P is symmetric, those by sides and bounds are vectors. None by rows
+        that the problem does not have.
     degenerate : bool
         Whether rows or bounds are touched without force, or active rows depend on each other: the
-        solution has one-sided derivatives only, and these are those of one side, with what is
-        touched without force taken as free.
+        solution has one-sided derivatives only, and these are those of one side.
 
     References
     ----------
@@ -126,7 +127,7 @@ def _cotangents(xp: Any, x: Any, m: int, equal: int, given: tuple[Any, ...]) -> 
     for name, value, size in (
         ("dx", dx, n), ("dy", dy, equal), ("dz", dz, m - equal), ("dz_box", dz_box, n)
     ):  # fmt: skip
-        array = xp.zeros((*front, size)) if value is None else xp.asarray(value, dtype=float)
+        array = xp.zeros((*front, size)) if value is None else xp.asarray(real_array(name, value))
         if array.shape != (*front, size) or not bool(xp.isfinite(array).all()):
             raise InputError(
                 f"{name} has shape {array.shape}: it must be {(*front, size)}, of finite numbers"
@@ -136,23 +137,21 @@ def _cotangents(xp: Any, x: Any, m: int, equal: int, given: tuple[Any, ...]) -> 
 
 
 def _weak(data: Any, x: Any, y: Any, z_box: Any, act: Any, held: Any) -> Any:
-    """Whether something is touched with no force; `InputError` where x solves another problem."""
+    """Whether something is touched with no force, in units where P has a diagonal of ones;
+    `InputError` where x solves another problem."""
     P, C, q, low, high, _ = data
-    xp, m = namespace(x), C.shape[-2]
-    forces = [_times(P, x), q + 0.0 * x, _times(C, y, transposed=True), z_box]
-    size = xp.stack([abs(force).max(axis=-1) for force in forces]).max(axis=0)
-    off = abs(forces[0] + forces[1] + forces[2] + forces[3]).max(axis=-1)
-    if bool((off > LIMITS.changed * size).any()):
+    xp, m, D = namespace(x), C.shape[-2], _scale(P, x)
+    parts = _times(P, x), q + 0.0 * x, _times(C, y, transposed=True), z_box
+    terms = _times(abs(P), abs(x)) + abs(q) + _times(abs(C), abs(y), transposed=True) + abs(z_box)
+    size = (D * terms).max(axis=-1)
+    if bool(((D * abs(sum(parts))).max(axis=-1) > LIMITS.changed * size).any()):
         raise InputError(
             "the arrays of this problem were changed since it was solved: its derivatives are "
             "those of another problem, solve it again"
         )
-    weak = xp.zeros(x.shape[:-1], dtype=bool)
-    length = abs(x).max(axis=-1)[..., None]
-    norms = abs(C).max(axis=-1)
-    norms = norms.toarray().ravel() if is_sparse(norms) else norms
+    weak, length = xp.zeros(x.shape[:-1], dtype=bool), (abs(x) / D).max(axis=-1)[..., None]
     for value, side, multiplier, holds, unit in (
-        (_times(C, x), slice(None, m), y, act, norms), (x, slice(m, None), z_box, held, 1.0)
+        (_times(C, x), slice(None, m), y, act, _norms(C, D)), (x, slice(m, None), z_box, held, D)
     ):  # fmt: skip
         room = xp.minimum(abs(value - low[..., side]), abs(high[..., side] - value))
         equal = low[..., side] == high[..., side]
@@ -160,6 +159,20 @@ def _weak(data: Any, x: Any, y: Any, z_box: Any, act: Any, held: Any) -> Any:
         idle |= holds & ~equal & (abs(multiplier) * unit <= LIMITS.weak * size[..., None])
         weak = weak | idle.any(axis=-1)
     return weak
+
+
+def _scale(P: Any, x: Any) -> Any:
+    """diag(P)^-1/2, one without curvature."""
+    xp = namespace(x)
+    diagonal = P.diagonal() if is_sparse(P) else xp.diagonal(P, axis1=-2, axis2=-1)
+    return 1.0 / xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0)) + 0.0 * x
+
+
+def _norms(C: Any, D: Any) -> Any:
+    """Norms of the rows of CD."""
+    if is_sparse(C):
+        return np.sqrt(np.asarray((C @ sparse.diags_array(D)).power(2).sum(axis=1)).ravel())
+    return namespace(D).sqrt(((C * D[..., None, :]) ** 2).sum(axis=-1))
 
 
 def _times(M: Any, x: Any, transposed: bool = False) -> Any:
@@ -190,9 +203,8 @@ def _dense(
     front = gx.shape[:-1]
     K = xp.zeros((*front, n + m, n + m))
     K[..., :n, :n], K[..., n:, :n], K[..., :n, n:] = P, C, xp.swapaxes(C, -1, -2)
-    diagonal = xp.diagonal(P, axis1=-2, axis2=-1)
-    D = 1.0 / xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0)) + 0.0 * gx
-    norms = xp.sqrt(((C * D[..., None, :]) ** 2).sum(axis=-1))
+    D = _scale(P, gx)
+    norms = _norms(C, D)
     S = xp.concatenate([D, 1.0 / xp.where(norms > 0.0, norms, 1.0)], axis=-1)
     K *= S[..., :, None] * S[..., None, :]
     free = xp.concatenate([~held, act], axis=-1)
@@ -212,6 +224,11 @@ def _solve(xp: Any, K: Any, right: Any) -> tuple[Any, Any]:
     try:
         t = xp.linalg.solve(K, right[..., None])[..., 0]
     except np.linalg.LinAlgError:
+        if right.ndim > 1:  # NumPy does not say which
+            parts = [_solve(xp, *one) for one in zip(K, right, strict=True)]
+            return tuple(
+                xp.stack([xp.asarray(part) for part in both]) for both in zip(*parts, strict=True)
+            )
         t = xp.full_like(right, np.nan)
 
     def bad(t: Any) -> Any:

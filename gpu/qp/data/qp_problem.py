@@ -34,7 +34,7 @@ class FactoredMatrix:
     @np.errstate(all="ignore")
     def __init__(self, P: ArrayLike, *, semidefinite: bool = True) -> None:
         semidefinite = flag("semidefinite", semidefinite)
-        matrix = _array("P", P, 2)
+        matrix = real_array("P", P, 2)
         n = matrix.shape[0]
         if n == 0 or matrix.shape != (n, n):
             raise InputError(f"P has shape {matrix.shape}: it must be square and not empty")
@@ -262,7 +262,7 @@ def _as_sparse(factor: FactoredMatrix) -> FactoredMatrix:
 
 
 def _rows(name: str, value: Any, n: int, xp: Any) -> Any:
-    rows = xp.zeros((0, n)) if value is None else _array(name, value, 2)
+    rows = xp.zeros((0, n)) if value is None else real_array(name, value, 2)
     if xp is not np and isinstance(rows, np.ndarray):
         rows = xp.asarray(rows)
     if rows.shape[1] != n:
@@ -279,7 +279,7 @@ def power_of_two(size: np.ndarray) -> np.ndarray:
 def _bound(name: str, value: ArrayLike | None, n: int, missing: float, xp: Any) -> Any:
     if value is None:
         return xp.full(n, missing)
-    bound = _array(name, value)
+    bound = real_array(name, value)
     if bound.ndim == 0:
         bound = xp.full(n, float(bound))
     bound = _shaped(name, bound, (n,), xp)
@@ -297,7 +297,7 @@ def _bound(name: str, value: ArrayLike | None, n: int, missing: float, xp: Any) 
 
 
 def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...], xp: Any) -> Any:
-    array = _array(name, value)
+    array = real_array(name, value)
     if is_sparse(array):
         raise InputError(f"{name} is sparse: vectors must be dense")
     if isinstance(array, np.ndarray):
@@ -324,7 +324,8 @@ def _finite(name: str, array: Any) -> Any:
     return array
 
 
-def _array(name: str, value: Any, dimensions: int | None = None) -> Any:
+def real_array(name: str, value: Any, dimensions: int | None = None) -> Any:
+    """The value as doubles, stored as it is; `InputError` where it holds no real numbers."""
     unmasked(name, value)
     if hasattr(value, "__cuda_array_interface__"):
         return _device_array(name, value, dimensions)

@@ -178,15 +178,17 @@ class QPResult:
         Raises
         ------
         InputError
-            For cotangents of another shape, and if the arrays of the problem were changed since.
+            For cotangents of another shape, and where the arrays of the problem no longer fit the
+            solution: large problems keep the caller's arrays, which must not be changed.
         NotConverged
-            If the solution, or a multiplier whose cotangent is not zero, is not unique.
+            If the solution, or a multiplier whose cotangent is not zero, is not unique; for sparse
+            problems also if active rows depend on each other.
 
         Notes
         -----
         One linear system with the active rows, by the implicit function theorem (B. Amos, J. Z.
-        Kolter, OptNet, ICML 2017). Of sparse P, G and A only entries that are stored have
-        derivatives.
+        Kolter, OptNet, ICML 2017). Where P, G or A is sparse, all are stored sparsely, and only
+        entries that are stored have derivatives.
 
         Examples
         --------

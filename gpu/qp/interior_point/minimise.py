@@ -242,6 +242,8 @@ class _Search:
                 "units"
             )
         if proofs and not best.residuals.worst <= tol:
+            if best.residuals.worst <= LIMITS.plausible:  # other multipliers did not help
+                _prove(p, best, self.budget, plausible=0.0)
             raise NotConverged(
                 f"{steps} interior-point steps end at {best.residuals}, above tol = {tol}, and "
                 "neither a certificate of infeasibility nor a ray was found: rescale the problem, "
@@ -334,10 +336,10 @@ def polished(p: StandardQP, sides: Sides, x: Array, y: Array) -> Point | None:
     return whole(x, y)
 
 
-def _prove(p: StandardQP, best: Point, budget: Budget) -> None:
+def _prove(p: StandardQP, best: Point, budget: Budget, plausible: float = LIMITS.plausible) -> None:
     """Raise with a certificate if there is one."""
     # Both are sought: beside iterates that diverge even contradictory rows have small residuals.
-    if best.residuals.worst <= LIMITS.plausible:
+    if best.residuals.worst <= plausible:
         return
     small, scaling = equilibrate(p)
     likely = (_no_point, _no_bound)
@@ -599,8 +601,12 @@ def _verified(p: StandardQP, y: Array, clear: float = PROOF.margin) -> Array | N
     margin = least - most
     if not margin > clear * terms:
         return None
-    # What was rounded off leaves points far away: they must be farther than any of the data.
     size = largest_side(p.row_low, p.row_high, p.lb, p.ub)
+    if clear > PROOF.margin:  # what is not doubtful is no rounding of the largest sides either
+        parts = float(xp.abs(c).sum() + xp.abs(y).sum())
+        if not margin > PROOF.margin * size * parts:
+            return None
+    # What was rounded off leaves points far away: they must be farther than any of the data.
     return y if margin > PROOF.farther * max(size, 1.0) * rest else None
 
 

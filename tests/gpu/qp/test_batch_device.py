@@ -7,7 +7,7 @@ import importlib.util
 import numpy as np
 import pytest
 
-from gpu import Infeasible, solve_qp
+from gpu import Infeasible, InputError, batch_solve_qp, solve_qp
 from gpu.qp.active_set.dual_device import solve_batch
 from gpu.qp.data.standard_qp import StandardQP, residuals
 
@@ -227,3 +227,34 @@ def test_no_problems():
     data = random_batch(9, 1, 4, 3)
     data[1] = data[1][:0]
     assert on_device(data).x.shape == (0, 4)
+
+
+def test_the_public_door():
+    """`batch_solve_qp` with data, derivatives, failures and faults of single members."""
+    P, q, C, low, high, lb, ub = random_batch(11, 40, 6, 9)
+    low[3], lb[5] = high[3] + 1.0, ub[5] + 1.0
+    given = {"P": P, "q": q, "G": C, "h": high, "h_low": low, "lb": lb, "ub": ub}
+    there = {name: cupy.asarray(value) for name, value in given.items()}
+    here, found = batch_solve_qp(**given), batch_solve_qp(**there)
+    assert set(found.errors) == set(here.errors) == {3, 5}
+    assert found.status == here.status
+    for name in ("x", "z", "z_box", "active_rows"):
+        value = getattr(found, name).get()
+        np.testing.assert_allclose(value, getattr(here, name), rtol=0, atol=1e-11, err_msg=name)
+    again = batch_solve_qp(**there, start=found)
+    np.testing.assert_allclose(again.x.get(), here.x, rtol=0, atol=1e-11)
+    dx = np.random.default_rng(0).standard_normal(q.shape)
+    one, two = here.vjp(dx), found.vjp(cupy.asarray(dx))
+    for name in ("P", "q", "G", "h", "h_low", "lb", "ub", "degenerate"):
+        np.testing.assert_allclose(
+            getattr(two, name).get(), getattr(one, name), rtol=0, atol=1e-9, err_msg=name
+        )
+    far = {"lb": cupy.full(q.shape, -1e30), "ub": cupy.full(q.shape, 1e30)}
+    np.testing.assert_allclose(
+        batch_solve_qp(there["P"], there["q"], **far).x.get(),
+        np.linalg.solve(P, -q[..., None])[..., 0], rtol=0, atol=1e-10,
+    )  # fmt: skip
+    there["P"][7, 0, 1] += 1e-6
+    with pytest.raises(InputError, match="not symmetric") as caught:
+        batch_solve_qp(**there)
+    assert caught.value.index == 7

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from gpu import Infeasible, InputError, NotConverged, Unbounded, solve_qp
+from gpu import Infeasible, InputError, NotConverged, QPFactor, Unbounded, solve_qp
 
 
 def boxes():
@@ -35,6 +35,8 @@ def empty():
 @pytest.mark.parametrize("limit", [{"max_steps": 1}, {"time_limit": 1e-9}], ids=str)
 def test_the_first_step_is_the_last(problem, limit):
     data = problem()
+    if "time_limit" in limit:  # the compiled method ends before one looks at the clock
+        data["P"] = QPFactor(data["P"])
     with pytest.raises(NotConverged, match=r"^time_limit, max_steps: after 1 steps") as caught:
         solve_qp(**data, **limit)
     x, kkt = caught.value.x, caught.value.kkt

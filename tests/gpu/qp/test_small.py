@@ -1,6 +1,8 @@
 """Small dense programs: the compiled dual active set, sequences, batches and derivatives."""
 
+import copy
 import itertools
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 
 import convex_problems as problems
@@ -8,6 +10,7 @@ import numpy as np
 import piqp
 import pytest
 from scipy import sparse
+from scipy.linalg import hilbert
 
 from gpu import Infeasible, InputError, NotConverged, QPFactor, Status, batch_solve_qp, solve_qp
 from gpu.qp.active_set import dual_kernels
@@ -378,11 +381,59 @@ def test_degenerate_derivatives_say_so():
     plain = solve_qp(np.eye(2), [1.0, 1.0])
     with pytest.raises(InputError, match="dx has shape"):
         plain.vjp([1.0])
-    P, q = np.eye(2), np.array([-1.0, 2.0])
-    result = solve_qp(P, q, lb=0.0)
+    # Units of variables do not matter, a bound that is far in its own is not touched.
+    assert solve_qp(np.eye(2), [-1e6, -1e-4], lb=0.0).vjp([1.0, 1.0]).degenerate is False
+    far = solve_qp(np.diag([1e-12, 1e8]), [-1e-6, -1e4], lb=0.0)
+    assert far.vjp([1.0, 1.0]).degenerate is False
+    # Rows that depend on each other are one problem's own affair.
+    A = np.array([[[1.0, 1.0], [1.0, 1.0]], [[1.0, 1.0], [1.0, -1.0]]])
+    batch = batch_solve_qp(np.eye(2), [[1.0, 2.0], [3.0, 1.0]], A=A, b=[[1.0, 1.0], [1.0, 0.0]])
+    assert batch.vjp(dx=np.ones((2, 2))).degenerate.tolist() == [True, False]
+
+
+def test_derivatives_are_those_of_the_problem_that_was_solved():
+    P, q, A = np.eye(2), np.array([0.0, -1.0]), np.array([[1.0, 1.0]])
+    free, tied = solve_qp(P, q), solve_qp(P, np.zeros(2), A=A, b=np.zeros(1))
+    P[0, 0], A[0, 1] = 100.0, -3.0
+    np.testing.assert_allclose(free.vjp([1.0, 0.0]).q, [-1.0, 0.0])
+    np.testing.assert_allclose(tied.vjp([1.0, 0.0]).q, [-0.5, 0.5])
+    # Arrays of large problems are the caller's, and a change that shows is refused.
+    P, q = np.eye(300), np.ones(300)
+    large = solve_qp(P, q, np.ones((1, 300)), np.ones(1))
     q += 1.0
     with pytest.raises(InputError, match="were changed"):
-        result.vjp([1.0, 1.0])
+        large.vjp(np.ones(300))
+    # Ill-conditioned matrices are not taken for changed ones.
+    steep = solve_qp(hilbert(9), np.cos(np.arange(9.0)))
+    np.testing.assert_allclose(steep.vjp(np.eye(9)[0]).q, -np.linalg.inv(hilbert(9))[0], rtol=1e-3)
+
+
+def test_what_is_asked_in_vain():
+    with pytest.raises(InputError, match="q has one dimension"):
+        batch_solve_qp(np.eye(2), [1.0, 2.0])
+    small = batch_solve_qp(np.eye(1), np.ones((2, 1)), lb=0.0)
+    with pytest.raises(InputError, match="start has"):
+        batch_solve_qp(np.eye(3), np.ones((2, 3)), lb=0.0, start=small)
+    factor = QPFactor(np.eye(2))
+    factor.solve([1.0, 1.0])
+    for again in (copy.copy, copy.deepcopy, lambda f: pickle.loads(pickle.dumps(f))):
+        assert again(factor).solve([1.0, -1.0]).x.tolist() == [-1.0, 1.0]
+    for tol in ("x", None, np.ones(2)):
+        with pytest.raises(InputError, match="tol"):
+            factor.solve([1.0, 1.0], tol=tol)
+    result = solve_qp(np.eye(2), [1.0, 1.0])
+    for dx in ("abc", [[1.0], [1.0, 2.0]], np.array([1j, 1j])):
+        with pytest.raises(InputError, match="dx"):
+            result.vjp(dx)
+    batch = batch_solve_qp(np.eye(1), [[1.0], [1.0]], lb=[[0.0], [3.0]], ub=2.0)
+    with pytest.raises(InputError, match="dx has shape"):
+        batch.vjp(np.ones((7, 1)))
+    batch[0].x[:] = 7.0
+    assert batch.x[0] == 0.0
+    own, shared = np.ones((2, 1, 2)), np.array([[1.0, -1.0]])
+    found = batch_solve_qp(np.eye(2), np.zeros((2, 2)), own, [[-1.0], [-2.0]], shared, [0.0])
+    found = found.vjp(np.ones((2, 2)))
+    assert (found.G.shape, found.A.shape, found.P.shape) == ((2, 1, 2), (1, 1, 2), (1, 2, 2))
 
 
 @pytest.mark.parametrize("seed", range(0, 60, 4))
