@@ -93,8 +93,16 @@ class DLQRResult:
         -------
         float
             The least value of the sum that `dlqr` minimises.
+
+        Raises
+        ------
+        InputError
+            `x0` is no vector of n numbers.
         """
-        z = self.problem.state.mass(namespace(self.K).asarray(x0, dtype=float))
+        x = namespace(self.K).asarray(x0, dtype=float)
+        if x.shape != self.S.shape[:1]:
+            raise InputError(f"x0 has shape {x.shape}: it must be {self.S.shape[:1]}")
+        z = self.problem.state.mass(x)
         return float(z @ (self.S @ z))
 
 

@@ -14,7 +14,7 @@ from scipy.linalg import hilbert
 
 from gpu import Infeasible, InputError, NotConverged, QPFactor, Status, batch_solve_qp, solve_qp
 from gpu.qp.active_set import dual_kernels
-from gpu.qp.active_set.dual import LIMITS, dual_active_set, rows_of
+from gpu.qp.active_set.dual import LIMITS, Kept, dual_active_set, result_of, rows_of
 from gpu.qp.data.qp_problem import UNDECIDED, check_problem
 from gpu.qp.data.qp_result import residuals_of
 
@@ -171,6 +171,28 @@ def test_compiled_residuals_are_those_of_the_certificate(general):
         # Sums in another order: digits of rounding differ.
         for name in ("stationarity", "primal", "sign", "complementarity", "gap"):
             assert getattr(result.kkt, name) == pytest.approx(getattr(known, name), abs=1e-15)
+
+
+@pytest.mark.parametrize("general", [False, True])
+def test_the_certificate_sees_that_another_problem_was_solved(general):
+    data, rng = family(12, 14, 6, 2), np.random.default_rng(12)
+    if not general:
+        data |= dict.fromkeys(("G", "h", "h_low"))
+    problem = check_problem(**data)
+    rows = rows_of(problem)
+    for wrong in ("rows", "matrix"):
+        kept = Kept(rows.P + (wrong == "matrix") * np.diag(rng.random(14)), rows.C)
+        kept.S *= 1.0 + (wrong == "rows") * 1e-3 * rng.random(kept.S.shape)
+        kept.begin(rows, np.zeros(rows.low.size, np.int8))
+        found = kept.run(rows)
+        y, z = found.y[: rows.equal], found.y[rows.equal :]
+        known = residuals_of(problem, found.x, y, z, found.z_box)
+        assert result_of(rows, found) is None
+        assert known.worst > 1e-7
+        names = ("stationarity", "primal", "sign", "complementarity", "gap")
+        for k, name in enumerate(names):
+            assert found.kkt[k] == pytest.approx(getattr(known, name), rel=1e-6, abs=1e-13), name
+        assert known.primal > 1e-7 if wrong == "rows" else known.stationarity > 1e-7
 
 
 def test_what_is_not_decided_goes_to_other_methods(monkeypatch):

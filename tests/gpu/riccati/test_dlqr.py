@@ -195,3 +195,8 @@ def test_a_solution_that_does_not_stabilise_is_refused(monkeypatch):
     monkeypatch.setattr(doubling, "_by_qz", wrong)
     with pytest.raises(NotConverged, match="spectral radius 2"):
         dare([[2.0]], [[1.0]], [[0.0]], [[1.0]])
+
+
+def test_the_cost_of_a_state_of_another_size():
+    with pytest.raises(InputError, match="x0 has shape"):
+        dlqr(0.5 * np.eye(2), np.eye(2), 1.0).cost([1.0])
