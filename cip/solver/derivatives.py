@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cip.errors import InputError
+from cip.errors import InputError, NotSupported
 from cip.output.trajectory import Trajectory
 from cip.sensitivities.window import Move, Window, check_differentiable, checkpoint_distance
 from cip.solver.time_loop import run as repeat
@@ -29,6 +29,8 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> 
     solver._accept(start)
     if not times:
         raise InputError("run: it has no steps")
+    if run.dt < 0.0:
+        raise NotSupported("run: it leads back in time; differentiate a run forward in time")
     replay = Replay(solver, steps_to(start, times, run.dt))
     every = checkpoint_distance(len(replay.moves), checkpoints, start.data.nbytes)
     if solver.backend == "cpu":

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from cip.characteristics.feet import check_step
+from cip.characteristics.feet import signed_step
 from cip.engines.engine import Engine, Setting
 from cip.errors import InputError
 from cip.formulas.formula import Formula
@@ -250,7 +250,7 @@ class Solver(Parametrised):
         state : State
             On this solver's grid, with the moments of its profile.
         dt : float
-            Positive.
+            Negative for a step back in time, along the same characteristics.
 
         Returns
         -------
@@ -260,13 +260,13 @@ class Solver(Parametrised):
         Raises
         ------
         InputError
-            A state of another grid, profile or with NaN; dt that is not positive.
+            A state of another grid, profile or with NaN; dt that is zero.
         LeftDomain
             A characteristic comes in through a wall without data.
         NotFinite
             The velocity, a characteristic or the new field is not finite; names node and time.
         """
-        dt = check_step(dt)
+        dt = signed_step(dt)
         self._accept(state)
         self._check_times(state.t, state.t + dt)
         return self._advance(self._kernels.place(state), dt).require_finite()
@@ -283,13 +283,18 @@ class Solver(Parametrised):
     ) -> Any:
         """Steps to `t_end`, landing exactly on it and on every snapshot's time.
 
+        With `t_end` before the time of `state`, and a negative `dt`, the run leads back in time:
+        the equation is solved for the past, sources and decay included, and what was outflow
+        becomes inflow, for which `boundary` needs data.
+
         Parameters
         ----------
         state : State
         t_end : float
-            After the time of `state`.
+            After the time of `state`, or before it.
         dt : float, optional
-            Length of the steps; the last one before each snapshot may be shorter.
+            Length of the steps; the last one before each snapshot may be shorter. Negative in a
+            run back in time.
         cfl : float, optional
             Instead of `dt`: the largest number of cells that a node moves in a step, by the
             velocity at the start.
@@ -311,7 +316,7 @@ class Solver(Parametrised):
         """
         self._accept(state)
         self._check_times(state.t, real_number("t_end", t_end))
-        length = step_length(dt, cfl, self.grid, self._formulas, state.t)
+        length = step_length(dt, cfl, self.grid, self._formulas, state.t, float(t_end))
 
         def record(states: Sequence[State], interrupted: bool) -> Trajectory:
             return Trajectory(tuple(states), self, length, interrupted)
@@ -400,7 +405,7 @@ class Solver(Parametrised):
         """
         for known in (snapshots_of(self._formulas), self._reaction):
             if known is not None:
-                known.check_times(start, end)
+                known.check_times(min(start, end), max(start, end))
         if self.limiter == "bounds" and np.isfinite(end):
             for name, formula in self._inflow.items():
                 if not formula.steady:

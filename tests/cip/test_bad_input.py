@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cip
-from cip import Covariance, Grid, InputError, NotFinite, Sensors, Solver, State, Velocity
+from cip import Covariance, Grid, InputError, NotFinite, Sensors, Solver, State, Velocity, flow_map
 
 LINE, OPEN, PLANE = Grid((0, 1), 8, periodic=True), Grid((0, 1), 8), Grid([(0, 1)] * 2, (8, 8))
 HIDDEN = np.ma.masked_greater(np.linspace(0.1, 0.8, 8), 0.5)
@@ -158,8 +158,14 @@ STATES = [
     ("'v' is none of u, u_x", lambda: state()["v"]),
 ]
 RUNS = [
-    *rows("dt: expected a positive", stepped, 0.0, -0.1, np.nan, np.inf, "fast", COMPLEX, TWO),
-    ("dt: expected a positive", lambda: stepped(None)),
+    *rows("dt: expected a", stepped, 0.0, np.nan, np.inf, "fast", COMPLEX, TWO, None),
+    ("cfl: expected a positive", lambda: ran(cfl=-1.0)),
+    *rows("dt: steps of", lambda dt: ran(-dt, dt=dt), 0.1, -0.1),
+    ("snapshots: expected decreasing", lambda: ran(-1.0, dt=-0.1, snapshots=[-0.5, -0.2])),
+    ("grid: expected a Grid", lambda: flow_map(1.0, 3, 0.0, 1.0)),
+    *rows("t_end: expected finite", lambda end: flow_map(1.0, LINE, 0.0, end), 0.0, np.inf),
+    *rows("tolerance", lambda size: flow_map(1.0, LINE, 0.0, 1.0, size), 0.0, np.nan),
+    ("plot: 1 dimensions", lambda: flow_map(1.0, LINE, 0.0, 1.0).plot()),
     ("either dt or cfl", lambda: ran(dt=0.1, cfl=1)),
     ("either dt or cfl", ran),
     *rows("cfl", lambda cfl: ran(cfl=cfl), np.nan, -1.0),
