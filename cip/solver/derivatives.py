@@ -71,11 +71,9 @@ def steps_to(start: State, times: list[float], dt: float) -> list[tuple[float, f
 
 
 def around(stages: list[Move], solver: Any, t: float, dt: float) -> list[Move | HalfStep]:
-    """The moves of the step [t, t + dt]: its stages between the halves of sources and decay."""
-    if solver._reaction is None:
-        return list(stages)
-    before, after = halves(solver._reaction, t, dt)
-    return [before, *stages, after]
+    """The moves of the step [t, t + dt]: its stages between the halves of reactions."""
+    before, after = halves(solver._reactions, t, dt)
+    return [*before, *stages, *after]
 
 
 class Replay:
