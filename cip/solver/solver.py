@@ -205,8 +205,8 @@ class Solver(Parametrised):
             self._kernels = CpuEngine(setting)
         xp = self._kernels.xp
         self._reaction = reaction(grid, self.profile, self.source, self.decay, xp)
-        self.diffusion = diffusion
         spreads = spread(grid, self.profile, diffusion, limiter is not None, xp)
+        self.diffusion = None if spreads is None else spreads.rates
         self._reactions = [one for one in (self._reaction, spreads) if one is not None]
         self._inflow = {
             f"{'xyz'[axis]}{'-+'[side]}": formula

@@ -29,7 +29,7 @@ class Diffusion:
         self, grid: Grid, profile: str, rates: tuple[float, ...], positive: bool, xp: Any
     ) -> None:
         self._grid, self._xp, self._moments = grid, xp, moments(profile, grid.dim)
-        self._rates, self._positive = rates, positive
+        self.rates, self._positive = rates, positive
         self._kept: dict[tuple[int, float], Any] = {}
 
     def added(self, data: Any, t: float, length: float) -> Any:
@@ -43,7 +43,7 @@ class Diffusion:
         new = self._xp.empty_like(data)
         for q, moment in enumerate(self._moments):
             values = data[q]
-            for axis, rate in enumerate(self._rates):
+            for axis, rate in enumerate(self.rates):
                 if rate:
                     odd, means = moment.orders[axis] % 2 == 1, axis in moment.averaged
                     values = self._spread(values, axis, odd, means, length, transpose)
@@ -82,7 +82,7 @@ class Diffusion:
         if key not in self._kept:
             theta = 2.0 * np.pi * np.arange(size // 2 + 1) / size
             symbol = 2.0 - 2.0 * np.cos(theta) if self._positive else theta**2
-            number = self._rates[axis] * length / self._grid.widths[axis][0] ** 2
+            number = self.rates[axis] * length / self._grid.widths[axis][0] ** 2
             # A new dict: other threads may be reading the old one.
             last = dict(list(self._kept.items())[-2 * self._grid.dim :])
             self._kept = {**last, key: self._xp.asarray(np.exp(-number * symbol))}
