@@ -345,9 +345,15 @@ class Products:
 
     def times(self, data: Any, factors: Factors) -> Any:
         """The moments of g u, of shape (moments,) + grid.nodes, from those of u and those of g."""
+        if not self.means:
+            return self._leibniz(data, factors)
+        points = self.to_points(data)
         if self._slopes:
-            return self._with_slopes(data, factors)
-        return self._with_means(data, factors) if self.means else self._leibniz(data, factors)
+            points[1] = factors[(0,)] * points[1] + factors[(2,)] * points[0]
+            points[0], points[2] = factors[(0,)] * points[0], factors[(1,)] * points[2]
+        else:
+            self._scale(points, factors)
+        return self.to_moments(points).astype(data.dtype)
 
     def transposed(self, weight: Any, factors: Factors) -> Any:
         """The transpose of `times` for the same factors."""
@@ -368,15 +374,25 @@ class Products:
                 new[to] += (float(count) * factors[rest] * data[of]).astype(data.dtype)
         return new
 
-    def _with_means(self, data: Any, factors: Factors) -> Any:
-        """Multiply values at nodes and midpoints of each direction, and convert back to means."""
+    def to_points(self, data: Any) -> Any:
+        """The moments in double precision, means replaced by values in the middle of cells."""
         new = data.astype(float)
-        for axis, value, mean in self._pairs():
-            new[mean] = 1.5 * new[mean] - 0.25 * self._sum_of_ends(new[value], axis)
-        self._scale(new, factors)
-        for axis, value, mean in self._pairs():
-            new[mean] = (4.0 * new[mean] + self._sum_of_ends(new[value], axis)) / 6.0
-        return new.astype(data.dtype)
+        if self._slopes:
+            new[2] = (30.0 * new[2] - self._ends(new[0], new[1])) / 16.0
+        elif self.means:
+            for axis, value, mean in self._pairs():
+                new[mean] = 1.5 * new[mean] - 0.25 * self._sum_of_ends(new[value], axis)
+        return new
+
+    def to_moments(self, points: Any) -> Any:
+        """The inverse of `to_points`."""
+        new = points.copy()
+        if self._slopes:
+            new[2] = (16.0 * new[2] + self._ends(new[0], new[1])) / 30.0
+        elif self.means:
+            for axis, value, mean in self._pairs():
+                new[mean] = (4.0 * new[mean] + self._sum_of_ends(new[value], axis)) / 6.0
+        return new
 
     def _with_means_transposed(self, weight: Any, factors: Factors) -> Any:
         new = weight.astype(float)
@@ -402,14 +418,6 @@ class Products:
     def _scale(self, new: Any, factors: Factors) -> None:
         for bits in range(len(new)):
             new[bits] *= factors[tuple(bits >> axis & 1 for axis in range(self._grid.dim))]
-
-    def _with_slopes(self, data: Any, factors: Factors) -> Any:
-        """Values, slopes and means: the rule with slopes is exact to degree five."""
-        u, slope, mean = data.astype(float)
-        middle = (30.0 * mean - self._ends(u, slope)) / 16.0 * factors[(1,)]
-        u, slope = factors[(0,)] * u, factors[(0,)] * slope + factors[(2,)] * u
-        mean = (16.0 * middle + self._ends(u, slope)) / 30.0
-        return self._xp.stack([u, slope, mean]).astype(data.dtype)
 
     def _with_slopes_transposed(self, weight: Any, factors: Factors) -> Any:
         u, slope, mean = weight.astype(float)
