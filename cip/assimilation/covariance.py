@@ -191,6 +191,41 @@ class Covariance:
         nodal = np.sqrt(np.sum(columns[: first.grid.size] ** 2, axis=1))
         return cls(first.grid, first.profile, columns, nodal.reshape(first.grid.nodes))
 
+    def conserving_mass(self) -> Covariance:
+        r"""The covariance of these errors given that their integral is zero.
+
+        It is :math:`B - B m m^T B / (m^T B m)` for the weights m of `State.mass`, so analyses with
+        it have the mass of the background.
+
+        Returns
+        -------
+        Covariance
+            With smaller deviations.
+
+        Examples
+        --------
+        >>> from cip import Covariance, Grid
+        >>> grid = Grid((0, 1), 32, periodic=True)
+        >>> B = Covariance.diffusion(grid, "csl2", deviation=1.0, length=0.1).conserving_mass()
+        >>> abs(B.draw(seed=1).mass) < 1e-14
+        True
+        """
+        count = len(moments(self.profile, self.grid.dim))
+        weights = np.zeros((count, *self.grid.nodes))
+        state = state_of(self.grid, self.profile, weights)
+        if "mean" in state.names:
+            volume: Any = np.ones(())
+            for width in self.grid.widths:
+                volume = volume[..., None] * width
+            state["mean"][...] = volume
+        else:
+            state["u"][...] = self.grid.weights
+        along_mass = self.root.rmatvec(weights.ravel())
+        along_mass = along_mass / np.linalg.norm(along_mass)
+        lost = (self.root.matvec(along_mass))[: self.grid.size].reshape(self.grid.nodes)
+        left = np.sqrt(np.maximum(self.deviations**2 - lost**2, 0.0))
+        return Covariance(self.grid, self.profile, _Without(self.root, along_mass), left)
+
     def draw(self, seed: int, t: float = 0.0) -> State:
         """A random error with this covariance.
 
@@ -259,6 +294,25 @@ class _ModeRoot(LinearOperator):
         shape = (self._derivatives.count, *self._nodes)
         nodal = self._derivatives.transposed(np.reshape(weights, shape))
         return np.asarray(self._in_modes(nodal * self._scale, True) * self._half).ravel()
+
+
+class _Without(LinearOperator):
+    """A square root of which one direction, a unit vector, is left out."""
+
+    def __init__(self, root: LinearOperator, direction: Array) -> None:
+        self._root, self._direction = root, direction
+        super().__init__(np.float64, root.shape)  # type: ignore[call-arg]
+
+    def _rest(self, numbers: Any) -> Array:
+        numbers = np.ravel(numbers)
+        found: Array = numbers - self._direction * (self._direction @ numbers)
+        return found
+
+    def _matvec(self, numbers: Any) -> Array:
+        return self._root.matvec(self._rest(numbers))
+
+    def _rmatvec(self, weights: Any) -> Array:
+        return self._rest(self._root.rmatvec(np.ravel(weights)))
 
 
 class SplineDerivatives:

@@ -153,9 +153,9 @@ def _slope(
     grid: Grid,
     axis: int,
     node: Indices,
-    value: Callable[[Indices], Array],
-    mean: Callable[[Indices], Array],
-) -> Array:
+    value: Callable[[Indices], Any],
+    mean: Callable[[Indices], Any],
+) -> Any:
     """Slope at a node from means and values of two cells, see
     `cip.profiles.conservative_kernels.slope_of`.
     """
@@ -163,20 +163,28 @@ def _slope(
     first = node - 1
     if not grid.periodic[axis]:
         first = np.clip(first, 0, cells - 2)
-    # Coordinates of the three nodes relative to the left one, and the integrals up to them.
     h0, h1 = widths[first % n], widths[(first + 1) % n]
+    parts = [mean(first % n), mean((first + 1) % n), *(value((first + q) % n) for q in range(3))]
+    total: Any = 0.0
+    for unit, part in zip(np.eye(5), parts, strict=True):
+        total = total + _slope_of(h0, h1, node - first, unit[:2], unit[2:]) * part
+    return total
+
+
+def _slope_of(h0: Array, h1: Array, own: Indices, means: Array, values: Array) -> Array:
+    """The slope at node `own` of two cells of these widths, for two means and three values."""
+    # Coordinates of the three nodes relative to the left one, and the integrals up to them.
     x = np.stack([np.zeros_like(h0), h0, h0 + h1])
-    M = np.cumsum([0 * h0, h0 * mean(first % n), h1 * mean((first + 1) % n)], axis=0)
-    p = np.stack([value((first + q) % n) for q in range(3)])
-    own = node - first
-    columns = np.arange(node.size)
+    M = np.stack([np.zeros_like(h0), h0 * means[0], h0 * means[0] + h1 * means[1]])
+    columns = np.arange(own.size)
     others = np.stack([np.where(own == 0, 1, 0), np.where(own == 2, 1, 2)])
     y = x[others, columns] - x[own, columns]
-    here = p[own, columns]
+    here = values[own]
     g = ((M[others, columns] - M[own, columns]) / y - here) / y
-    d = ((p[others, columns] - here) / y - 2 * g) / y
+    d = ((values[others] - here) / y - 2 * g) / y
     width = y[1] - y[0]
-    return 2 * _cubic(g[0], g[1], width * d[0], width * d[1], -y[0] / width)
+    slope: Array = 2 * _cubic(g[0], g[1], width * d[0], width * d[1], -y[0] / width)
+    return slope
 
 
 def _bicubic(data: Mapping[str, Any], grid: Grid, cells: list[Cell]) -> Any:
@@ -272,13 +280,11 @@ class _Moment:
 
 def sample_rows(grid: Grid, profile: str, points: ArrayLike) -> csr_array:
     """The matrix of `cip.output.sample.sample`, by the same formulas: shape (n, N), applied to
-    ``state.data.ravel()``. Raises `NotSupported` for a profile that is not linear in its moments,
-    or csl4 in more than one dimension."""
+    ``state.data.ravel()``. Raises `NotSupported` for a profile that is not linear in its moments.
+    """
     wanted = moments(profile, grid.dim)
     if profile in ("piecewise_linear", "smoothed"):
         raise NotSupported(f"profile: {profile!r} is not linear in its moments; take 'cubic'")
-    if profile == "csl4" and grid.dim > 1:
-        raise NotSupported("profile: rows of 'csl4' are implemented on lines; take 'csl2'")
     size = grid.size
     data = {one.name: _Moment(q * size, grid, len(wanted) * size) for q, one in enumerate(wanted)}
     place = points_of(points, grid.dim).reshape(grid.dim, -1)

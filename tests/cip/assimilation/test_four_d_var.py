@@ -22,6 +22,11 @@ SCHEMES = {
     "start alone": (Grid((0, 1), 20, periodic=True), "cubic", ["1.0"]),
     "csl2": (Grid((0, 1), 16, periodic=True), "csl2", ["1 + 0.3*sin(2*pi*x1 + t)"]),
     "open csl4": (Grid((-1, 1), 12), "csl4", ["x1"]),
+    "csl4 in the plane": (
+        Grid([(0, 1), (-1, 1)], (6, 5), periodic=(True, False)),
+        "csl4",
+        ["1.0", "0.5*x2"],
+    ),
     "bicubic": (
         Grid([(0, 1), (0, 2)], (6, 8), periodic=True),
         "bicubic",
@@ -39,7 +44,8 @@ TIMES = np.array([0.0, 0.07, 0.2, 0.3])
 def problem(name, seed=0, dropouts=0.2):
     grid, profile, text = SCHEMES[name]
     form = "advection" if profile.startswith("csl") else "transport"
-    solver = Solver(grid, Velocity.from_expression(*text), form, profile)
+    split = "strang" if form == "advection" and grid.dim > 1 else None
+    solver = Solver(grid, Velocity.from_expression(*text), form, profile, splitting=split)
     low, high = np.array(grid.bounds).T
     rng = np.random.default_rng(seed)
     points = low[:, None] + (high - low)[:, None] * rng.random((grid.dim, 5))
@@ -393,3 +399,20 @@ def test_patterns():
     np.testing.assert_allclose(S @ S.T, expected, rtol=1e-13, atol=1e-13)
     variance = np.diag(expected)[: grid.size]
     np.testing.assert_allclose(B.deviations.ravel() ** 2, variance, rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["csl2", "csl4 in the plane", "bicubic"])
+def test_analyses_that_conserve_mass(name):
+    """The covariance is that of errors given their integral, and increments have none."""
+    solver, background, B, sensors, _ = problem(name)
+    conserving = B.conserving_mass()
+    full, found = dense(B), dense(conserving)
+    units = np.eye(full.shape[0]).reshape(-1, *background.data.shape)
+    m = np.array([State(solver.grid, solver.profile, unit).mass for unit in units])
+    expected = full - np.outer(full @ m, full @ m) / (m @ full @ m)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(full).max())
+    nodal = np.sqrt(np.diag(found)[: solver.grid.size])
+    np.testing.assert_allclose(conserving.deviations.ravel(), nodal, rtol=1e-7)
+    mass = four_d_var(solver, background, conserving, sensors, dt=0.05).start.mass
+    size = abs(four_d_var(solver, background, B, sensors, dt=0.05).start.mass - background.mass)
+    assert abs(mass - background.mass) < 1e-12 < 1e-3 < size

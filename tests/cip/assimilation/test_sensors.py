@@ -21,8 +21,8 @@ GRIDS = {
 }
 PROFILES = {
     1: ("linear", "cubic", "quintic", "csl2", "csl4"),
-    2: ("linear", "cubic", "quintic", "csl2", "adini", "bicubic"),
-    3: ("linear", "cubic", "csl2"),
+    2: ("linear", "cubic", "quintic", "csl2", "csl4", "adini", "bicubic"),
+    3: ("linear", "cubic", "csl2", "csl4"),
 }
 CASES = [(name, p) for name, grid in GRIDS.items() for p in PROFILES[grid.dim]]
 
