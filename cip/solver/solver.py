@@ -12,7 +12,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.characteristics.feet import check_step
 from cip.engines.engine import Engine, Setting
-from cip.errors import InputError
+from cip.errors import InputError, LeftDomain
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
 from cip.formulas.snapshots import snapshots_of
@@ -20,14 +20,32 @@ from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity, check_periodic
 from cip.grid import Grid
 from cip.output.trajectory import Trajectory
-from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
+from cip.profiles.catalogue import LINE
 from cip.solver.derivatives import derivative
+from cip.solver.scheme import (
+    Form,
+    Rule,
+    Scheme,
+    advanced,
+    bounds_of,
+    check_bounded,
+    check_choices,
+    check_state,
+    check_within,
+    form_of,
+    is_by_field,
+    made_scheme,
+    mapped,
+    of_field,
+    parameters_of,
+    with_values,
+)
 from cip.solver.time_loop import checked_callback, run, step_length
-from cip.sources.reaction import Reaction, halves, reacted, reaction
-from cip.stages.stage import Stage, StageFeet, stages
-from cip.stages.state import State, _real, default_profile, state_of
+from cip.sources.reaction import reacted, reaction
+from cip.stages.stage import Stage, StageFeet
+from cip.stages.state import State, _real, default_profile
 from cip.stages.walls import check_split, portable_boundary, walls
-from skfem_adini.ground.arguments import real_array, real_number
+from skfem_adini.ground.arguments import real_number
 
 
 class Solver(Parametrised):
@@ -66,7 +84,7 @@ class Solver(Parametrised):
     dtype : float64 or float32
     bounds : (low, high)
         For the limiter ``"bounds"``, in the unit of the field; data that begin or enter outside are
-        refused.
+        refused. Of several fields one pair for all or a dict by name, without limits for others.
     bounds_tolerance : float
         The limiter leaves a profile unchanged that exceeds the bounds by less than this, in the
         unit of the field; it should exceed the rounding errors of the field.
@@ -76,7 +94,9 @@ class Solver(Parametrised):
     source : Source, or what `Source` takes, optional
         What is added in each unit of time, s(x, t).
     decay : float, str, callable, array or Source, optional
-        Rate k >= 0 at which the field decays, 1 / time, with the same forms as a source.
+        Rate k >= 0 at which the field decays, 1 / time, with the same forms as a source. Where a
+        state has several fields, `source`, `decay` and `boundary` hold for all, or are dicts by
+        their names, ``{"dust": 0.1}``: then a field that is not there has none.
 
     Notes
     -----
@@ -153,7 +173,7 @@ class Solver(Parametrised):
         boundary: Any = None,
         backend: str = "cpu",
         dtype: DTypeLike = np.float64,
-        bounds: tuple[float, float] = (0.0, np.inf),
+        bounds: Any = (0.0, np.inf),
         bounds_tolerance: float = 1e-14,
         store_feet: bool | None = None,
         source: Any = None,
@@ -170,7 +190,7 @@ class Solver(Parametrised):
         self.limiter, self.splitting = limiter, splitting
         self.dtype, self.backend = _real(dtype), backend
         check_choices(grid, self.form, self.profile, limiter, splitting, backend)
-        self.bounds = bounds_of(bounds)
+        self.bounds = mapped(bounds, bounds_of)
         self.bounds_tolerance = real_number("bounds_tolerance", bounds_tolerance)
         if not self.bounds_tolerance >= 0.0:
             raise InputError(f"bounds_tolerance: expected >= 0, got {bounds_tolerance!r}")
@@ -181,10 +201,12 @@ class Solver(Parametrised):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
-        self.source, self.decay = Source.of(source, "source"), Source.of(decay, "decay")
+        self.source = mapped(source, lambda one: Source.of(one, "source"))
+        self.decay = mapped(decay, lambda one: Source.of(one, "decay"))
         self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
         setting = Setting(
-            grid, self._formulas, self.profile, limiter, self.bounds, self.bounds_tolerance,
+            grid, self._formulas, self.profile, limiter,
+            of_field(self.bounds, "") or (-np.inf, np.inf), self.bounds_tolerance,
             self.dtype, store_feet, self.steady,
         )  # fmt: skip
         if backend == "cupy":
@@ -195,18 +217,44 @@ class Solver(Parametrised):
             from cip.engines.cpu_engine import CpuEngine
 
             self._kernels = CpuEngine(setting)
-        self._reaction = reaction(grid, self.profile, self.source, self.decay, self._kernels.xp)
-        self._inflow = {
-            f"{'xyz'[axis]}{'-+'[side]}": formula
-            for (axis, side), formula in walls(boundary, grid).items()
-        }
+        # Arguments by names of fields, and the schemes of states by theirs.
+        own = {"source": source, "decay": decay, "boundary": boundary, "bounds": bounds}
+        self._named = {name: tuple(one) for name, one in own.items() if is_by_field(one)}
+        self._schemes: dict[tuple[str, ...], Scheme] = {}
+        first = self._scheme(tuple(dict.fromkeys(sum(self._named.values(), ()))))
+        self._stages, self._reaction = first.stages, first.rules[0].reaction
         if limiter == "bounds":
-            for name, formula in self._inflow.items():
-                if formula.exact and formula.steady:
-                    self._check_inflow(name, formula, np.zeros(1))
-        self._stages = made_stages(
-            grid, self._formulas, self.profile, self.form == "advection", boundary, self._reaction
+            for rule in first.rules:
+                for name, formula in rule.inflow.items():
+                    if formula.exact and formula.steady:
+                        self._check_inflow(name, formula, np.zeros(1), rule.bounds)
+
+    def _scheme(self, fields: tuple[str, ...]) -> Scheme:
+        """The stages for a state of these fields, and what holds for each of them."""
+        if fields not in self._schemes:
+            several = bool(self._named)
+            rules = [self._rule(name) for name in (fields if several else ("",))]
+            made = made_scheme(
+                self.grid, self._formulas, self.profile, self.form == "advection", rules, several
+            )
+            self._schemes[fields] = (
+                made if several else Scheme(made.stages, rules * (len(fields) or 1))
+            )
+        return self._schemes[fields]
+
+    def _rule(self, field: str) -> Rule:
+        """What holds for a field of this name."""
+        source, decay, boundary = (
+            of_field(one, field) for one in (self.source, self.decay, self._boundary)
         )
+        data = walls(boundary, self.grid)
+        bounds = of_field(self.bounds, field) or (-np.inf, np.inf)
+        made = reaction(self.grid, self.profile, source, decay, self._kernels.xp)
+        split = self.grid.dim > 1 and self.profile in LINE
+        if split:
+            check_split(data, self.form == "advection")
+        inflow = {f"{'xyz'[axis]}{'-+'[side]}": one for (axis, side), one in data.items()}
+        return Rule(made, reacted(data, made, split), inflow, bounds)
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
@@ -268,7 +316,7 @@ class Solver(Parametrised):
         """
         dt = check_step(dt)
         self._accept(state)
-        self._check_times(state.t, state.t + dt)
+        self._check_times(state, state.t + dt)
         return self._advance(self._kernels.place(state), dt).require_finite()
 
     def run(
@@ -310,7 +358,7 @@ class Solver(Parametrised):
             finished step and is marked ``interrupted``.
         """
         self._accept(state)
-        self._check_times(state.t, real_number("t_end", t_end))
+        self._check_times(state, real_number("t_end", t_end))
         length = step_length(dt, cfl, self.grid, self._formulas, state.t)
 
         def record(states: Sequence[State], interrupted: bool) -> Trajectory:
@@ -390,23 +438,31 @@ class Solver(Parametrised):
         return derivative(self, run, checkpoints).operator().T
 
     def _accept(self, state: State) -> None:
-        check_state(state, self.grid, self.profile)
-        if self.limiter == "bounds":
-            check_bounded(state, self.bounds, self.bounds_tolerance)
+        check_state(state, self.grid, self.profile, self._named)
+        # A state that this limiter has stepped may exceed them by sources and splitting.
+        if self.limiter == "bounds" and state._bounded != self.bounds:
+            parts = [state.field(name) for name in state.fields] or [state]
+            for part, rule in zip(parts, self._scheme(state.fields).rules, strict=True):
+                check_bounded(part, rule.bounds, self.bounds_tolerance)
 
-    def _check_times(self, start: float, end: float) -> None:
-        """Raise `InputError` if velocity or source are not known from `start` to `end`, or if data
-        on walls leave the bounds of the limiter then.
+    def _check_times(self, state: State, end: float) -> None:
+        """Raise `InputError` if velocity or sources are not known until `end`, or if data on walls
+        leave the bounds of the limiter then.
         """
-        for known in (snapshots_of(self._formulas), self._reaction):
+        rules = self._scheme(state.fields).rules
+        for known in (snapshots_of(self._formulas), *(rule.reaction for rule in rules)):
             if known is not None:
-                known.check_times(start, end)
+                known.check_times(state.t, end)
         if self.limiter == "bounds" and np.isfinite(end):
-            for name, formula in self._inflow.items():
-                if not formula.steady:
-                    self._check_inflow(name, formula, np.linspace(start, end, 65))
+            for rule in rules:
+                for name, formula in rule.inflow.items():
+                    if not formula.steady:
+                        times = np.linspace(state.t, end, 65)
+                        self._check_inflow(name, formula, times, rule.bounds)
 
-    def _check_inflow(self, name: str, formula: Formula, times: NDArray[np.float64]) -> None:
+    def _check_inflow(
+        self, name: str, formula: Formula, times: NDArray[np.float64], bounds: tuple[float, float]
+    ) -> None:
         """Raise `InputError` for data on a wall outside the bounds of the limiter."""
         axis, side = "xyz".index(name[0]), "-+".index(name[1])
         lines = [*self.grid.coordinates]
@@ -416,10 +472,18 @@ class Solver(Parametrised):
         found = formula.derivative((0, 0, 0, 0), (*self.grid.spacing, 1.0, 1.0, 1.0))(*point)
         if np.isfinite(found).all():
             what, remedy = f"boundary {name!r}: the field there", "change it, or widen bounds"
-            check_within(found, self.bounds, self.bounds_tolerance, what, remedy)
+            check_within(found, bounds, self.bounds_tolerance, what, remedy)
 
     def _advance(self, state: State, dt: float) -> State:
-        new = advanced(self._kernels, self._stages, self._reaction, state, dt)
+        scheme = self._scheme(state.fields)
+        try:
+            new = advanced(self._kernels, scheme, state, dt)
+        except LeftDomain as error:
+            most = max(len(rule.inflow) for rule in scheme.rules)
+            pairs = zip(state.fields, scheme.rules, strict=False)
+            if short := [name for name, rule in pairs if len(rule.inflow) < most]:
+                raise LeftDomain(f"{error}, for {', '.join(short)} as for others") from error
+            raise
         if self.limiter == "bounds":
             new.__dict__["_bounded"] = self.bounds
         return new
@@ -440,171 +504,3 @@ class Solver(Parametrised):
         StageFeet
         """
         return self._kernels.feet(stage, t, dt)
-
-
-def parameters_of(velocity: Any, source: Any, decay: Any, boundary: Any) -> dict[str, float]:
-    """The values of all parameters of the solver's arguments, in order. Raises `InputError` for two
-    values of one name, since code takes one name for one parameter.
-    """
-    found: dict[str, float] = {}
-    first: dict[str, str] = {}
-    functions = {"velocity": velocity, "source": source, "decay": decay, "boundary": boundary}
-    for label, function in functions.items():
-        parts = function.values() if isinstance(function, Mapping) else [function]
-        for part in parts:
-            own = part.parameters if isinstance(part, Parametrised) else {}
-            for name, value in own.items():
-                if found.setdefault(name, value) != value:
-                    raise InputError(
-                        f"{label}: its parameter {name!r} is {value:.6g}, that of {first[name]} "
-                        f"{found[name]:.6g}; one name is one parameter: rename one of them"
-                    )
-                first.setdefault(name, label)
-    return found
-
-
-def with_values(function: Any, values: Mapping[str, float]) -> Any:
-    """An argument of a solver with new values of those parameters that it has."""
-    if isinstance(function, Mapping):
-        return {wall: with_values(part, values) for wall, part in function.items()}
-    if not isinstance(function, Parametrised):
-        return function
-    own = {name: values[name] for name in function.parameters if name in values}
-    return function.with_parameters(**own) if own else function
-
-
-def made_stages(
-    grid: Grid,
-    velocity: tuple[Formula, ...],
-    profile: str,
-    advect: bool,
-    boundary: Any,
-    reaction: Reaction | None,
-) -> list[Stage]:
-    """Make the stages of one step; `reaction` acts before and after them."""
-    data = walls(boundary, grid)
-    split = grid.dim > 1 and profile in LINE
-    if split:
-        check_split(data, advect)
-    return stages(grid, velocity, profile, advect, reacted(data, reaction, split))
-
-
-def advanced(
-    kernels: Engine, made: list[Stage], reaction: Reaction | None, state: State, dt: float
-) -> State:
-    """The state after a step: the stages between the halves of sources and decay."""
-    data, t = state.data, state.t
-    before, after = halves(reaction, t, dt) if reaction is not None else (None, None)
-    if before is not None:
-        data = before.applied(data)
-    for stage in made:
-        data = kernels.apply(stage, data, t, dt)
-    if after is not None:
-        data = after.applied(data)
-    return state_of(state.grid, state.profile, data, t + dt)
-
-
-Form = Literal["transport", "advection"]
-
-
-def check_choices(
-    grid: Grid, form: Form, profile: str, limiter: Any, splitting: Any, backend: Any
-) -> None:
-    """Raise `InputError` for options of a solver that do not exist or are incompatible."""
-    moments(profile, grid.dim)
-    if not isinstance(limiter, str | None) or limiter not in LIMITER_CODES:
-        raise InputError(
-            f"limiter: expected one of {', '.join(map(str, LIMITER_CODES))}, got {limiter!r}"
-        )
-    if limiter is not None and limiter not in LIMITERS[profile]:
-        allowed = ", ".join(LIMITERS[profile]) or "no limiter"
-        raise InputError(f"limiter: {limiter!r} does not fit {profile!r}, which takes {allowed}")
-    if splitting is not None and not _is(splitting, "strang"):
-        raise InputError(f"splitting: expected None or 'strang', got {splitting!r}")
-    if profile in PLANE and splitting is not None:
-        raise InputError(f"splitting: {profile!r} is direct; pass splitting=None")
-    if profile in LINE and grid.dim > 1 and splitting is None:
-        raise InputError(
-            f"splitting: {profile!r} is one-dimensional; pass splitting='strang', or "
-            "profile='adini' or 'bicubic' in two dimensions"
-        )
-    if profile.startswith("csl") and form != "advection":
-        raise InputError(
-            f"form: {profile!r} conserves the integral and so needs form='advection' "
-            "(the same equation where div c = 0)"
-        )
-    if not _is(backend, "cpu", "cupy"):
-        raise InputError(f"backend: expected 'cpu' or 'cupy', got {backend!r}")
-
-
-def _is(value: Any, *names: str) -> bool:
-    return isinstance(value, str) and value in names
-
-
-def form_of(form: Any) -> Form:
-    """The equation of this name."""
-    forms: dict[Any, Form] = {
-        "transport": "transport",
-        "advective": "transport",
-        "advection": "advection",
-        "conservative": "advection",
-    }
-    found = forms.get(form) if isinstance(form, str) else None
-    if found is None:
-        raise InputError(f"form: expected one of {', '.join(forms)}, got {form!r}")
-    return found
-
-
-def bounds_of(bounds: Any) -> tuple[float, float]:
-    """The argument `bounds` as two numbers."""
-    pair = real_array("bounds: expected (low, high)", bounds)
-    if pair.shape != (2,):
-        raise InputError(f"bounds: expected (low, high), got {bounds!r}")
-    low, high = map(float, pair)
-    if not low < high:
-        raise InputError(f"bounds: low must be below high, got {bounds!r}")
-    return low, high
-
-
-def check_within(
-    values: Any, bounds: tuple[float, float], tolerance: float, what: str, remedy: str
-) -> None:
-    """Raise `InputError` for values outside the bounds by more than a tolerance and rounding."""
-    low, high = float(values.min()), float(values.max())
-    slack = tolerance + 8.0 * float(np.finfo(values.dtype).eps) * max(abs(low), abs(high))
-    if low < bounds[0] - slack or high > bounds[1] + slack:
-        worst = low if low < bounds[0] - slack else high
-        raise InputError(
-            f"{what} reaches {worst:.6g}, outside the bounds {bounds} of the limiter, which cannot "
-            f"keep what was never inside; {remedy}"
-        )
-
-
-def check_bounded(state: State, bounds: tuple[float, float], tolerance: float) -> None:
-    """Raise `InputError` for values or means outside the bounds of the limiter. A state that this
-    limiter has stepped is accepted: sources and splitting may exceed the bounds.
-    """
-    if state._bounded == bounds:
-        return
-    for moment in moments(state.profile, state.grid.dim):
-        if not any(moment.orders):
-            what = f"state: moment {moment.name!r}"
-            check_within(state[moment.name], bounds, tolerance, what, "clip it, or widen bounds")
-
-
-def check_state(state: Any, grid: Grid, profile: str) -> None:
-    """Raise `InputError` unless it is a state on this grid with the moments of this profile."""
-    if not isinstance(state, State):
-        raise InputError(f"state: expected a State, got {type(state).__name__}")
-    if state.profile != profile:
-        raise InputError(
-            f"state: it carries the moments of {state.profile!r}, the solver those of "
-            f"{profile!r}; make it with solver.state(f)"
-        )
-    state.check()
-    if state.grid is not grid and (
-        state.grid.nodes != grid.nodes
-        or state.grid.periodic != grid.periodic
-        or any(not np.array_equal(a, b) for a, b in zip(state.grid.edges, grid.edges, strict=True))
-    ):
-        raise InputError(f"state: it lives on {state.grid}, the solver on {grid}")

@@ -57,7 +57,9 @@ def run(
                     length = dt
                 t = target if last else start + (k + 1) * dt
                 state = advance(state, length)
-                state = state_of(state.grid, state.profile, state.data, t, state._bounded)
+                state = state_of(
+                    state.grid, state.profile, state.data, t, state._bounded, state.fields
+                )
                 if callback is not None:
                     state = callback(state)
             kept.append(state.host().require_finite())
