@@ -27,6 +27,9 @@ from skfem_adini.ground.jit import Array, Index, Out, Real, kernel, loop, room
 # Nodes of a block: its arrays, 7 numbers a node on lines and up to 30 in planes, take 7 and 15 kB
 # of the first-level cache.
 _LINE_BLOCK, _PLANE_BLOCK = 128, 64
+# Rows in which one field follows another: their feet stay in the second-level cache. A block of all
+# fields at once would read more streams than a cache has places for.
+_TILE = 16
 
 line_numbers = room(_LINE_BLOCK)
 plane_numbers = room(4 * _PLANE_BLOCK)
@@ -275,11 +278,12 @@ def run_plane_blocks(
     at, inside, new = plane_numbers(np.empty(1, np.int64)), plane_numbers(m), plane_numbers(m)
     m, out, feet, near = address(m), address(out), address(feet), address(near)
     x, y, update = at_addresses(x), at_addresses(y), Update(*update)
-    for i in range(start, stop):
-        for j in range(0, y.n, _PLANE_BLOCK):
-            count = min(_PLANE_BLOCK, y.n - j)
-            o = i * y.n + j
-            plane_places(feet, update.size, o, count, i, j, x, y, at, inside)
-            for f in range(fields):
-                old, to = shifted(m, f * step), shifted(out, f * step)
-                block(old, to, feet, x, y, update, uniform, o, count, at, inside, near, new)
+    for first in range(start, stop, _TILE):
+        for f in range(fields):
+            old, to = shifted(m, f * step), shifted(out, f * step)
+            for i in range(first, min(first + _TILE, stop)):
+                for j in range(0, y.n, _PLANE_BLOCK):
+                    count = min(_PLANE_BLOCK, y.n - j)
+                    o = i * y.n + j
+                    plane_places(feet, update.size, o, count, i, j, x, y, at, inside)
+                    block(old, to, feet, x, y, update, uniform, o, count, at, inside, near, new)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import prod
+from sys import getrefcount
 from typing import Any
 
 import numpy as np
@@ -41,8 +42,16 @@ class CpuEngine(Engine):
         return replace(feet, data=feet.data.astype(self.dtype))
 
     def empty(self, data: Any) -> Any:
-        """Uninitialized memory for the new moments."""
-        return np.empty_like(data)
+        """Uninitialized memory for the new moments: that of a state which no one holds any more.
+        New memory of the system costs as much as a step, as its pages come one by one."""
+        spare = self._memory.spare
+        for one in spare:
+            # References of the list, of this loop and of the call; a view has one more.
+            if getrefcount(one) == 3 and one.shape == data.shape and one.dtype == data.dtype:
+                return one
+        found = np.empty_like(data)
+        self._memory.spare = [*spare[-2:], found]
+        return found
 
     def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
         """Write values to (or add them at) indices into the flat moments."""

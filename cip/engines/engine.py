@@ -35,6 +35,7 @@ class _Memory(threading.local):
         # For each part of a step: the time at which the sub-steps were last counted, and their
         # number.
         self.counts: dict[Any, tuple[float, int]] = {}
+        self.spare: list[Any] = []  # arrays of moments, to be used again
 
 
 class Engine:
@@ -160,7 +161,9 @@ class Engine:
         key = (stage.axis, (stage.end - stage.begin) * dt)
         found = self._feet.get(key)
         if found is None:
+            left = self._memory.left
             found = self.place_feet(self._computed_feet(stage, t, dt))
+            self._memory.left = left  # as in a step that finds the feet here
             with self._lock:  # threads may share an engine
                 while len(self._feet) >= LIMITS.feet:
                     self._feet.pop(next(iter(self._feet)))
@@ -171,7 +174,7 @@ class Engine:
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
         large = self.grid.size > LIMITS.compiled or not self.setting.steady
-        if large and stage.formula and not self._memory.left:
+        if large and stage.formula and (self.setting.steady or not self._memory.left):
             found = self._compiled_feet(stage, t, dt)
             if found is not None:
                 return found

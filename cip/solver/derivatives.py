@@ -36,7 +36,7 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> 
         replay.keep_feet(every)
     kernels = solver._kernels
     arguments = (
-        replay.moves, kernels.begin(start), replay.advance, replay.feet,
+        replay.moves, solver._begin(start), replay.advance, replay.feet,
         tuple(solver.parameters), every, solver.steady,
     )  # fmt: skip
     window = _device_window(kernels, *arguments) if solver.backend == "cupy" else Window(*arguments)

@@ -233,10 +233,10 @@ def check_state(state: Any, grid: Grid, profile: str, named: Mapping[str, tuple[
     for argument, names in named.items():
         for name in names:
             if name not in state.fields:
-                known = ", ".join(state.fields) or "has one without a name"
-                other = ", a wall" if argument == "boundary" else ""
+                known = ", ".join(state.fields) or "one without a name"
+                wall = "wall and no " if argument == "boundary" else ""
                 raise InputError(
-                    f"{argument}: {name!r} is no field of the state{other}; it {known}"
+                    f"{argument}: {name!r} is no {wall}field of the state, which has {known}"
                 )
     if state.grid is not grid and (
         state.grid.nodes != grid.nodes

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
+from hashlib import sha256
 from typing import Any, Literal
 
 import numpy as np
@@ -19,6 +21,7 @@ from cip.formulas.snapshots import snapshots_of
 from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity, check_periodic
 from cip.grid import Grid
+from cip.output.recorder import Recorder
 from cip.output.trajectory import Trajectory
 from cip.profiles.catalogue import LINE
 from cip.solver.derivatives import derivative
@@ -40,12 +43,12 @@ from cip.solver.scheme import (
     parameters_of,
     with_values,
 )
-from cip.solver.time_loop import checked_callback, run, step_length
+from cip.solver.time_loop import checked_callback, output_times, run, step_length
 from cip.sources.reaction import reacted, reaction
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, _real, default_profile
 from cip.stages.walls import check_split, portable_boundary, walls
-from skfem_adini.ground.arguments import real_number
+from skfem_adini.ground.arguments import flag, real_number
 
 
 class Solver(Parametrised):
@@ -328,6 +331,9 @@ class Solver(Parametrised):
         snapshots: int | Sequence[float] | None = None,
         callback: Callable[[State], State | Any] | None = None,
         progress: bool = False,
+        gauges: Any = None,
+        save: Any = None,
+        resume: bool = False,
     ) -> Any:
         """Steps to `t_end`, landing exactly on it and on every snapshot's time.
 
@@ -349,7 +355,17 @@ class Solver(Parametrised):
             one, for instance with a field that was corrected; `tangent` and `adjoint` refuse such
             a run. What else it returns is ignored. It may raise StopIteration to end the run.
         progress : bool
-            Log one line for each snapshot at level INFO.
+            Show a bar of the steps (on a terminal where tqdm is installed) and log one line for
+            each snapshot at level INFO.
+        gauges : array_like, optional
+            Points, shape (dim, ...), at which the field is sampled after every step, for
+            `Trajectory.gauges`.
+        save : path, optional
+            A folder to which each snapshot is written as soon as it is reached.
+        resume : bool
+            Go on from the last complete snapshot in that folder, if there is one, with the bits of
+            a run that was not interrupted. Grid, profile, velocity, sources, data on walls, start
+            and times must be those with which the run began.
 
         Returns
         -------
@@ -361,12 +377,69 @@ class Solver(Parametrised):
         self._check_times(state, real_number("t_end", t_end))
         length = step_length(dt, cfl, self.grid, self._formulas, state.t)
 
-        def record(states: Sequence[State], interrupted: bool) -> Trajectory:
-            return Trajectory(tuple(states), self, length, interrupted)
+        times = output_times(state.t, t_end, snapshots)
+        plan = {}
+        if save is not None:
+            edges = {"grid": [line.tolist() for line in self.grid.edges], "dt": length}
+            at = [state.t, 0.5 * (state.t + times[-1]), times[-1]]
+            plan = {**self._plan(state, at), **edges, "times": times}
+        recorder = Recorder(state, gauges, save, flag("resume", resume), plan)
 
-        loop = (self._advance, self._kernels.begin, record)
+        def record(states: Sequence[State], interrupted: bool) -> Trajectory:
+            return Trajectory(tuple(states), self, length, interrupted, recorder.gauges())
+
+        loop = (self._advance, self._begin, record, self._memory_at, recorder)
         change = checked_callback(callback, self._accept, self._kernels.place)
         return run(state, t_end, length, snapshots, change, progress, *loop)
+
+    def _plan(self, state: State, times: Sequence[float]) -> dict[str, Any]:
+        """What a run depends on: choices, and values of all functions at some points."""
+        part = np.arange(1, 17)
+        point = [
+            low + (high - low) * ((axis + 1) * 0.6180339887 * part % 1.0)
+            for axis, (low, high) in enumerate(self.grid.bounds)
+        ]
+        point += [np.zeros(part.size)] * (3 - self.grid.dim)
+        steps = (*self.grid.spacing, *([1.0] * (4 - self.grid.dim)))
+
+        def values(formula: Formula) -> list[Any]:
+            compute = formula.derivative((0, 0, 0, 0), steps)
+            with np.errstate(all="ignore"):
+                found = [compute(*point, t) + np.zeros(part.size) for t in times]
+            return [one.tolist() for one in found]
+
+        rules = self._scheme(state.fields).rules
+        reactions = [rule.reaction for rule in rules]
+        return {
+            "form": self.form, "profile": self.profile, "limiter": self.limiter,
+            "bounds": repr(self.bounds), "backend": self.backend, "dtype": str(self.dtype),
+            "store_feet": self.store_feet, "fields": list(state.fields),
+            "periodic": list(self.grid.periodic),
+            "velocity": [values(c) for c in self._formulas],
+            "source": [values(r.source_formula) if r and r.source else None for r in reactions],
+            "decay": [values(r.decay_formula) if r and r.decay else None for r in reactions],
+            "boundary": [{w: values(one) for w, one in rule.inflow.items()} for rule in rules],
+        }  # fmt: skip
+
+    def _memory_at(self, state: State) -> list[Any] | None:
+        """The memory of the engine after a step, with a name of what it belongs to."""
+        engine = self._kernels
+        counts = [[list(key), *found] for key, found in engine.substep_counts.items()]
+        if not counts and not engine.paths_left:
+            return None
+        return [self._name_at(state), engine.paths_left, counts]
+
+    def _name_at(self, state: State) -> str:
+        told = [self.grid.nodes, self._plan(state, [state.t])]
+        return sha256(json.dumps(told).encode()).hexdigest()
+
+    def _begin(self, state: State) -> State:
+        """Place the first state of a run; one that is a snapshot of a run goes on as that would."""
+        placed, engine = self._kernels.begin(state), self._kernels
+        if state._memory is not None and state._memory[0] == self._name_at(state):
+            _, engine.paths_left, counts = state._memory
+            engine.substep_counts = {tuple(key): (t, count) for key, t, count in counts}
+        return placed
 
     def tangent(self, run: Trajectory, checkpoints: int | None = None) -> LinearOperator:
         """The derivative of a run's last state in its first one and in the solver's parameters.

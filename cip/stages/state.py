@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +16,8 @@ from cip.errors import InputError, NotFinite, NotSupported
 from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Formula, spline
 from cip.grid import Grid, node_name
-from cip.profiles.catalogue import Moment, moments
+from cip.profiles.catalogue import Moment, moment_names, moments
+from cip.stages.state_files import Stored, read_states, write_states
 from skfem_adini.ground.arguments import real_number
 from skfem_adini.ground.arrays import host
 
@@ -59,6 +61,8 @@ class State:
     t: float = 0.0
     fields: tuple[str, ...] = ()
     _bounded: ClassVar[Any] = None
+    # Of a snapshot: a name of what made it, and the memory of its engine, for the run's next step.
+    _memory: ClassVar[Any] = None
 
     def __post_init__(self) -> None:
         """Copy the moments, so that changes of the caller's array do not affect the state."""
@@ -238,6 +242,57 @@ class State:
             self.grid, self.profile, host(self.data), self.t, self._bounded, self.fields
         )
 
+    def save(self, path: str | Path) -> Path:
+        """Write the state to a file, complete or not at all; `load` gives the same bits.
+
+        A run that goes on from a snapshot takes the steps of one that was never interrupted.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.npz`` (an archive of NumPy), ``.nc`` or ``.zarr`` (netCDF and Zarr, by
+            xarray). An existing file is replaced, an existing Zarr store refused.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        MissingDependency
+            xarray or zarr is not installed.
+
+        Examples
+        --------
+        >>> from tempfile import TemporaryDirectory
+        >>> from cip import Grid, State
+        >>> state = State.from_function({"smoke": "x1", "dust": 1.0}, Grid((0, 1), 8))
+        >>> with TemporaryDirectory() as folder:
+        ...     again = State.load(state.save(f"{folder}/state.npz"))
+        >>> again.fields, bool((again.data == state.data).all())
+        (('smoke', 'dust'), True)
+        """
+        return write_states(path, [self])
+
+    @staticmethod
+    def load(path: str | Path) -> State:
+        """Read a file of `save`; of a file with several states the last one.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        State
+
+        Raises
+        ------
+        InputError
+            A file that is damaged, or none of states.
+        """
+        return states_in(read_states(path))[-1]
+
     def check(self, name: str = "state") -> None:
         """Raise `InputError` unless the moments are real, finite and of the right shape.
 
@@ -327,11 +382,21 @@ def state_of(
     return state
 
 
-def moment_names(fields: tuple[str, ...], profile: str, dim: int) -> tuple[str, ...]:
-    """Names of the moments of all fields: ``u_x`` becomes ``dust_x``, ``mean`` ``dust_mean``."""
-    own = [moment.name for moment in moments(profile, dim)]
-    ends = [name[1:] if name.startswith("u") else f"_{name}" for name in own]
-    return tuple(field + end for field in fields for end in ends) if fields else tuple(own)
+def states_in(stored: Stored) -> list[State]:
+    """The states of a file; `InputError` for moments that do not fit its grid."""
+    about, found = stored.about, []
+    for data, t, bounded, memory in zip(
+        stored.data, stored.t, about["bounded"], about["memory"], strict=True
+    ):
+        if isinstance(bounded, list):
+            bounded = tuple(bounded)
+        elif isinstance(bounded, dict):
+            bounded = {name: tuple(pair) for name, pair in bounded.items()}
+        state = state_of(stored.grid, about["profile"], data, float(t), bounded, about["fields"])
+        state.__dict__["_memory"] = memory
+        state.check("path")
+        found.append(state)
+    return found
 
 
 def check_fields(fields: Any, profile: str, dim: int) -> None:
