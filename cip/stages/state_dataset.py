@@ -53,8 +53,9 @@ def _describe(dataset: Any, units: dict[str, str], fields: Sequence[str]) -> Non
         if unit is not None:
             dataset[name].attrs["units"] = unit
     for field in fields:
-        for name in (field, f"{field}_mean", "mean"):
-            if field in units and name in dataset:
+        mean = "mean" if fields == ("u",) else f"{field}_mean"
+        for name in dataset.data_vars if field in units else ():
+            if name == field or str(name).startswith(mean):
                 dataset[name].attrs["units"] = units[field]
 
 

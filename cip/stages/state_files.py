@@ -153,7 +153,7 @@ def _write_dataset(path: Path, dataset: Any) -> Path:
         raise InputError(f"path: {path} exists; remove it first, or take another name")
     aside = path.with_name(f"tmp{token_hex(16)}")
     try:
-        dataset.to_zarr(aside, mode="w")
+        dataset.to_zarr(aside, mode="w", consolidated=False)
         os.rename(aside, path)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
@@ -164,7 +164,7 @@ def _read_dataset(path: Path) -> Any:
     options: dict[str, Any] = {"decode_times": False, "mask_and_scale": False}
     if path.suffix == ".zarr":
         optional("zarr", "files .zarr need zarr: pip install zarr")
-        options["engine"] = "zarr"
+        options |= {"engine": "zarr", "consolidated": False}
     with xarray_module().open_dataset(path, **options) as dataset:
         return dataset.load()
 
