@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cip.errors import InputError
 from cip.output.sample import points_of, sample
 from cip.output.stored import read_words, reading, write_words
-from cip.stages.state import State, states_in
+from cip.stages.state import State, by_field, states_in
 from cip.stages.state_files import read_states, write_states
 from skfem_adini.ground.arguments import shown
 from skfem_adini.ground.files import remove_unfinished
@@ -75,7 +75,7 @@ class Recorder:
         points = self.points
         if points is None:
             return
-        found = state.host().by_field(lambda one: sample(one, points))
+        found = by_field(state.host(), lambda one: sample(one, points))
         self.t.append(state.t)
         self.rows.append(np.stack(list(found.values())) if self.fields else found)
 

@@ -15,7 +15,7 @@ from cip.errors import InputError
 from cip.output.recorder import HEAD, Gauges, gauges_of, read_run
 from cip.output.sample import sample
 from cip.profiles.catalogue import moments
-from cip.stages.state import State, states_in
+from cip.stages.state import State, by_field, states_in
 from cip.stages.state_dataset import state_dataset
 from cip.stages.state_files import SUFFIXES, read_states, write_states
 from skfem_adini.ground.vtk_files import write_series
@@ -194,7 +194,7 @@ class Trajectory:
         >>> print(f"{run.sample([0.013])[0]:.4f}")  # the exact value is 0.0816
         0.0816
         """
-        return self.states[place].by_field(lambda one: sample(one, points))
+        return by_field(self.states[place], lambda one: sample(one, points))
 
     def to_xarray(self, start: Any = None, units: Mapping[str, str] | None = None) -> Any:
         """An xarray.Dataset: each moment over t and the coordinates, diagnostics over t.

@@ -380,9 +380,9 @@ class Solver(Parametrised):
         times = output_times(state.t, t_end, snapshots)
         plan = {}
         if save is not None:
-            edges = {"grid": [line.tolist() for line in self.grid.edges], "dt": length}
+            first = {"grid": [line.tolist() for line in self.grid.edges], "dt": length}
             at = [state.t, 0.5 * (state.t + times[-1]), times[-1]]
-            plan = {**self._plan(state, at), **edges, "times": times}
+            plan = {**first, "times": times, **self._plan(state, at)}
         recorder = Recorder(state, gauges, save, flag("resume", resume), plan)
 
         def record(states: Sequence[State], interrupted: bool) -> Trajectory:

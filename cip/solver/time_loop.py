@@ -14,7 +14,7 @@ from cip.errors import CipError, InputError
 from cip.formulas.formula import Formula
 from cip.grid import Grid
 from cip.output.recorder import Recorder
-from cip.stages.state import State, state_of
+from cip.stages.state import State, by_field, state_of
 from skfem_adini.ground.arguments import real_array, real_number
 from skfem_adini.ground.progress import progress_bar
 
@@ -76,7 +76,7 @@ def run(
                     recorder.keep(kept[-1])
                 found = record(kept, False)
                 if progress:
-                    mass = state.by_field(lambda one: f"{one.mass:.12g}")
+                    mass = by_field(state, lambda one: f"{one.mass:.12g}")
                     _log.info("t = %.6g of %.6g, mass %s", state.t, times[-1], mass)
     except (KeyboardInterrupt, StopIteration):
         if state.t > kept[-1].t:

@@ -185,22 +185,6 @@ class State:
         data = self.data[self.fields.index(name)]
         return state_of(self.grid, self.profile, data, self.t)
 
-    def by_field(self, function: Callable[[State], Any]) -> Any:
-        """What a function gives for the state; of several fields a dict of that by field.
-
-        Parameters
-        ----------
-        function : callable
-            Takes a state of one field.
-
-        Returns
-        -------
-        object or dict
-        """
-        if not self.fields:
-            return function(self)
-        return {name: function(self.field(name)) for name in self.fields}
-
     def __getitem__(self, name: str) -> Any:
         own = moments(self.profile, self.grid.dim)
         rows = self.data.reshape(-1, *self.grid.nodes)
@@ -220,7 +204,7 @@ class State:
         """Integral of the field: of the cell means where they are carried, else of the values. Of
         several fields a dict by name."""
         if self.fields:
-            return self.by_field(lambda one: one.mass)
+            return by_field(self, lambda one: one.mass)
         if "mean" in self.names:
             volume: Any = np.ones(())
             for width in self.grid.widths:
@@ -380,6 +364,13 @@ def state_of(
     if bounded is not None:
         state.__dict__["_bounded"] = bounded
     return state
+
+
+def by_field(state: State, function: Callable[[State], Any]) -> Any:
+    """What a function gives for the state; of several fields a dict of that by field."""
+    if not state.fields:
+        return function(state)
+    return {name: function(state.field(name)) for name in state.fields}
 
 
 def states_in(stored: Stored) -> list[State]:

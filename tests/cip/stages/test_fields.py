@@ -89,7 +89,10 @@ def test_bounds_by_field():
     make = {"limiter": "bounds", "form": "advection", "profile": "csl4"}
     bounds = {"low": (0.0, 1.0), "high": (0.5, 2.0)}
     solver = Solver(RING, 1.0, bounds=bounds, **make)
-    step = {"low": lambda x: np.where(x < 0.5, 1.0, 0.0), "high": lambda x: np.where(x < 0.5, 2, 0.5)}
+    step = {
+        "low": lambda x: np.where(x < 0.5, 1.0, 0.0),
+        "high": lambda x: np.where(x < 0.5, 2, 0.5),
+    }
     fields = step | {"free": lambda x: np.where(x < 0.5, 1.0, -1.0)}
     alone = {name: Solver(RING, 1.0, bounds=pair, **make) for name, pair in bounds.items()}
     plain = Solver(RING, 1.0, form="advection", profile="csl4")
@@ -145,9 +148,13 @@ def test_a_callback_changes_fields():
 
     run = solver.run(start, 0.3, dt=0.1, callback=settled)
     np.testing.assert_allclose(run.final["dust"], 0.125, rtol=1e-14)
-    np.testing.assert_array_equal(run["smoke"].final.data, solver.run(start, 0.3, dt=0.1)["smoke"].final.data)
+    np.testing.assert_array_equal(
+        run["smoke"].final.data, solver.run(start, 0.3, dt=0.1)["smoke"].final.data
+    )
     with pytest.raises(InputError, match="it returned the fields"):
-        solver.run(start, 0.3, dt=0.1, callback=lambda s: State(s.grid, "cubic", s.data, s.t, ("a", "b")))
+        solver.run(
+            start, 0.3, dt=0.1, callback=lambda s: State(s.grid, "cubic", s.data, s.t, ("a", "b"))
+        )
 
 
 def test_a_field_without_data_on_a_wall_is_named():
