@@ -234,16 +234,17 @@ class Solver(Parametrised):
 
     def _scheme(self, fields: tuple[str, ...]) -> Scheme:
         """The stages for a state of these fields, and what holds for each of them."""
-        if fields not in self._schemes:
-            several = bool(self._named)
-            rules = [self._rule(name) for name in (fields if several else ("",))]
-            made = made_scheme(
-                self.grid, self._formulas, self.profile, self.form == "advection", rules, several
-            )
-            self._schemes[fields] = (
-                made if several else Scheme(made.stages, rules * (len(fields) or 1))
-            )
-        return self._schemes[fields]
+        if fields in self._schemes:
+            return self._schemes[fields]
+        if self._named or not fields:
+            rules = [self._rule(name) for name in fields or ("",)]
+            advect, own = self.form == "advection", bool(self._named)
+            found = made_scheme(self.grid, self._formulas, self.profile, advect, rules, own)
+        else:
+            alike = self._scheme(())
+            found = Scheme(alike.stages, alike.rules * len(fields))
+        self._schemes[fields] = found
+        return found
 
     def _rule(self, field: str) -> Rule:
         """What holds for a field of this name."""
