@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.formulas.velocity import Velocity
-from cip.output.state_dataset import state_dataset
 from cip.stages.state import State
+from cip.stages.state_dataset import state_dataset
 
 Array = NDArray[np.float64]
 

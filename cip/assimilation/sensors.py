@@ -15,10 +15,10 @@ from cip.errors import InputError
 from cip.formulas.velocity import seconds
 from cip.grid import AXES, Grid
 from cip.output.sample import sample, sample_rows
-from cip.output.state_dataset import xarray_module
 from cip.output.stored import read_words, reading, write_words
 from cip.output.trajectory import Trajectory
 from cip.stages.state import State
+from cip.stages.state_dataset import xarray_module
 from skfem_adini.ground.arguments import masked_array, real_array, real_number
 
 Array = NDArray[np.float64]

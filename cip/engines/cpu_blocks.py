@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from cip.engines.cpu_loops import address, at_addresses
+from cip.engines.cpu_loops import address, at_addresses, shifted
 from cip.profiles.catalogue import Corners, Foot, Line, Update
 from cip.profiles.line_kernels import move_cubic
 from cip.profiles.line_profiles import cubic, locate
@@ -27,6 +27,9 @@ from skfem_adini.ground.jit import Array, Index, Out, Real, kernel, loop, room
 # Nodes of a block: its arrays, 7 numbers a node on lines and up to 30 in planes, take 7 and 15 kB
 # of the first-level cache.
 _LINE_BLOCK, _PLANE_BLOCK = 128, 64
+# Rows in which one field follows another: their feet stay in the second-level cache. A block of all
+# fields at once would read more streams than a cache has places for.
+_TILE = 16
 
 line_numbers = room(_LINE_BLOCK)
 plane_numbers = room(4 * _PLANE_BLOCK)
@@ -133,9 +136,10 @@ def cubic_row(
 @loop
 def run_cubic(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
-    uniform: Index, near: Out,
+    uniform: Index, near: Out, step: Index,
 ) -> None:  # fmt: skip
-    """The new moments of nodes start..stop of the line."""
+    """The new moments of nodes start..stop of the line, of all fields."""
+    fields = m.size // step
     at, inside = line_numbers(np.empty(1, np.int64)), line_numbers(m)
     m, out, feet, near = address(m), address(out), address(feet), address(near)
     line, advect = at_addresses(line), Update(*update).advect
@@ -148,13 +152,17 @@ def run_cubic(
             first = o - (o + low) // n * n
         if first + low < 0 or first + high + count >= n:
             line_places(feet, o, count, n, periodic, at, inside)
-            ends(m, n, h, uniform, count, at, near)
-            cubic_block(near, inside, feet, n, o, count, advect, out)
+            for f in range(fields):
+                ends(shifted(m, f * step), n, h, uniform, count, at, near)
+                cubic_block(near, inside, feet, n, o, count, advect, shifted(out, f * step))
         elif low == high and uniform == 1:
-            cubic_row(m, first + low, h[0], inside, feet, n, o, count, advect, out)
+            for f in range(fields):
+                old, new = shifted(m, f * step), shifted(out, f * step)
+                cubic_row(old, first + low, h[0], inside, feet, n, o, count, advect, new)
         else:
-            near_ends(m, n, h, uniform, count, first, at, near)
-            cubic_block(near, inside, feet, n, o, count, advect, out)
+            for f in range(fields):
+                near_ends(shifted(m, f * step), n, h, uniform, count, first, at, near)
+                cubic_block(near, inside, feet, n, o, count, advect, shifted(out, f * step))
 
 
 @kernel
@@ -263,15 +271,19 @@ def bicubic_block(
 
 def run_plane_blocks(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, x: Line, y: Line, update: Update,
-    uniform: Index, near: Out,
+    uniform: Index, near: Out, step: Index,
 ) -> None:  # fmt: skip
-    """Update rows start..stop of a plane."""
+    """Update rows start..stop of a plane, of all fields."""
+    fields = m.size // step
     at, inside, new = plane_numbers(np.empty(1, np.int64)), plane_numbers(m), plane_numbers(m)
     m, out, feet, near = address(m), address(out), address(feet), address(near)
     x, y, update = at_addresses(x), at_addresses(y), Update(*update)
-    for i in range(start, stop):
-        for j in range(0, y.n, _PLANE_BLOCK):
-            count = min(_PLANE_BLOCK, y.n - j)
-            o = i * y.n + j
-            plane_places(feet, update.size, o, count, i, j, x, y, at, inside)
-            block(m, out, feet, x, y, update, uniform, o, count, at, inside, near, new)
+    for first in range(start, stop, _TILE):
+        for f in range(fields):
+            old, to = shifted(m, f * step), shifted(out, f * step)
+            for i in range(first, min(first + _TILE, stop)):
+                for j in range(0, y.n, _PLANE_BLOCK):
+                    count = min(_PLANE_BLOCK, y.n - j)
+                    o = i * y.n + j
+                    plane_places(feet, update.size, o, count, i, j, x, y, at, inside)
+                    block(old, to, feet, x, y, update, uniform, o, count, at, inside, near, new)

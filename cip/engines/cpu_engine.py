@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import prod
+from sys import getrefcount
 from typing import Any
 
 import numpy as np
@@ -34,15 +35,23 @@ class CpuEngine(Engine):
     def place(self, state: State) -> State:
         """The state in a NumPy array of the setting's precision."""
         data = np.ascontiguousarray(state.host().data, dtype=self.dtype)
-        return state_of(self.grid, state.profile, data, state.t)
+        return state_of(self.grid, state.profile, data, state.t, fields=state.fields)
 
     def place_feet(self, feet: StageFeet) -> StageFeet:
         """Feet in the setting's precision."""
         return replace(feet, data=feet.data.astype(self.dtype))
 
     def empty(self, data: Any) -> Any:
-        """Uninitialized memory for the new moments."""
-        return np.empty_like(data)
+        """Uninitialized memory for the new moments: that of a state which no one holds any more.
+        New memory of the system costs as much as a step, as its pages come one by one."""
+        spare = self._memory.spare
+        for one in spare:
+            # References of the list, of this loop and of the call; a view has one more.
+            if getrefcount(one) == 3 and one.shape == data.shape and one.dtype == data.dtype:
+                return one
+        found = np.empty_like(data)
+        self._memory.spare = [*spare[-2:], found]
+        return found
 
     def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
         """Write values to (or add them at) indices into the flat moments."""
@@ -73,18 +82,18 @@ class CpuEngine(Engine):
         from cip.engines import cpu_blocks, cpu_loops
         from skfem_adini.ground.jit import loop_over
 
-        grid, profile = self.grid, stage.profile
+        grid, profile, step = self.grid, stage.profile, self.step
         lines, update, rows = self._update(stage)
         if self.limiter == 0 and (stage.axis is None or (grid.dim == 1 and profile == "cubic")):
             run: Any = cpu_blocks.run_cubic
             if stage.axis is None:
                 block = getattr(cpu_blocks, f"{profile}_block")
                 run = loop_over(cpu_blocks.run_plane_blocks, block=block)
-            uniform, moments = int(all(grid.uniform)), m.size // grid.size
+            uniform, moments = int(all(grid.uniform)), step // grid.size
 
             def work(start: int, stop: int) -> None:
                 near = cpu_blocks.block_room(moments, self.dtype, self.widths)
-                run(start, stop, m, out, feet, *lines, update, uniform, near)
+                run(start, stop, m, out, feet, *lines, update, uniform, near, step)
 
         else:
             name = "run_line" if grid.dim == 1 and not stage.conservative else "run_lines"
@@ -93,9 +102,9 @@ class CpuEngine(Engine):
             limits = self._limits(stage)
 
             def work(start: int, stop: int) -> None:
-                run(start, stop, m, out, feet, *lines, update, limits)
+                run(start, stop, m, out, feet, *lines, update, limits, step)
 
-        cpu_loops.share(work, rows, grid.size)
+        cpu_loops.share(work, rows, grid.size * (m.size // step))
 
     def launch_path(
         self,
@@ -118,12 +127,12 @@ class CpuEngine(Engine):
         paths = tuple(cpu_loops.Paths(x, y, z, t_end, dt / count, count, box))
         loop = cpu_loops.run_plane_path if stage.axis is None else cpu_loops.run_lines_path
         run, limits = loop_over(loop, node=self._node(stage), path=path), self._limits(stage)
-        said = np.zeros(rows, np.int64)
+        said, step = np.zeros(rows, np.int64), self.step
         components = 0 if kept is None else len(stage.jets)
         kept = np.empty(0) if kept is None else kept
 
         def work(start: int, stop: int) -> None:
-            run(start, stop, m, out, said, kept, components, paths, *lines, update, limits)
+            run(start, stop, m, out, said, kept, components, paths, *lines, update, limits, step)
 
-        cpu_loops.share(work, rows, self.grid.size)
+        cpu_loops.share(work, rows, self.grid.size * (m.size // step))
         return int(np.bitwise_or.reduce(said))

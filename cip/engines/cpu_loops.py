@@ -2,7 +2,8 @@
 
 The loops are plain Python: `loop_over` compiles one for each kernel `node`. Loops with a `path`
 also compute the feet, for velocities given by formulas. They take the records of
-`cip.profiles.catalogue` as plain tuples: numba unpacks these ten times faster.
+`cip.profiles.catalogue` as plain tuples: numba unpacks these ten times faster. `m` and `out` are
+those of all fields one after another, `step` numbers each: these share the feet.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from cip.grid import Grid
 from cip.profiles.catalogue import Foot, Limits, Line, Update
 from cip.stages.stage import Stage
 from skfem_adini.ground.arrays import cores
-from skfem_adini.ground.jit import Array, Index, Out, Real, generated, kernel, pointer, room
+from skfem_adini.ground.jit import Array, Index, Out, Real, generated, kernel, pointer, room, shift
 
-address = pointer()
+address, shifted = pointer(), shift()
 
 
 @kernel
@@ -47,25 +48,29 @@ path: Any = None
 
 def run_line(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
-    limits: Limits,
+    limits: Limits, step: Index,
 ) -> None:  # fmt: skip
     """Update nodes start..stop of the line of a grid in one dimension."""
+    fields = m.size // step
     m, out, feet = address(m), address(out), address(feet)
     line, advect, limits = at_addresses(line), Update(*update).advect, Limits(*limits)
     # Constants, so that the compiler removes the code for other dimensions.
     n, own = line.n, Line(line.h, 0, 1, line.n, line.periodic)
     known = Update(n, 1, 0, advect)
-    for i in range(start, stop):
-        node(m, out, Foot(feet, n, i), own, known, i, i, limits)
+    for f in range(fields):
+        old, new = shifted(m, f * step), shifted(out, f * step)
+        for i in range(start, stop):
+            node(old, new, Foot(feet, n, i), own, known, i, i, limits)
 
 
 def run_lines(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
-    limits: Limits,
+    limits: Limits, step: Index,
 ) -> None:  # fmt: skip
     """Update rows start..stop of a sweep; `line` is the first line of the grid in its direction.
     Row ``block line.n + i`` holds node i of ``line.stride`` adjacent lines.
     """
+    fields = m.size // step
     m, out, feet = address(m), address(out), address(feet)
     line, update, limits = at_addresses(line), Update(*update), Limits(*limits)
     inner, n = line.stride, line.n
@@ -73,10 +78,12 @@ def run_lines(
     i = start - block * n
     for _ in range(start, stop):
         base = block * n * inner
-        for q in range(inner):
-            o = base + i * inner + q
-            own = Line(line.h, base + q, inner, n, line.periodic)
-            node(m, out, Foot(feet, update.size, o), own, update, o, i, limits)
+        for f in range(fields):
+            old, new = shifted(m, f * step), shifted(out, f * step)
+            for q in range(inner):
+                o = base + i * inner + q
+                own = Line(line.h, base + q, inner, n, line.periodic)
+                node(old, new, Foot(feet, update.size, o), own, update, o, i, limits)
         i += 1
         if i == n:
             i = 0
@@ -85,15 +92,18 @@ def run_lines(
 
 def run_plane(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, x: Line, y: Line, update: Update,
-    limits: Limits,
+    limits: Limits, step: Index,
 ) -> None:  # fmt: skip
     """Update rows start..stop of a plane; x and y are the lines through its first node."""
+    fields = m.size // step
     m, out, feet = address(m), address(out), address(feet)
     x, y, update, limits = at_addresses(x), at_addresses(y), Update(*update), Limits(*limits)
     for i in range(start, stop):
-        for j in range(y.n):
-            o = i * y.n + j
-            node(m, out, Foot(feet, update.size, o), x, y, update, o, i, j, limits)
+        for f in range(fields):
+            old, new = shifted(m, f * step), shifted(out, f * step)
+            for j in range(y.n):
+                o = i * y.n + j
+                node(old, new, Foot(feet, update.size, o), x, y, update, o, i, j, limits)
 
 
 @cache
@@ -160,22 +170,25 @@ def kernel_of(source: str, **more: Any) -> Any:
 
 def run_plane_path(
     start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
-    paths: Paths, x: Line, y: Line, update: Update, limits: Limits,
+    paths: Paths, x: Line, y: Line, update: Update, limits: Limits, step: Index,
 ) -> None:  # fmt: skip
     """Update rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`.
     The first components of the feet are written to `kept`, laid out as by `run_feet`.
     """
+    fields = m.size // step
     m, out, said, kept = address(m), address(out), address(said), address(kept)
     x, y, update, paths = at_addresses(x), at_addresses(y), Update(*update), Paths(*paths)
     limits = Limits(*limits)
     x1, x2 = address(paths.x), address(paths.y)
     feet, box = foot_room(np.empty(1)), address(paths.box)
-    t, step, count = paths.t, paths.step, paths.substeps
+    t, dt, count = paths.t, paths.step, paths.substeps
     for i in range(start, stop):
         found = 0
         for j in range(y.n):
-            found |= path(feet, x1[i], x2[j], 0.0, t, step, count, box)
-            node(m, out, Foot(feet, 1, 0), x, y, update, i * y.n + j, i, j, limits)
+            found |= path(feet, x1[i], x2[j], 0.0, t, dt, count, box)
+            for f in range(fields):
+                old, new = shifted(m, f * step), shifted(out, f * step)
+                node(old, new, Foot(feet, 1, 0), x, y, update, i * y.n + j, i, j, limits)
             for f in range(components):
                 kept[f * update.size + i * y.n + j] = feet[f]
         said[i] = found
@@ -183,15 +196,16 @@ def run_plane_path(
 
 def run_lines_path(
     start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
-    paths: Paths, line: Line, update: Update, limits: Limits,
+    paths: Paths, line: Line, update: Update, limits: Limits, step: Index,
 ) -> None:  # fmt: skip
     """As `run_plane_path`, for rows start..stop of a sweep, counted as in `run_lines`."""
+    fields = m.size // step
     m, out, said, kept = address(m), address(out), address(said), address(kept)
     line, update, paths = at_addresses(line), Update(*update), Paths(*paths)
     limits = Limits(*limits)
     feet, box = foot_room(np.empty(1)), address(paths.box)
     x, y, z = address(paths.x), address(paths.y), address(paths.z)
-    t, step, count = paths.t, paths.step, paths.substeps
+    t, dt, count = paths.t, paths.step, paths.substeps
     ny, nz, inner, n = paths.y.size, paths.z.size, line.stride, line.n
     block = start // n
     i = start - block * n
@@ -200,9 +214,11 @@ def run_lines_path(
         base = block * n * inner
         for q in range(inner):
             o = base + i * inner + q
-            found |= path(feet, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, step, count, box)
+            found |= path(feet, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, dt, count, box)
             own = Line(line.h, base + q, inner, n, line.periodic)
-            node(m, out, Foot(feet, 1, 0), own, update, o, i, limits)
+            for f in range(fields):
+                old, new = shifted(m, f * step), shifted(out, f * step)
+                node(old, new, Foot(feet, 1, 0), own, update, o, i, limits)
             for f in range(components):
                 kept[f * update.size + o] = feet[f]
         said[row] = found

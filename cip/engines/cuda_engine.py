@@ -232,7 +232,7 @@ class CudaEngine(Engine):
     def place(self, state: State) -> State:
         """The state in a CuPy array of the setting's precision."""
         data = self._cupy.ascontiguousarray(self._cupy.asarray(state.data, dtype=self.dtype))
-        return state_of(self.grid, state.profile, data, state.t)
+        return state_of(self.grid, state.profile, data, state.t, fields=state.fields)
 
     def place_feet(self, feet: StageFeet) -> StageFeet:
         """Feet on the device, in the setting's precision."""
@@ -253,11 +253,12 @@ class CudaEngine(Engine):
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
         """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
-        arguments = [m, out, feet, *self._widths]
+        arguments = [feet, *self._widths]
         if stage.conservative:
             limits = (*self.bounds(stage), self.setting.bounds_tolerance)
             arguments += [self.dtype.type(value) for value in limits]
-        self._start(stage, False, arguments)
+        for own in self._fields(m):
+            self._start(stage, False, [m[own], out[own], *arguments])
 
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
@@ -267,7 +268,8 @@ class CudaEngine(Engine):
         real = self.dtype.type
         clock = [real(t_end), real(dt / count), self._whole(count), said]
         clock += [*self._table(stage), *(real(value) for value in stage.parameters)]
-        self._start(stage, True, [m, out, *self._lines, *clock, *self._widths])
+        for own in self._fields(m):
+            self._start(stage, True, [m[own], out[own], *self._lines, *clock, *self._widths])
         part = (stage.axis, dt, count)
         if part in self._certain:
             return 0
@@ -277,6 +279,15 @@ class CudaEngine(Engine):
             # Every later step has the same feet, so the host need not wait for their codes.
             self._certain.add(part)
         return found
+
+    def _computes(self, stage: Stage, fields: int) -> bool:
+        """As in the base class; several fields share feet that a kernel of their own computes."""
+        several = fields > 1 and snapshots_of(stage.velocity) is None
+        return not several and super()._computes(stage, fields)
+
+    def _fields(self, m: Any) -> list[slice]:
+        """The parts of the flat moments that belong to each field."""
+        return [slice(start, start + self.step) for start in range(0, m.size, self.step)]
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
         """As in the base class, on the device except for means and velocities from snapshots."""

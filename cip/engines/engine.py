@@ -13,7 +13,7 @@ from cip.characteristics.feet import FEET
 from cip.engines.path_kernel import PATH
 from cip.formulas.formula import Formula
 from cip.grid import Grid
-from cip.profiles.catalogue import LIMITER_CODES
+from cip.profiles.catalogue import LIMITER_CODES, moments
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
@@ -35,6 +35,7 @@ class _Memory(threading.local):
         # For each part of a step: the time at which the sub-steps were last counted, and their
         # number.
         self.counts: dict[Any, tuple[float, int]] = {}
+        self.spare: list[Any] = []  # arrays of moments, to be used again
 
 
 class Engine:
@@ -47,6 +48,8 @@ class Engine:
     def __init__(self, setting: Setting) -> None:
         self.setting, self.grid, self.dtype = setting, setting.grid, setting.dtype
         self.limiter = LIMITER_CODES[setting.limiter]
+        # Numbers of a field in the flat moments, which hold one field after another.
+        self.step = len(moments(setting.profile, setting.grid.dim)) * setting.grid.size
         self._memory = _Memory()
         self._feet: dict[Any, StageFeet] = {}
         self._lock = threading.Lock()
@@ -116,12 +119,13 @@ class Engine:
         kept: list[StageFeet] | None = None,
         known: StageFeet | None = None,
     ) -> Any:
-        """The moments after a stage of the step [t, t + dt]. `homogeneous`: data on walls are zero,
-        which makes it linear. Feet that are not cached are added to `kept` (on the CPU); `known`
-        feet are reused, unless the kernel computes them."""
+        """The moments after a stage of the step [t, t + dt], of one field or of several along the
+        first axis. `homogeneous`: data on walls are zero, which makes it linear. Feet that are not
+        cached are added to `kept` (on the CPU); `known` feet are reused, unless the kernel computes
+        them."""
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
-        if self._computes(stage):
+        if self._computes(stage, m.size // self.step):
             t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
             room = [] if kept is None else [np.empty(len(stage.jets) * self.grid.size)]
 
@@ -136,12 +140,18 @@ class Engine:
         feet = self.feet(stage, t, dt) if known is None else known
         if kept is not None and not self.setting.steady:
             kept.append(feet)
-        self.launch(stage, m, new, feet.data)
-        for correction in stage.corrections(feet):
-            if not homogeneous:
-                self.correct(new, correction.places, correction.values, correction.add)
-            elif not correction.add:
-                self.correct(new, correction.places, 0.0 * correction.values, False)
+        fields = [slice(start, start + self.step) for start in range(0, m.size, self.step)]
+        if stage.parts and stage.conservative:  # bounds of their own
+            for part, own in zip(stage.parts, fields, strict=True):
+                self.launch(part, m[own], new[own], feet.data)
+        else:
+            self.launch(stage, m, new, feet.data)
+        for part, own in zip(stage.parts or [stage] * len(fields), fields, strict=True):
+            for correction in part.corrections(feet):
+                if not homogeneous:
+                    self.correct(new[own], correction.places, correction.values, correction.add)
+                elif not correction.add:
+                    self.correct(new[own], correction.places, 0.0 * correction.values, False)
         return out
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
@@ -151,7 +161,9 @@ class Engine:
         key = (stage.axis, (stage.end - stage.begin) * dt)
         found = self._feet.get(key)
         if found is None:
+            left = self._memory.left
             found = self.place_feet(self._computed_feet(stage, t, dt))
+            self._memory.left = left  # as in a step that finds the feet here
             with self._lock:  # threads may share an engine
                 while len(self._feet) >= LIMITS.feet:
                     self._feet.pop(next(iter(self._feet)))
@@ -162,7 +174,7 @@ class Engine:
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
         large = self.grid.size > LIMITS.compiled or not self.setting.steady
-        if large and stage.formula and not self._memory.left:
+        if large and stage.formula and (self.setting.steady or not self._memory.left):
             found = self._compiled_feet(stage, t, dt)
             if found is not None:
                 return found
@@ -232,12 +244,12 @@ class Engine:
         """The bounds that the limiter imposes in a stage: between the sweeps of a splitting only
         the sign, as the field is compressed along one direction and not yet stretched along the
         others."""
-        low, high = self.setting.bounds
+        low, high = stage.bounds or self.setting.bounds
         if not stage.compressed:
             return low, high
         return (0.0 if low >= 0.0 else -np.inf), (0.0 if high <= 0.0 else np.inf)
 
-    def _computes(self, stage: Stage) -> bool:
+    def _computes(self, stage: Stage, fields: int) -> bool:
         if self._memory.left or not stage.computable:
             return False
         return not self.setting.stores_feet

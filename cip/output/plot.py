@@ -2,78 +2,120 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.errors import InputError, NotSupported
+from cip.errors import InputError, MissingDependency, NotSupported
 from cip.grid import Grid
 from cip.output.sample import sample
 from cip.stages.state import State
 
 
 def plot_states(
-    states: Sequence[State], ax: Any = None, places: Sequence[int] | None = None
+    states: Sequence[State],
+    ax: Any = None,
+    places: Sequence[int] | None = None,
+    label: str = "u",
 ) -> Any:
     """Draw snapshots on one grid by their profiles: curves in one dimension, in two a colour map of
-    the last of `places`, which are indices of states (default all). Returns the Axes.
+    the last of `places`, which are indices of states (default all), a panel for each field. Returns
+    the Axes.
     """
-    grid = states[0].grid
+    grid, fields = states[0].grid, states[0].fields
     if grid.dim == 3:
         raise InputError("plot: three dimensions; use to_pyvista() or save('run.pvd')")
+    if fields:
+        axes = _panels(len(fields), grid) if ax is None else ax
+        for name, one in zip(fields, axes, strict=True):
+            plot_states([state.field(name) for state in states], one, places, name)
+            one.set_title(f"{name}, {one.get_title()}" if grid.dim == 2 else name)
+        return list(axes)
     ax = _axes(ax, figsize=(6, 4))
     if grid.dim == 2:
         state = states[-1 if places is None else places[-1]]
-        _map(ax, grid, state["u"], "u", shading="nearest", cmap="viridis")
+        _map(ax, grid, state["u"], label, shading="nearest", cmap="viridis")
         ax.set_title(f"t = {state.t:.4g}")
         return ax
     x = _fine(grid.bounds[0], grid.cells[0])
     for place in range(len(states)) if places is None else places:
         state = states[place]
         ax.plot(x, sample(states[place], x), lw=1.2, label=f"t = {state.t:.4g}")
-    ax.set(xlabel="x", ylabel="u")
+    ax.set(xlabel="x", ylabel=label)
     ax.legend(frameon=False, fontsize=8)
     return ax
 
 
 def animate_states(states: Sequence[State], path: str | Path | None = None, fps: int = 20) -> Any:
-    """A matplotlib animation of snapshots in one or two dimensions, written to `path` (.gif)."""
+    """A matplotlib animation of snapshots in one or two dimensions, a panel for each field, written
+    to `path` (.gif, or .mp4 by ffmpeg).
+    """
     import matplotlib.pyplot as plt
-    from matplotlib.animation import FuncAnimation
+    from matplotlib.animation import FuncAnimation, writers
 
-    grid = states[0].grid
-    if grid.dim == 3:
+    if states[0].grid.dim == 3:
         raise InputError("animate: three dimensions; use save('run.pvd') and ParaView")
-    if path is not None and Path(path).suffix != ".gif":
-        raise InputError(f"path: expected a name that ends in .gif, got {str(path)!r}")
-    ax = _axes(None, figsize=(6, 4))
-    values = [state["u"] for state in states]
-    low, high = float(min(map(np.min, values))), float(max(map(np.max, values)))
-    if grid.dim == 1:
-        x = _fine(grid.bounds[0], grid.cells[0])
-        (line,) = ax.plot(x, sample(states[0], x))
-        # A margin of a twentieth of the range; 1e-300 keeps it positive for a constant field.
-        room = 0.05 * max(high - low, 1e-300)
-        ax.set(xlabel="x", ylabel="u", ylim=(low - room, high + room))
-    else:
-        image = _map(ax, grid, values[0], "u", shading="nearest", vmin=low, vmax=high)
+    suffix = ".gif" if path is None else Path(path).suffix
+    if suffix not in (".gif", ".mp4"):
+        raise InputError(f"path: expected a name that ends in .gif or .mp4, got {str(path)!r}")
+    if suffix == ".mp4" and not writers.is_available("ffmpeg"):
+        raise MissingDependency(
+            "path: .mp4 needs ffmpeg (apt install ffmpeg); take .gif without it"
+        )
+    fields = states[0].fields
+    axes = _panels(len(fields), states[0].grid) if fields else [_axes(None, figsize=(6, 4))]
+    parts = [[state.field(name) for state in states] for name in fields] or [list(states)]
+    labels = fields or ("u",)
+    drawn = [_moving(*one) for one in zip(axes, parts, labels, strict=True)]
+    names = [f"{name}, " for name in fields] or [""]
 
-    def draw(place: int) -> tuple[Any, ...]:
-        ax.set_title(f"t = {states[place].t:.4g}")
-        if grid.dim == 1:
-            line.set_ydata(sample(states[place], x))
-            return (line,)
-        image.set_array(values[place].T)
-        return (image,)
+    def draw(place: int) -> list[Any]:
+        for ax, name in zip(axes, names, strict=True):
+            ax.set_title(f"{name}t = {states[place].t:.4g}")
+        return [show(place) for show in drawn]
 
-    animation = FuncAnimation(ax.figure, draw, frames=len(states), interval=1000 / fps, blit=False)
+    figure = axes[0].figure
+    draw(0)
+    figure.draw_without_rendering()
+    figure.set_layout_engine(
+        "none"
+    )  # the places of the axes stay: finding them takes half the time
+    animation = FuncAnimation(figure, draw, frames=len(states), interval=1000 / fps, blit=False)
     if path is not None:
-        animation.save(str(path), writer="pillow", fps=fps)
-        plt.close(ax.figure)
+        animation.save(str(path), writer="pillow" if suffix == ".gif" else "ffmpeg", fps=fps)
+        plt.close(figure)
     return animation
+
+
+def _moving(ax: Any, states: Sequence[State], label: str) -> Callable[[int], Any]:
+    """Draw the first of some states of one field; the function that shows another one."""
+    grid, values = states[0].grid, [state["u"] for state in states]
+    low, high = float(min(map(np.min, values))), float(max(map(np.max, values)))
+    if grid.dim == 2:
+        image = _map(ax, grid, values[0], label, shading="nearest", vmin=low, vmax=high)
+        return lambda place: image.set_array(values[place].T) or image
+    x = _fine(grid.bounds[0], grid.cells[0])
+    (line,) = ax.plot(x, sample(states[0], x))
+    # A margin of a twentieth of the range; 1e-300 keeps it positive for a constant field.
+    room = 0.05 * max(high - low, 1e-300)
+    ax.set(xlabel="x", ylabel=label, ylim=(low - room, high + room))
+    return lambda place: line.set_ydata(sample(states[place], x)) or line
+
+
+def _panels(count: int, grid: Grid) -> list[Any]:
+    """Axes of a new figure, at most three in a row, of the shape of the grid."""
+    import matplotlib.pyplot as plt
+
+    columns, sides = min(count, 3), [high - low for low, high in grid.bounds]
+    rows, shape = -(-count // columns), 0.8 if grid.dim == 1 else sides[1] / sides[0]
+    size = (4.2 * columns, (3.2 * min(max(shape, 0.3), 2.0) + 0.8) * rows)
+    axes = plt.subplots(rows, columns, layout="constrained", figsize=size, squeeze=False)[1]
+    for spare in axes.ravel()[count:]:
+        spare.remove()
+    return list(axes.ravel()[:count])
 
 
 def plot_identified(found: Any, ax: Any = None) -> Any:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from types import SimpleNamespace
+from typing import Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError
+from cip.output.recorder import HEAD, Gauges, gauges_of, read_run
 from cip.output.sample import sample
-from cip.output.state_dataset import state_dataset
 from cip.profiles.catalogue import moments
-from cip.stages.state import State
+from cip.stages.state import State, by_field, states_in
+from cip.stages.state_dataset import state_dataset
+from cip.stages.state_files import SUFFIXES, read_states, write_states
 from skfem_adini.ground.vtk_files import write_series
 
 Array = NDArray[np.float64]
@@ -81,6 +84,14 @@ class Trajectory:
         Length of the full steps.
     interrupted : bool
         Whether the run was stopped before its end; then the last state is the last one reached.
+    gauges : Gauges or None
+        ``points``, ``t`` of every step, and ``values`` of shape (steps + 1, ...), of several fields
+        a dict of these, where the run had gauges.
+
+    Notes
+    -----
+    Of several fields, `diagnostics` and `sample` give a dict by field, and ``run["dust"]`` is the
+    trajectory of one of them.
 
     Examples
     --------
@@ -90,12 +101,16 @@ class Trajectory:
     >>> run = solver.run(solver.state(lambda x: np.sin(2 * np.pi * x)), 0.5, dt=0.05, snapshots=2)
     >>> run.times.tolist(), run.final["u"].shape
     ([0.0, 0.25, 0.5], (20,))
+    >>> run = solver.run(solver.state({"smoke": "x1", "dust": 1.0}), 0.5, dt=0.05, gauges=[0.3])
+    >>> run.gauges.values["dust"].shape, sorted(run.diagnostics)
+    ((11, 1), ['dust', 'smoke'])
     """
 
     states: tuple[State, ...]
     solver: Scheme
     dt: float
     interrupted: bool = False
+    gauges: Gauges | None = None
 
     def __repr__(self) -> str:
         first, last = self.states[0], self.states[-1]
@@ -108,8 +123,19 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.states)
 
-    def __getitem__(self, place: int) -> State:
-        return self.states[place]
+    @overload
+    def __getitem__(self, place: int) -> State: ...
+
+    @overload
+    def __getitem__(self, place: str) -> Trajectory: ...
+
+    def __getitem__(self, place: int | str) -> State | Trajectory:
+        if not isinstance(place, str):
+            return self.states[place]
+        states, gauges = tuple(state.field(place) for state in self.states), self.gauges
+        if gauges is not None:
+            gauges = replace(gauges, values=gauges.values[place])
+        return replace(self, states=states, gauges=gauges)
 
     @property
     def final(self) -> State:
@@ -122,8 +148,11 @@ class Trajectory:
         return np.array([state.t for state in self.states])
 
     @property
-    def diagnostics(self) -> Diagnostics:
-        """Mass, total variation, extrema and norms of every snapshot."""
+    def diagnostics(self) -> Any:
+        """Mass, total variation, extrema and norms of every snapshot: `Diagnostics`, of several
+        fields a dict of these."""
+        if self.final.fields:
+            return {name: self[name].diagnostics for name in self.final.fields}
         rows = []
         for state in self.states:
             u = np.asarray(state["u"], dtype=float)
@@ -141,7 +170,7 @@ class Trajectory:
             )
         return Diagnostics(*np.array(rows, dtype=float).T)
 
-    def sample(self, points: ArrayLike, place: int = -1) -> Array:
+    def sample(self, points: ArrayLike, place: int = -1) -> Any:
         """The field of one snapshot between the nodes, by its profile.
 
         Parameters
@@ -153,7 +182,7 @@ class Trajectory:
 
         Returns
         -------
-        ndarray
+        ndarray, or dict of these by field
             Shape (...). See `cip.output.sample.sample` for the profile used with a splitting.
 
         Examples
@@ -165,13 +194,21 @@ class Trajectory:
         >>> print(f"{run.sample([0.013])[0]:.4f}")  # the exact value is 0.0816
         0.0816
         """
-        return sample(self.states[place], points)
+        return by_field(self.states[place], lambda one: sample(one, points))
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self, start: Any = None, units: Mapping[str, str] | None = None) -> Any:
         """An xarray.Dataset: each moment over t and the coordinates, diagnostics over t.
 
         In a direction over which a moment is averaged its coordinate is the midpoint of the cell,
-        named ``x_cell``, ``y_cell`` or ``z_cell``.
+        named ``x_cell``, ``y_cell`` or ``z_cell``. Attributes follow the CF conventions.
+
+        Parameters
+        ----------
+        start : str or datetime, optional
+            The date of t = 0; then t holds dates, counted in ``units["t"]``.
+        units : dict, optional
+            Units by the names of coordinates and fields, ``{"t": "h", "x": "m", "u": "kg m-3"}``;
+            of t with dates s (default), min, h or d.
 
         Returns
         -------
@@ -182,12 +219,13 @@ class Trajectory:
         MissingDependency
             xarray is not installed.
         """
-        found, of = state_dataset(self.states), self.diagnostics
-        for name in ("mass", "total_variation", "minimum", "maximum", "l1", "l2"):
-            found[name] = (["t"], getattr(of, name))
+        found, of = state_dataset(self.states, start, units), self.diagnostics
+        for field, one in (of if self.final.fields else {"": of}).items():
+            for name in ("mass", "total_variation", "minimum", "maximum", "l1", "l2"):
+                found[f"{field}_{name}".lstrip("_")] = (["t"], getattr(one, name))
         return found.assign_attrs(form=self.solver.form, dt=self.dt)
 
-    def to_pyvista(self, place: int = -1) -> Any:
+    def to_pyvista(self, place: int | None = -1) -> Any:
         """One snapshot as a pyvista grid, a periodic direction closed by its first nodes again.
 
         Means over whole cells become cell data. Means over some of the directions become point
@@ -195,23 +233,28 @@ class Trajectory:
 
         Parameters
         ----------
-        place : int
-            Index of the snapshot, the last by default.
+        place : int or None
+            Index of the snapshot, the last by default; None for all.
 
         Returns
         -------
-        pyvista.RectilinearGrid
+        pyvista.RectilinearGrid, or MultiBlock of all snapshots, named by their times
         """
         import pyvista
 
+        if place is None:
+            return pyvista.MultiBlock(
+                {f"t = {s.t!r}": self.to_pyvista(k) for k, s in enumerate(self.states)}
+            )
         state = self.states[place]
         grid = state.grid
         lines = [*grid.edges, *([np.zeros(1)] * (3 - grid.dim))]
         mesh = pyvista.RectilinearGrid(*lines)
-        for moment in moments(state.profile, grid.dim):
-            values = np.asarray(state[moment.name])
+        carried = moments(state.profile, grid.dim) * max(1, len(state.fields))
+        for name, moment in zip(state.names, carried, strict=True):
+            values = np.asarray(state[name])
             if len(moment.averaged) == grid.dim:
-                mesh.cell_data[moment.name] = values.ravel(order="F")
+                mesh.cell_data[name] = values.ravel(order="F")
                 continue
             for axis, periodic in enumerate(grid.periodic):
                 if periodic:
@@ -219,17 +262,18 @@ class Trajectory:
                 elif axis in moment.averaged:
                     none = np.full_like(np.take(values, [0], axis), np.nan)
                     values = np.concatenate([values, none], axis)
-            mesh.point_data[moment.name] = values.ravel(order="F")
+            mesh.point_data[name] = values.ravel(order="F")
         mesh.field_data["t"] = [state.t]
         return mesh
 
     def save(self, path: str | Path) -> list[Path]:
-        """Write every snapshot as .vtr and the series as .pvd, for pyvista and ParaView.
+        """Write the run without loss, for `load`, or as a series for pyvista and ParaView.
 
         Parameters
         ----------
         path : path
-            Name of the series, ending in .pvd; the snapshots are written beside it.
+            Ends in ``.npz``, ``.nc`` or ``.zarr``, as for `State.save`; or in ``.pvd``: then the
+            snapshots are written beside it as ``.vtr``.
 
         Returns
         -------
@@ -239,18 +283,80 @@ class Trajectory:
         Raises
         ------
         OSError
-            No space left, or no permission to write; snapshots written before it remain.
+            No space left, or no permission to write; snapshots of a series before it remain.
         InputError
-            A name that does not end in .pvd.
+            A name with another ending.
+        MissingDependency
+            xarray or zarr is not installed.
         """
         try:
             series = Path(path)
         except TypeError:
             raise InputError(f"path={path!r}: expected the name of a series") from None
+        if series.suffix in SUFFIXES:
+            more = {"form": self.solver.form, "dt": self.dt, "interrupted": self.interrupted}
+            extra = {}
+            if self.gauges is not None:
+                values = self.gauges.values
+                rows = np.stack(list(values.values()), 1) if self.final.fields else values
+                extra = {"points": self.gauges.points, "t": self.gauges.t, "rows": rows}
+            return [write_states(series, self.states, more, extra)]
         if series.suffix != ".pvd":
-            raise InputError(f"path: expected a name that ends in .pvd, got {series.name!r}")
+            known = ", ".join([".pvd", *SUFFIXES])
+            raise InputError(f"path: expected a name that ends in {known}, got {series.name!r}")
         series.parent.mkdir(parents=True, exist_ok=True)
         return write_series(series, ((s.t, self.to_pyvista(k)) for k, s in enumerate(self.states)))
+
+    @classmethod
+    def load(cls, path: str | Path, solver: Any = None) -> Trajectory:
+        """Read a file of `save`, or the folder of ``Solver.run(save=)``.
+
+        Parameters
+        ----------
+        path : path
+        solver : Solver, optional
+            That of the run, for derivatives; a file does not hold it.
+
+        Returns
+        -------
+        Trajectory
+
+        Raises
+        ------
+        InputError
+            A file that is damaged or of another kind, or of a run that this solver did not make.
+
+        Examples
+        --------
+        >>> from tempfile import TemporaryDirectory
+        >>> from cip import Grid, Solver, Trajectory
+        >>> solver = Solver(Grid((0, 1), 16, periodic=True), 1.0)
+        >>> with TemporaryDirectory() as folder:
+        ...     run = solver.run(solver.state(1.0), 0.5, dt=0.1, snapshots=5, save=folder)
+        ...     again = Trajectory.load(folder, solver)
+        >>> again.times.tolist() == run.times.tolist(), again.solver is solver
+        (True, True)
+        """
+        if Path(path).is_dir() and (Path(path) / HEAD).exists():
+            about, states, gauges = read_run(Path(path))
+        else:
+            stored = read_states(path)
+            states, about, gauges = states_in(stored), stored.about["more"], None
+            if "form" not in about:
+                raise InputError(f"path: {path} holds a state; State.load reads it")
+            if extra := stored.extra:
+                rows = (extra["points"], extra["t"], extra["rows"])
+                gauges = gauges_of(*rows, states[0].fields)
+        if solver is not None:
+            solver._accept(states[-1])
+            if solver.form != about["form"]:
+                raise InputError(
+                    f"solver: its form is {solver.form!r}, of the run {about['form']!r}"
+                )
+        ended = "times" not in about or len(states) == 1 + len(about["times"])
+        interrupted = bool(about.get("interrupted", not ended))
+        scheme = solver if solver is not None else SimpleNamespace(form=about["form"])
+        return cls(tuple(states), scheme, about["dt"], interrupted, gauges)
 
     def plot(self, ax: Any = None, places: Sequence[int] | None = None) -> Any:
         """Draw snapshots: curves in one dimension, a map of the last one in two.
@@ -258,30 +364,36 @@ class Trajectory:
         Parameters
         ----------
         ax : matplotlib Axes, optional
+            Of several fields a sequence of one for each.
         places : sequence of int, optional
             Indices of the snapshots to draw.
 
         Returns
         -------
-        matplotlib Axes
+        matplotlib Axes, or list of these
         """
         from cip.output.plot import plot_states
 
         return plot_states(self.states, ax, places)
 
     def animate(self, path: str | Path | None = None, fps: int = 20) -> Any:
-        """An animation of the snapshots, written to `path` (.gif) if given.
+        """An animation of the snapshots, a panel for each field, written to `path` if given.
 
         Parameters
         ----------
         path : str or Path, optional
-            Ends in .gif.
+            Ends in ``.gif``, or in ``.mp4`` where ffmpeg is installed.
         fps : int
             Frames per second.
 
         Returns
         -------
         matplotlib.animation.FuncAnimation
+
+        Raises
+        ------
+        MissingDependency
+            ``.mp4`` without ffmpeg.
         """
         from cip.output.plot import animate_states
 

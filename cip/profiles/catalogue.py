@@ -82,6 +82,13 @@ def moments(profile: str, dim: int) -> tuple[Moment, ...]:
     raise InputError(f"profile: expected one of {', '.join(LINE + PLANE)}, got {profile!r}")
 
 
+def moment_names(fields: tuple[str, ...], profile: str, dim: int) -> tuple[str, ...]:
+    """Names of the moments of all fields: ``u_x`` becomes ``dust_x``, ``mean`` ``dust_mean``."""
+    own = [moment.name for moment in moments(profile, dim)]
+    ends = [name[1:] if name.startswith("u") else f"_{name}" for name in own]
+    return tuple(field + end for field in fields for end in ends) if fields else tuple(own)
+
+
 def line_jets(profile: str, dim: int, axis: int, advect: bool) -> tuple[Jet, ...]:
     """Components of the feet of a sweep, in the order in which the kernels read them."""
     along = [foot(axis), foot(axis, axis), foot(axis, axis, axis), foot(axis, axis, axis, axis)]

@@ -12,7 +12,7 @@ from cip.sensitivities.window import Move, Window, check_differentiable, checkpo
 from cip.solver.time_loop import run as repeat
 from cip.sources.reaction import HalfStep, halves
 from cip.stages.stage import StageFeet
-from cip.stages.state import State, state_of
+from cip.stages.state import State, one_field, state_of
 
 # Limit of the bytes of feet of unsteady velocities that are stored in addition to the states.
 KEPT = 2**28
@@ -26,6 +26,7 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> 
     if solver.dtype != np.float64:
         raise InputError("dtype: derivatives need a solver with dtype=float64")
     start, times = run[0], [float(t) for t in run.times[1:]]
+    one_field(start, "derivatives")
     solver._accept(start)
     if not times:
         raise InputError("run: it has no steps")
@@ -37,7 +38,7 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> 
         replay.keep_feet(every)
     kernels = solver._kernels
     arguments = (
-        replay.moves, kernels.begin(start), replay.advance, replay.feet,
+        replay.moves, solver._begin(start), replay.advance, replay.feet,
         tuple(solver.parameters), every, solver.steady,
     )  # fmt: skip
     window = _device_window(kernels, *arguments) if solver.backend == "cupy" else Window(*arguments)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
+from hashlib import sha256
 from typing import Any, Literal
 
 import numpy as np
@@ -12,23 +14,43 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.characteristics.feet import signed_step
 from cip.engines.engine import Engine, Setting
-from cip.errors import InputError
+from cip.errors import InputError, LeftDomain
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity, check_periodic
 from cip.grid import Grid
+from cip.output.recorder import Recorder
 from cip.output.trajectory import Trajectory
-from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
+from cip.profiles.catalogue import LINE
 from cip.solver.derivatives import derivative
-from cip.solver.time_loop import checked_callback, run, step_length
+from cip.solver.scheme import (
+    Form,
+    Rule,
+    Scheme,
+    advanced,
+    bounds_of,
+    check_bounded,
+    check_choices,
+    check_state,
+    check_within,
+    form_of,
+    is_by_field,
+    made_scheme,
+    mapped,
+    of_field,
+    parameters_of,
+    with_values,
+)
+from cip.solver.time_loop import checked_callback, output_times, run, step_length
 from cip.sources.diffusion import diffusion as spread
-from cip.sources.reaction import Reaction, halves, reacted, reaction
-from cip.stages.stage import Stage, StageFeet, stages
-from cip.stages.state import State, _real, default_profile, state_of
+from cip.sources.kinetics import Kinetics, kinetics
+from cip.sources.reaction import Reaction, reacted, reaction
+from cip.stages.stage import Stage, StageFeet
+from cip.stages.state import State, _real, default_profile
 from cip.stages.walls import check_split, portable_boundary, walls
-from skfem_adini.ground.arguments import real_array, real_number
+from skfem_adini.ground.arguments import flag, real_number
 
 
 class Solver(Parametrised):
@@ -67,7 +89,7 @@ class Solver(Parametrised):
     dtype : float64 or float32
     bounds : (low, high)
         For the limiter ``"bounds"``, in the unit of the field; data that begin or enter outside are
-        refused.
+        refused. Of several fields one pair for all or a dict by name, without limits for others.
     bounds_tolerance : float
         The limiter leaves a profile unchanged that exceeds the bounds by less than this, in the
         unit of the field; it should exceed the rounding errors of the field.
@@ -77,10 +99,15 @@ class Solver(Parametrised):
     source : Source, or what `Source` takes, optional
         What is added in each unit of time, s(x, t).
     decay : float, str, callable, array or Source, optional
-        Rate k >= 0 at which the field decays, 1 / time, with the same forms as a source.
+        Rate k >= 0 at which the field decays, 1 / time, with the same forms as a source. Where a
+        state has several fields, `source`, `decay`, `diffusion` and `boundary` hold for all, or
+        are dicts by their names, ``{"dust": 0.1}``: then a field that is not there has none.
     diffusion : float, or one for each direction, optional
         Constant coefficient >= 0, length^2 / time, on uniform grids: u_t + .. = diffusion lap u,
         with no diffusive flux through walls.
+    reactions : dict, optional
+        Rates of change of fields by name, formulas in all fields, the coordinates and t, as
+        ``{"a": "-0.2*a*b", "b": "0.2*a*b"}``, in the unit of the field over time.
 
     Notes
     -----
@@ -113,9 +140,11 @@ class Solver(Parametrised):
     half a step before and after the transport. The integral then changes by that of the source,
     exact for csl2 and csl4, and falls by exp(-k t) exactly for the same k everywhere. In a
     splitting a source should vanish on walls with inflow; its error there is of order dt. Diffusion
-    acts for half a step before and after, too, exactly for any dt and with the same integral; where
-    a flow enters through walls its error there is of order dt. With a limiter it is that of second
-    differences, of order 2 in the spacing, whose values never leave the range.
+    and reactions act for half a step before and after, too. Diffusion is exact for any dt, with the
+    same integral; where a flow enters through walls its error there is of order dt. With a limiter
+    it is that of second differences, of order 2 in the spacing, whose values never leave the range.
+    Reactions take as many sub-steps as they need and keep linear invariants, such as a + b above,
+    also of the integrals; data on walls should be in balance, or their error there is of order dt.
 
     Raises
     ------
@@ -160,12 +189,13 @@ class Solver(Parametrised):
         boundary: Any = None,
         backend: str = "cpu",
         dtype: DTypeLike = np.float64,
-        bounds: tuple[float, float] = (0.0, np.inf),
+        bounds: Any = (0.0, np.inf),
         bounds_tolerance: float = 1e-14,
         store_feet: bool | None = None,
         source: Any = None,
         decay: Any = None,
         diffusion: Any = None,
+        reactions: Mapping[str, Any] | None = None,
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
@@ -178,7 +208,7 @@ class Solver(Parametrised):
         self.limiter, self.splitting = limiter, splitting
         self.dtype, self.backend = _real(dtype), backend
         check_choices(grid, self.form, self.profile, limiter, splitting, backend)
-        self.bounds = bounds_of(bounds)
+        self.bounds = mapped(bounds, bounds_of)
         self.bounds_tolerance = real_number("bounds_tolerance", bounds_tolerance)
         if not self.bounds_tolerance >= 0.0:
             raise InputError(f"bounds_tolerance: expected >= 0, got {bounds_tolerance!r}")
@@ -189,10 +219,12 @@ class Solver(Parametrised):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
-        self.source, self.decay = Source.of(source, "source"), Source.of(decay, "decay")
+        self.source = mapped(source, lambda one: Source.of(one, "source"))
+        self.decay = mapped(decay, lambda one: Source.of(one, "decay"))
         self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
         setting = Setting(
-            grid, self._formulas, self.profile, limiter, self.bounds, self.bounds_tolerance,
+            grid, self._formulas, self.profile, limiter,
+            of_field(self.bounds, "") or (-np.inf, np.inf), self.bounds_tolerance,
             self.dtype, store_feet, self.steady,
         )  # fmt: skip
         if backend == "cupy":
@@ -203,22 +235,68 @@ class Solver(Parametrised):
             from cip.engines.cpu_engine import CpuEngine
 
             self._kernels = CpuEngine(setting)
-        xp = self._kernels.xp
-        self._reaction = reaction(grid, self.profile, self.source, self.decay, xp)
-        spreads = spread(grid, self.profile, diffusion, limiter is not None, xp)
-        self.diffusion = None if spreads is None else spreads.rates
-        self._reactions = [one for one in (self._reaction, spreads) if one is not None]
-        self._inflow = {
-            f"{'xyz'[axis]}{'-+'[side]}": formula
-            for (axis, side), formula in walls(boundary, grid).items()
-        }
+        # Arguments by names of fields, and the schemes of states by theirs.
+        own = {
+            "source": source, "decay": decay, "boundary": boundary, "bounds": bounds,
+            "diffusion": diffusion, "reactions": reactions,
+        }  # fmt: skip
+        self._named = {name: tuple(one) for name, one in own.items() if is_by_field(one)}
+        self.diffusion = mapped(diffusion, lambda one: getattr(self._spread(one), "rates", None))
+        if reactions is not None and "reactions" not in self._named:
+            raise InputError(f"reactions: expected formulas by names of fields, got {reactions!r}")
+        self.reactions = None if reactions is None else dict(reactions)
+        self._kinetics: dict[tuple[str, ...], Kinetics | None] = {}
+        self._schemes: dict[tuple[str, ...], Scheme] = {}
+        first = self._scheme(tuple(dict.fromkeys(sum(self._named.values(), ()))))
+        self._stages, self._reactions = first.stages, first.rules[0].reactions
         if limiter == "bounds":
-            for name, formula in self._inflow.items():
-                if formula.exact and formula.steady:
-                    self._check_inflow(name, formula, np.zeros(1))
-        self._stages = made_stages(
-            grid, self._formulas, self.profile, self.form == "advection", boundary, self._reaction
+            for rule in first.rules:
+                for name, formula in rule.inflow.items():
+                    if formula.exact and formula.steady:
+                        self._check_inflow(name, formula, np.zeros(1), rule.bounds)
+
+    def _scheme(self, fields: tuple[str, ...]) -> Scheme:
+        """The stages for a state of these fields, and what holds for each of them."""
+        if fields in self._schemes:
+            return self._schemes[fields]
+        if self._named or not fields:
+            rules = [self._rule(name) for name in fields or ("",)]
+            own = bool({*self._named} - {"diffusion", "reactions"})
+            advect = self.form == "advection"
+            found = made_scheme(self.grid, self._formulas, self.profile, advect, rules, own)
+        else:
+            alike = self._scheme(())
+            found = Scheme(alike.stages, alike.rules * len(fields))
+        self._schemes[fields] = found
+        return found
+
+    def _rule(self, field: str) -> Rule:
+        """What holds for a field of this name."""
+        source, decay, boundary = (
+            of_field(one, field) for one in (self.source, self.decay, self._boundary)
         )
+        data = walls(boundary, self.grid)
+        bounds = of_field(self.bounds, field) or (-np.inf, np.inf)
+        made = reaction(self.grid, self.profile, source, decay, self._kernels.xp)
+        split = self.grid.dim > 1 and self.profile in LINE
+        if split:
+            check_split(data, self.form == "advection")
+        inflow = {f"{'xyz'[axis]}{'-+'[side]}": one for (axis, side), one in data.items()}
+        both = (made, self._spread(of_field(self.diffusion, field)))
+        acting = [one for one in both if one is not None]
+        return Rule(acting, reacted(data, made, split), inflow, bounds)
+
+    def _spread(self, value: Any) -> Any:
+        """The diffusion of a field."""
+        limited = self.limiter is not None
+        return spread(self.grid, self.profile, value, limited, self._kernels.xp)
+
+    def _kinetics_of(self, fields: tuple[str, ...]) -> Kinetics | None:
+        """The reactions between fields of these names."""
+        if fields not in self._kinetics:
+            made = kinetics(self.grid, self.profile, fields, self.reactions, self._kernels.xp)
+            self._kinetics[fields] = made
+        return self._kinetics[fields]
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
@@ -234,7 +312,7 @@ class Solver(Parametrised):
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay, self.diffusion,
+            self.store_feet, self.source, self.decay, self.diffusion, self.reactions,
         )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
@@ -280,7 +358,7 @@ class Solver(Parametrised):
         """
         dt = signed_step(dt)
         self._accept(state)
-        self._check_times(state.t, state.t + dt)
+        self._check_times(state, state.t + dt)
         return self._advance(self._kernels.place(state), dt).require_finite()
 
     def run(
@@ -292,6 +370,9 @@ class Solver(Parametrised):
         snapshots: int | Sequence[float] | None = None,
         callback: Callable[[State], State | Any] | None = None,
         progress: bool = False,
+        gauges: Any = None,
+        save: Any = None,
+        resume: bool = False,
     ) -> Any:
         """Steps to `t_end`, landing exactly on it and on every snapshot's time.
 
@@ -318,7 +399,17 @@ class Solver(Parametrised):
             one, for instance with a field that was corrected; `tangent` and `adjoint` refuse such
             a run. What else it returns is ignored. It may raise StopIteration to end the run.
         progress : bool
-            Log one line for each snapshot at level INFO.
+            Show a bar of the steps (on a terminal where tqdm is installed) and log one line for
+            each snapshot at level INFO.
+        gauges : array_like, optional
+            Points, shape (dim, ...), at which the field is sampled after every step, for
+            `Trajectory.gauges`.
+        save : path, optional
+            A folder to which each snapshot is written as soon as it is reached.
+        resume : bool
+            Go on from the last complete snapshot in that folder, if there is one, with the bits of
+            a run that was not interrupted. Grid, profile, velocity, sources, data on walls, start
+            and times must be those with which the run began.
 
         Returns
         -------
@@ -327,15 +418,76 @@ class Solver(Parametrised):
             finished step and is marked ``interrupted``.
         """
         self._accept(state)
-        self._check_times(state.t, real_number("t_end", t_end))
+        self._check_times(state, real_number("t_end", t_end))
         length = step_length(dt, cfl, self.grid, self._formulas, state.t, float(t_end))
 
-        def record(states: Sequence[State], interrupted: bool) -> Trajectory:
-            return Trajectory(tuple(states), self, length, interrupted)
+        times = output_times(state.t, t_end, snapshots)
+        plan = {}
+        if save is not None:
+            first = {"grid": [line.tolist() for line in self.grid.edges], "dt": length}
+            at = [state.t, 0.5 * (state.t + times[-1]), times[-1]]
+            plan = {**first, "times": times, **self._plan(state, at)}
+        recorder = Recorder(state, gauges, save, flag("resume", resume), plan)
 
-        loop = (self._advance, self._kernels.begin, record)
+        def record(states: Sequence[State], interrupted: bool) -> Trajectory:
+            return Trajectory(tuple(states), self, length, interrupted, recorder.gauges())
+
+        loop = (self._advance, self._begin, record, self._memory_at, recorder)
         change = checked_callback(callback, self._accept, self._kernels.place)
         return run(state, t_end, length, snapshots, change, progress, *loop)
+
+    def _plan(self, state: State, times: Sequence[float]) -> dict[str, Any]:
+        """What a run depends on: choices, and values of all functions at some points."""
+        part = np.arange(1, 17)
+        point = [
+            low + (high - low) * ((axis + 1) * 0.6180339887 * part % 1.0)
+            for axis, (low, high) in enumerate(self.grid.bounds)
+        ]
+        point += [np.zeros(part.size)] * (3 - self.grid.dim)
+        steps = (*self.grid.spacing, *([1.0] * (4 - self.grid.dim)))
+
+        def values(formula: Formula) -> list[Any]:
+            compute = formula.derivative((0, 0, 0, 0), steps)
+            with np.errstate(all="ignore"):
+                found = [compute(*point, t) + np.zeros(part.size) for t in times]
+            return [one.tolist() for one in found]
+
+        rules = self._scheme(state.fields).rules
+        reactions = [
+            next((one for one in rule.reactions if isinstance(one, Reaction)), None)
+            for rule in rules
+        ]
+        return {
+            "form": self.form, "profile": self.profile, "limiter": self.limiter,
+            "bounds": repr(self.bounds), "backend": self.backend, "dtype": str(self.dtype),
+            "store_feet": self.store_feet, "fields": list(state.fields),
+            "periodic": list(self.grid.periodic),
+            "velocity": [values(c) for c in self._formulas],
+            "source": [values(r.source_formula) if r and r.source else None for r in reactions],
+            "decay": [values(r.decay_formula) if r and r.decay else None for r in reactions],
+            "boundary": [{w: values(one) for w, one in rule.inflow.items()} for rule in rules],
+            "diffusion": repr(self.diffusion), "reactions": repr(self.reactions),
+        }  # fmt: skip
+
+    def _memory_at(self, state: State) -> list[Any] | None:
+        """The memory of the engine after a step, with a name of what it belongs to."""
+        engine = self._kernels
+        counts = [[list(key), *found] for key, found in engine.substep_counts.items()]
+        if not counts and not engine.paths_left:
+            return None
+        return [self._name_at(state), engine.paths_left, counts]
+
+    def _name_at(self, state: State) -> str:
+        told = [self.grid.nodes, self._plan(state, [state.t])]
+        return sha256(json.dumps(told).encode()).hexdigest()
+
+    def _begin(self, state: State) -> State:
+        """Place the first state of a run; one that is a snapshot of a run goes on as that would."""
+        placed, engine = self._kernels.begin(state), self._kernels
+        if state._memory is not None and state._memory[0] == self._name_at(state):
+            _, engine.paths_left, counts = state._memory
+            engine.substep_counts = {tuple(key): (t, count) for key, t, count in counts}
+        return placed
 
     def tangent(self, run: Trajectory, checkpoints: int | None = None) -> LinearOperator:
         """The derivative of a run's last state in its first one and in the solver's parameters.
@@ -407,23 +559,33 @@ class Solver(Parametrised):
         return derivative(self, run, checkpoints).operator().T
 
     def _accept(self, state: State) -> None:
-        check_state(state, self.grid, self.profile)
-        if self.limiter == "bounds":
-            check_bounded(state, self.bounds, self.bounds_tolerance)
+        check_state(state, self.grid, self.profile, self._named)
+        self._kinetics_of(state.fields)
+        # A state that this limiter has stepped may exceed them by sources and splitting.
+        if self.limiter == "bounds" and state._bounded != self.bounds:
+            parts = [state.field(name) for name in state.fields] or [state]
+            for part, rule in zip(parts, self._scheme(state.fields).rules, strict=True):
+                check_bounded(part, rule.bounds, self.bounds_tolerance)
 
-    def _check_times(self, start: float, end: float) -> None:
-        """Raise `InputError` if velocity or source are not known from `start` to `end`, or if data
-        on walls leave the bounds of the limiter then.
+    def _check_times(self, state: State, end: float) -> None:
+        """Raise `InputError` if velocity or sources are not known until `end`, or if data on walls
+        leave the bounds of the limiter then.
         """
-        for known in (snapshots_of(self._formulas), self._reaction):
+        rules = self._scheme(state.fields).rules
+        acting = [one for rule in rules for one in rule.reactions]
+        for known in (snapshots_of(self._formulas), *acting):
             if known is not None:
-                known.check_times(min(start, end), max(start, end))
+                known.check_times(min(state.t, end), max(state.t, end))
         if self.limiter == "bounds" and np.isfinite(end):
-            for name, formula in self._inflow.items():
-                if not formula.steady:
-                    self._check_inflow(name, formula, np.linspace(start, end, 65))
+            for rule in rules:
+                for name, formula in rule.inflow.items():
+                    if not formula.steady:
+                        times = np.linspace(state.t, end, 65)
+                        self._check_inflow(name, formula, times, rule.bounds)
 
-    def _check_inflow(self, name: str, formula: Formula, times: NDArray[np.float64]) -> None:
+    def _check_inflow(
+        self, name: str, formula: Formula, times: NDArray[np.float64], bounds: tuple[float, float]
+    ) -> None:
         """Raise `InputError` for data on a wall outside the bounds of the limiter."""
         axis, side = "xyz".index(name[0]), "-+".index(name[1])
         lines = [*self.grid.coordinates]
@@ -433,10 +595,18 @@ class Solver(Parametrised):
         found = formula.derivative((0, 0, 0, 0), (*self.grid.spacing, 1.0, 1.0, 1.0))(*point)
         if np.isfinite(found).all():
             what, remedy = f"boundary {name!r}: the field there", "change it, or widen bounds"
-            check_within(found, self.bounds, self.bounds_tolerance, what, remedy)
+            check_within(found, bounds, self.bounds_tolerance, what, remedy)
 
     def _advance(self, state: State, dt: float) -> State:
-        new = advanced(self._kernels, self._stages, self._reactions, state, dt)
+        scheme = self._scheme(state.fields)
+        try:
+            new = advanced(self._kernels, scheme, self._kinetics_of(state.fields), state, dt)
+        except LeftDomain as error:
+            most = max(len(rule.inflow) for rule in scheme.rules)
+            pairs = zip(state.fields, scheme.rules, strict=False)
+            if short := [name for name, rule in pairs if len(rule.inflow) < most]:
+                raise LeftDomain(f"{error}, for {', '.join(short)} as for others") from error
+            raise
         if self.limiter == "bounds":
             new.__dict__["_bounded"] = self.bounds
         return new
@@ -457,171 +627,3 @@ class Solver(Parametrised):
         StageFeet
         """
         return self._kernels.feet(stage, t, dt)
-
-
-def parameters_of(velocity: Any, source: Any, decay: Any, boundary: Any) -> dict[str, float]:
-    """The values of all parameters of the solver's arguments, in order. Raises `InputError` for two
-    values of one name, since code takes one name for one parameter.
-    """
-    found: dict[str, float] = {}
-    first: dict[str, str] = {}
-    functions = {"velocity": velocity, "source": source, "decay": decay, "boundary": boundary}
-    for label, function in functions.items():
-        parts = function.values() if isinstance(function, Mapping) else [function]
-        for part in parts:
-            own = part.parameters if isinstance(part, Parametrised) else {}
-            for name, value in own.items():
-                if found.setdefault(name, value) != value:
-                    raise InputError(
-                        f"{label}: its parameter {name!r} is {value:.6g}, that of {first[name]} "
-                        f"{found[name]:.6g}; one name is one parameter: rename one of them"
-                    )
-                first.setdefault(name, label)
-    return found
-
-
-def with_values(function: Any, values: Mapping[str, float]) -> Any:
-    """An argument of a solver with new values of those parameters that it has."""
-    if isinstance(function, Mapping):
-        return {wall: with_values(part, values) for wall, part in function.items()}
-    if not isinstance(function, Parametrised):
-        return function
-    own = {name: values[name] for name in function.parameters if name in values}
-    return function.with_parameters(**own) if own else function
-
-
-def made_stages(
-    grid: Grid,
-    velocity: tuple[Formula, ...],
-    profile: str,
-    advect: bool,
-    boundary: Any,
-    reaction: Reaction | None,
-) -> list[Stage]:
-    """Make the stages of one step; `reaction` acts before and after them."""
-    data = walls(boundary, grid)
-    split = grid.dim > 1 and profile in LINE
-    if split:
-        check_split(data, advect)
-    return stages(grid, velocity, profile, advect, reacted(data, reaction, split))
-
-
-def advanced(
-    kernels: Engine, made: list[Stage], reactions: Sequence[Any], state: State, dt: float
-) -> State:
-    """The state after a step: the stages between the halves of sources, decay and diffusion."""
-    data, t = state.data, state.t
-    before, after = halves(reactions, t, dt)
-    for half in before:
-        data = half.applied(data)
-    for stage in made:
-        data = kernels.apply(stage, data, t, dt)
-    for half in after:
-        data = half.applied(data)
-    return state_of(state.grid, state.profile, data, t + dt)
-
-
-Form = Literal["transport", "advection"]
-
-
-def check_choices(
-    grid: Grid, form: Form, profile: str, limiter: Any, splitting: Any, backend: Any
-) -> None:
-    """Raise `InputError` for options of a solver that do not exist or are incompatible."""
-    moments(profile, grid.dim)
-    if not isinstance(limiter, str | None) or limiter not in LIMITER_CODES:
-        raise InputError(
-            f"limiter: expected one of {', '.join(map(str, LIMITER_CODES))}, got {limiter!r}"
-        )
-    if limiter is not None and limiter not in LIMITERS[profile]:
-        allowed = ", ".join(LIMITERS[profile]) or "no limiter"
-        raise InputError(f"limiter: {limiter!r} does not fit {profile!r}, which takes {allowed}")
-    if splitting is not None and not _is(splitting, "strang"):
-        raise InputError(f"splitting: expected None or 'strang', got {splitting!r}")
-    if profile in PLANE and splitting is not None:
-        raise InputError(f"splitting: {profile!r} is direct; pass splitting=None")
-    if profile in LINE and grid.dim > 1 and splitting is None:
-        raise InputError(
-            f"splitting: {profile!r} is one-dimensional; pass splitting='strang', or "
-            "profile='adini' or 'bicubic' in two dimensions"
-        )
-    if profile.startswith("csl") and form != "advection":
-        raise InputError(
-            f"form: {profile!r} conserves the integral and so needs form='advection' "
-            "(the same equation where div c = 0)"
-        )
-    if not _is(backend, "cpu", "cupy"):
-        raise InputError(f"backend: expected 'cpu' or 'cupy', got {backend!r}")
-
-
-def _is(value: Any, *names: str) -> bool:
-    return isinstance(value, str) and value in names
-
-
-def form_of(form: Any) -> Form:
-    """The equation of this name."""
-    forms: dict[Any, Form] = {
-        "transport": "transport",
-        "advective": "transport",
-        "advection": "advection",
-        "conservative": "advection",
-    }
-    found = forms.get(form) if isinstance(form, str) else None
-    if found is None:
-        raise InputError(f"form: expected one of {', '.join(forms)}, got {form!r}")
-    return found
-
-
-def bounds_of(bounds: Any) -> tuple[float, float]:
-    """The argument `bounds` as two numbers."""
-    pair = real_array("bounds: expected (low, high)", bounds)
-    if pair.shape != (2,):
-        raise InputError(f"bounds: expected (low, high), got {bounds!r}")
-    low, high = map(float, pair)
-    if not low < high:
-        raise InputError(f"bounds: low must be below high, got {bounds!r}")
-    return low, high
-
-
-def check_within(
-    values: Any, bounds: tuple[float, float], tolerance: float, what: str, remedy: str
-) -> None:
-    """Raise `InputError` for values outside the bounds by more than a tolerance and rounding."""
-    low, high = float(values.min()), float(values.max())
-    slack = tolerance + 8.0 * float(np.finfo(values.dtype).eps) * max(abs(low), abs(high))
-    if low < bounds[0] - slack or high > bounds[1] + slack:
-        worst = low if low < bounds[0] - slack else high
-        raise InputError(
-            f"{what} reaches {worst:.6g}, outside the bounds {bounds} of the limiter, which cannot "
-            f"keep what was never inside; {remedy}"
-        )
-
-
-def check_bounded(state: State, bounds: tuple[float, float], tolerance: float) -> None:
-    """Raise `InputError` for values or means outside the bounds of the limiter. A state that this
-    limiter has stepped is accepted: sources and splitting may exceed the bounds.
-    """
-    if state._bounded == bounds:
-        return
-    for moment in moments(state.profile, state.grid.dim):
-        if not any(moment.orders):
-            what = f"state: moment {moment.name!r}"
-            check_within(state[moment.name], bounds, tolerance, what, "clip it, or widen bounds")
-
-
-def check_state(state: Any, grid: Grid, profile: str) -> None:
-    """Raise `InputError` unless it is a state on this grid with the moments of this profile."""
-    if not isinstance(state, State):
-        raise InputError(f"state: expected a State, got {type(state).__name__}")
-    if state.profile != profile:
-        raise InputError(
-            f"state: it carries the moments of {state.profile!r}, the solver those of "
-            f"{profile!r}; make it with solver.state(f)"
-        )
-    state.check()
-    if state.grid is not grid and (
-        state.grid.nodes != grid.nodes
-        or state.grid.periodic != grid.periodic
-        or any(not np.array_equal(a, b) for a, b in zip(state.grid.edges, grid.edges, strict=True))
-    ):
-        raise InputError(f"state: it lives on {state.grid}, the solver on {grid}")

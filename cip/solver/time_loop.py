@@ -13,8 +13,10 @@ from cip.characteristics.feet import check_step, signed_step, time_scale
 from cip.errors import CipError, InputError
 from cip.formulas.formula import Formula
 from cip.grid import Grid
-from cip.stages.state import State, state_of
+from cip.output.recorder import Recorder
+from cip.stages.state import State, by_field, state_of
 from skfem_adini.ground.arguments import real_array, real_number
+from skfem_adini.ground.progress import progress_bar
 
 Record = TypeVar("Record")
 
@@ -31,39 +33,51 @@ def run(
     advance: Callable[[State, float], State],
     place: Callable[[State], State],
     record: Callable[[Sequence[State], bool], Record],
+    remember: Callable[[State], Any] = lambda state: None,
+    recorder: Recorder | None = None,
 ) -> Record:
     """Step from one output time to the next; see `Solver.run`. ``advance(state, dt)`` makes a step,
     `place` copies the first state to its memory, ``record(snapshots, interrupted)`` makes the
-    result, which a `CipError` of a step carries as ``trajectory``."""
+    result, which a `CipError` of a step carries as ``trajectory``. ``remember(state)`` is what a
+    run that begins with a snapshot needs to know. Snapshots in the recorder are not made again."""
     times = output_times(state.t, t_end, snapshots)
-    # Relative to dt: a shorter remainder before an output time joins the last step. The rounding of
-    # a million steps is below it; that of the times is added.
-    no_step = 1e-9 + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / abs(dt)
-    if no_step > 0.01:
-        raise InputError(
-            f"dt: {dt:.6g} is lost in the rounding of t = {times[-1]:.6g}; count t from the start"
-        )
-    state = place(state)
-    kept = [replace(state.host())]  # a copy: the caller may modify the original
+    no_step = _no_step(state.t, times[-1], dt)
+    counts = [
+        max(1, int(np.ceil((target - start) / dt - no_step)))
+        for start, target in zip([state.t, *times], times, strict=False)
+    ]
+    kept = list(recorder.states) if recorder is not None else []
+    if not kept:
+        kept.append(_copy(state))  # the caller may modify the original
+        if recorder is not None:
+            recorder.see(kept[0])
+            recorder.keep(kept[0])
+    done = len(kept) - 1
+    state = place(kept[-1])
     found = record(kept, False)
     try:
-        for target in times:
-            start = state.t
-            count = max(1, int(np.ceil((target - start) / dt - no_step)))
-            for k in range(count):
-                last = k == count - 1
-                length = target - (start + k * dt) if last else dt
-                if abs(length - dt) <= no_step * abs(dt):
-                    length = dt
-                t = target if last else start + (k + 1) * dt
-                state = advance(state, length)
-                state = state_of(state.grid, state.profile, state.data, t, state._bounded)
-                if callback is not None:
-                    state = callback(state)
-            kept.append(state.host().require_finite())
-            found = record(kept, False)
-            if progress:
-                _log.info("t = %.6g of %.6g, mass %.12g", state.t, times[-1], kept[-1].mass)
+        with progress_bar(sum(counts), progress, sum(counts[:done])) as count_step:
+            for target, count in zip(times[done:], counts[done:], strict=True):
+                start = state.t
+                for k in range(count):
+                    last = k == count - 1
+                    length = target - (start + k * dt) if last else dt
+                    if abs(length - dt) <= no_step * abs(dt):
+                        length = dt
+                    t = target if last else start + (k + 1) * dt
+                    state = _at(advance(state, length), t)
+                    state = state if callback is None else callback(state)
+                    if recorder is not None:
+                        recorder.see(state)
+                    count_step()
+                kept.append(state.host().require_finite())
+                kept[-1].__dict__["_memory"] = remember(state)
+                if recorder is not None:
+                    recorder.keep(kept[-1])
+                found = record(kept, False)
+                if progress:
+                    mass = by_field(state, lambda one: f"{one.mass:.12g}")
+                    _log.info("t = %.6g of %.6g, mass %s", state.t, times[-1], mass)
     except (KeyboardInterrupt, StopIteration):
         if state.t != kept[-1].t:
             kept.append(state.host().require_finite())
@@ -72,6 +86,29 @@ def run(
         error.trajectory = found  # type: ignore[attr-defined]
         raise
     return found
+
+
+def _no_step(start: float, end: float, dt: float) -> float:
+    """Relative to dt: a shorter remainder before an output time joins the last step. The rounding
+    of a million steps is below it; that of the times is added."""
+    found = 1e-9 + 4.0 * np.finfo(float).eps * max(abs(start), abs(end)) / abs(dt)
+    if found > 0.01:
+        raise InputError(
+            f"dt: {dt:.6g} is lost in the rounding of t = {end:.6g}; count t from the start"
+        )
+    return found
+
+
+def _copy(state: State) -> State:
+    """A copy in host memory."""
+    found = replace(state.host())
+    found.__dict__["_memory"] = state._memory
+    return found
+
+
+def _at(state: State, t: float) -> State:
+    """The same moments at a time without the rounding of the steps."""
+    return state_of(state.grid, state.profile, state.data, t, state._bounded, state.fields)
 
 
 def checked_callback(
@@ -93,6 +130,10 @@ def checked_callback(
             accept(found)
         except InputError as error:
             raise InputError(f"callback: it returned what does not fit: {error}") from error
+        if found.fields != state.fields:
+            raise InputError(
+                f"callback: it returned the fields {found.fields}, expected {state.fields}"
+            )
         if found.t != state.t:
             raise InputError(
                 f"callback: it returned a state at t = {found.t!r}, expected one at the time of "

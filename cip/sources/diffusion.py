@@ -32,6 +32,9 @@ class Diffusion:
         self.rates, self._positive = rates, positive
         self._kept: dict[tuple[int, float], Any] = {}
 
+    def check_times(self, start: float, end: float) -> None:
+        """It does not depend on t."""
+
     def added(self, data: Any, t: float, length: float) -> Any:
         """The moments themselves: diffusion adds nothing."""
         return data

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -68,6 +69,10 @@ class Stage:
     `end` of dt. `before` are the sweeps of the same step before this one, `walls` the data from
     `cip.stages.walls.walls`."""
 
+    # Of each of several fields, where their walls or bounds differ; this stage has their feet.
+    parts: tuple[Stage, ...] = ()
+    bounds: tuple[float, float] | None = None  # of a part, for the limiter
+
     def __init__(
         self,
         grid: Grid,
@@ -93,6 +98,12 @@ class Stage:
         )
         self.system = System([c.expression for c in velocity], self.moving, self.jets)
         self._wall_moments: WallMoments | None = None
+
+    def of_field(self, walls: dict[Wall, Formula], bounds: tuple[float, float]) -> Stage:
+        """This stage for a field with its own data on walls and bounds of the limiter."""
+        found = copy(self)
+        found.walls, found.bounds, found._wall_moments = walls, bounds, None
+        return found
 
     @property
     def parameters(self) -> list[float]:

@@ -6,16 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from cip.errors import InputError, NotFinite
+from cip.errors import InputError, NotFinite, NotSupported
 from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Formula, spline
 from cip.grid import Grid, node_name
-from cip.profiles.catalogue import Moment, moments
+from cip.profiles.catalogue import Moment, moment_names, moments
+from cip.stages.state_files import Stored, read_states, write_states
 from skfem_adini.ground.arguments import real_number
 from skfem_adini.ground.arrays import host
 
@@ -31,25 +33,36 @@ class State:
     grid : Grid
     profile : str
     data : ndarray
-        All moments, copied, shape ``(number of moments, *grid.nodes)``; on the device for the CuPy
-        backend. A mean belongs to the cell that begins at the node; in a direction that is not
-        periodic no cell begins at the last node, and the entry there is unused.
+        All moments, copied, shape ``(number of moments, *grid.nodes)``, of named fields ``(number
+        of fields, number of moments, *grid.nodes)``; on the device for the CuPy backend. A mean
+        belongs to the cell that begins at the node; in a direction that is not periodic no cell
+        begins at the last node, and the entry there is unused.
     t : float
+    fields : tuple of str
+        Names of several fields, which stand in the names of their moments in the place of ``u``;
+        empty for one field without a name.
 
     Examples
     --------
     >>> import numpy as np
     >>> from cip import Grid, State
-    >>> state = State.from_function(lambda x: np.sin(x), Grid((0, 2 * np.pi), 8, periodic=True))
+    >>> grid = Grid((0, 2 * np.pi), 8, periodic=True)
+    >>> state = State.from_function(lambda x: np.sin(x), grid)
     >>> state.names, round(float(state["u_x"][0]), 12)
     (('u', 'u_x'), 1.0)
+    >>> both = State.from_function({"smoke": lambda x: np.sin(x), "dust": 1.0}, grid)
+    >>> both.names, round(both.mass["dust"], 6)
+    (('smoke', 'smoke_x', 'dust', 'dust_x'), 6.283185)
     """
 
     grid: Grid
     profile: str
     data: Any
     t: float = 0.0
-    _bounded: ClassVar[tuple[float, float] | None] = None
+    fields: tuple[str, ...] = ()
+    _bounded: ClassVar[Any] = None
+    # Of a snapshot: a name of what made it, and the memory of its engine, for the run's next step.
+    _memory: ClassVar[Any] = None
 
     def __post_init__(self) -> None:
         """Copy the moments, so that changes of the caller's array do not affect the state."""
@@ -63,10 +76,10 @@ class State:
     @classmethod
     def from_function(
         cls,
-        f: Callable[..., Any] | str | float | Array,
+        f: Callable[..., Any] | str | float | Array | Mapping[str, Any],
         grid: Grid,
         profile: str | None = None,
-        derivatives: Mapping[str, Callable[..., Any]] | None = None,
+        derivatives: Mapping[str, Any] | None = None,
         t: float = 0.0,
         dtype: DTypeLike = np.float64,
     ) -> State:
@@ -79,12 +92,13 @@ class State:
             arithmetic of NumPy functions is differentiated exactly, another one by sixth-order
             differences over a quarter of the spacing. An array holds the values at the nodes:
             derivatives and means are those of the interpolating quintic spline. For data with jumps
-            pass `derivatives`.
+            pass `derivatives`. A dict of these by names makes a state of several fields.
         grid : Grid
         profile : str, optional
             As for `Solver`; default ``"cubic"`` (``"bicubic"`` in two dimensions).
         derivatives : dict, optional
-            Callables of the coordinates by the names of the moments, as ``{"u_x": df}``.
+            Callables of the coordinates by the names of the moments, as ``{"u_x": df}``; of
+            several fields dicts of these by field.
         t : float
         dtype : float64 or float32
 
@@ -102,6 +116,19 @@ class State:
         if not isinstance(derivatives, Mapping | None):
             raise InputError(f"derivatives: expected callables by names, got {derivatives!r}")
         profile = default_profile(grid) if profile is None else profile
+        if isinstance(f, Mapping):
+            own = derivatives or {}
+            if not f:
+                raise InputError("f: expected at least one field by name, got {}")
+            check_fields(tuple(f), profile, grid.dim)
+            if beyond := [name for name in own if name not in f]:
+                raise InputError(f"derivatives: {beyond[0]!r} is no field of {', '.join(f)}")
+            parts = [
+                _named(name, cls.from_function, one, grid, profile, own.get(name), t, dtype)
+                for name, one in f.items()
+            ]
+            data = np.stack([part.data for part in parts])
+            return state_of(grid, profile, data, parts[0].t, fields=tuple(f))
         wanted = moments(profile, grid.dim)
         given = dict(derivatives or {})
         unknown = set(given) - {moment.name for moment in wanted if any(moment.orders)}
@@ -132,24 +159,52 @@ class State:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the moments."""
-        return tuple(moment.name for moment in moments(self.profile, self.grid.dim))
+        """Names of the moments, of one field after another."""
+        return moment_names(self.fields, self.profile, self.grid.dim)
+
+    def field(self, name: str) -> State:
+        """One of several fields as a state of its own, whose moments are not copied.
+
+        Parameters
+        ----------
+        name : str
+            One of `fields`.
+
+        Returns
+        -------
+        State
+
+        Raises
+        ------
+        InputError
+            A name that is none of the fields.
+        """
+        if name not in self.fields:
+            known = ", ".join(self.fields) or "it has one without a name"
+            raise InputError(f"field: {name!r} is no field of the state: {known}")
+        data = self.data[self.fields.index(name)]
+        return state_of(self.grid, self.profile, data, self.t)
 
     def __getitem__(self, name: str) -> Any:
-        for q, moment in enumerate(moments(self.profile, self.grid.dim)):
-            if moment.name == name:
+        own = moments(self.profile, self.grid.dim)
+        rows = self.data.reshape(-1, *self.grid.nodes)
+        for q, (moment, known) in enumerate(zip(own * max(1, len(self.fields)), self.names)):  # noqa: B905
+            if known == name:
                 keep = tuple(
                     slice(0, cells if axis in moment.averaged else nodes)
                     for axis, (cells, nodes) in enumerate(
                         zip(self.grid.cells, self.grid.nodes, strict=True)
                     )
                 )
-                return self.data[q][keep]
+                return rows[q][keep]
         raise InputError(f"moment: {name!r} is none of {', '.join(self.names)}")
 
     @property
-    def mass(self) -> float:
-        """Integral of the field: of the cell means where they are carried, else of the values."""
+    def mass(self) -> Any:
+        """Integral of the field: of the cell means where they are carried, else of the values. Of
+        several fields a dict by name."""
+        if self.fields:
+            return by_field(self, lambda one: one.mass)
         if "mean" in self.names:
             volume: Any = np.ones(())
             for width in self.grid.widths:
@@ -167,7 +222,60 @@ class State:
         """
         if isinstance(self.data, np.ndarray):
             return self
-        return state_of(self.grid, self.profile, host(self.data), self.t, self._bounded)
+        return state_of(
+            self.grid, self.profile, host(self.data), self.t, self._bounded, self.fields
+        )
+
+    def save(self, path: str | Path) -> Path:
+        """Write the state to a file, complete or not at all; `load` gives the same bits.
+
+        A run that goes on from a snapshot takes the steps of one that was never interrupted.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.npz`` (an archive of NumPy), ``.nc`` or ``.zarr`` (netCDF and Zarr, by
+            xarray). An existing file is replaced, an existing Zarr store refused.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        MissingDependency
+            xarray or zarr is not installed.
+
+        Examples
+        --------
+        >>> from tempfile import TemporaryDirectory
+        >>> from cip import Grid, State
+        >>> state = State.from_function({"smoke": "x1", "dust": 1.0}, Grid((0, 1), 8))
+        >>> with TemporaryDirectory() as folder:
+        ...     again = State.load(state.save(f"{folder}/state.npz"))
+        >>> again.fields, bool((again.data == state.data).all())
+        (('smoke', 'dust'), True)
+        """
+        return write_states(path, [self])
+
+    @staticmethod
+    def load(path: str | Path) -> State:
+        """Read a file of `save`; of a file with several states the last one.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        State
+
+        Raises
+        ------
+        InputError
+            A file that is damaged, or none of states.
+        """
+        return states_in(read_states(path))[-1]
 
     def check(self, name: str = "state") -> None:
         """Raise `InputError` unless the moments are real, finite and of the right shape.
@@ -184,7 +292,9 @@ class State:
         """
         if not isinstance(self.grid, Grid):
             raise InputError(f"{name}: expected a Grid, got {type(self.grid).__name__}")
-        expected = (len(self.names), *self.grid.nodes)
+        check_fields(self.fields, self.profile, self.grid.dim)
+        count = len(moments(self.profile, self.grid.dim))
+        expected = (*([len(self.fields)] if self.fields else []), count, *self.grid.nodes)
         if getattr(self.data, "shape", None) != expected:
             raise InputError(
                 f"{name}: the moments {', '.join(self.names)} on this grid have shape {expected}, "
@@ -243,16 +353,75 @@ def state_of(
     profile: str,
     data: Any,
     t: float = 0.0,
-    bounded: tuple[float, float] | None = None,
+    bounded: Any = None,
+    fields: tuple[str, ...] = (),
 ) -> State:
     """The state of an array that no one else modifies, which is not copied. `bounded` are the
     bounds of the limiter of its step; the state may exceed them as far as that step may.
     """
     state = object.__new__(State)
-    state.__dict__.update(grid=grid, profile=profile, data=data, t=t)
+    state.__dict__.update(grid=grid, profile=profile, data=data, t=t, fields=fields)
     if bounded is not None:
         state.__dict__["_bounded"] = bounded
     return state
+
+
+def by_field(state: State, function: Callable[[State], Any]) -> Any:
+    """What a function gives for the state; of several fields a dict of that by field."""
+    if not state.fields:
+        return function(state)
+    return {name: function(state.field(name)) for name in state.fields}
+
+
+def states_in(stored: Stored) -> list[State]:
+    """The states of a file; `InputError` for moments that do not fit its grid."""
+    about, found = stored.about, []
+    for data, t, bounded, memory in zip(
+        stored.data, stored.t, about["bounded"], about["memory"], strict=True
+    ):
+        if isinstance(bounded, list):
+            bounded = tuple(bounded)
+        elif isinstance(bounded, dict):
+            bounded = {name: tuple(pair) for name, pair in bounded.items()}
+        state = state_of(stored.grid, about["profile"], data, float(t), bounded, about["fields"])
+        state.__dict__["_memory"] = memory
+        state.check("path")
+        found.append(state)
+    return found
+
+
+def check_fields(fields: Any, profile: str, dim: int) -> None:
+    """Raise `InputError` for names of fields that are no names, or that moments or axes have."""
+    if fields == ():
+        return
+    if not isinstance(fields, tuple):
+        raise InputError(f"fields: expected a tuple of names, got {fields!r}")
+    for name in fields:
+        if not isinstance(name, str) or not name.isidentifier() or name in (*"xyzt", "u"):
+            raise InputError(
+                f"fields: {name!r} is no name of a field; x, y, z, t, u have a meaning"
+            )
+    names = moment_names(fields, profile, dim)
+    twice = [name for q, name in enumerate(names) if name in names[:q]]
+    if twice:
+        raise InputError(f"fields: two moments would be called {twice[0]!r}; rename a field")
+
+
+def one_field(state: Any, what: str) -> None:
+    """Raise `NotSupported` for a state of several fields."""
+    if getattr(state, "fields", ()):
+        raise NotSupported(
+            f"{what}: states of several fields have none; take a solver and state.field(name) for "
+            "each of them"
+        )
+
+
+def _named(name: str, make: Callable[..., State], *arguments: Any) -> State:
+    """A state of a field, whose name is put before messages."""
+    try:
+        return make(*arguments)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
 
 
 def default_profile(grid: Grid) -> str:

@@ -102,7 +102,7 @@ def portable_boundary(boundary: Any, grid: Grid) -> Any:
         return portable(value, "boundary", trace)
 
     if isinstance(boundary, Mapping):
-        return {name: part(value) for name, value in boundary.items()}
+        return {name: portable_boundary(value, grid) for name, value in boundary.items()}
     return part(boundary)
 
 

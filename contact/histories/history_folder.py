@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 
 from contact.body.distributed_body import DistributedBody
 from contact.errors import ContactError, InputError
-from contact.output.archive import checksum, is_damaged, read_arrays, words, write_arrays
 from contact.result.contact_result import ContactResult
 from contact.result.stored_result import OWN, problem_arrays, rebuild, rows_arrays, state_arrays
+from skfem_adini.ground.archives import checksum, is_damaged, read_arrays, words, write_arrays
 from skfem_adini.ground.files import complete_file, remove_unfinished, try_lock
 
 if TYPE_CHECKING:

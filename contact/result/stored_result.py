@@ -38,17 +38,14 @@ from contact.output.archive import (
     loosened,
     named_archive,
     proving,
-    read_arrays,
-    reading,
     to_arrays,
     unproved,
-    words,
-    write_arrays,
 )
 from contact.result.certify import as_lines, certify, strained_bodies, take_strains
 from contact.result.contact_system import ContactState, ContactSystem
 from contact.rows.contact_rows import ContactRows
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+from skfem_adini.ground.archives import read_arrays, reading, words, write_arrays
 
 Array = NDArray[np.float64]
 

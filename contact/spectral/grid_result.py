@@ -21,12 +21,8 @@ from contact.output.archive import (
     loosened,
     named_archive,
     proving,
-    read_arrays,
-    reading,
     to_arrays,
     unproved,
-    words,
-    write_arrays,
 )
 from contact.spectral.contact_edge import ContactEdge, contact_edge
 from contact.spectral.grid_case import GridCase
@@ -36,6 +32,7 @@ from contact.spectral.half_space import HalfSpace
 from contact.spectral.periodic_layers import PeriodicLayers
 from contact.spectral.slices import FieldsInside, image_data
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+from skfem_adini.ground.archives import read_arrays, reading, words, write_arrays
 from skfem_adini.ground.arguments import numbers
 from skfem_adini.ground.arrays import host
 

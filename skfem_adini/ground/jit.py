@@ -203,6 +203,23 @@ def pointer() -> Any:
     return address
 
 
+def shift() -> Any:
+    """The intrinsic that moves an address of `pointer` by a number of entries."""
+    import numba
+    from numba.extending import intrinsic
+
+    types: Any = numba.types
+
+    @intrinsic
+    def shifted(_context: Any, place: Any, count: Any) -> Any:
+        def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+            return builder.gep(args[0], [args[1]])
+
+        return place(place, types.intp), generate
+
+    return shifted
+
+
 def room(count: int) -> Any:
     """The intrinsic that reserves `count` numbers of an array's type on the stack.
 

@@ -75,6 +75,12 @@ def ran(value):
     return lambda: solver.run(solver.state("x1"), 1.0, dt=0.25, snapshots=value).times
 
 
+def gauged(value):
+    solver = Solver(LINE, 1.0)
+    run = solver.run(solver.state("x1"), 0.1, dt=0.05, gauges=value)
+    return attributes(run.gauges, "points", "values")
+
+
 def tangent(value):
     solver = Solver(LINE, 1.0)
     run = solver.run(solver.state("x1"), 0.1, dt=0.05)
@@ -145,7 +151,9 @@ TAKE = {
     "Solver source": (FIELD, lambda v: of_solver("source", v)),
     "Solver decay": (FIELD, lambda v: of_solver("decay", v)),
     "Solver diffusion": (TWO, held(lambda v: Solver(PLANE, (1.0, 0.5), diffusion=v), "diffusion")),
+    "Solver bounds": (np.array([0.0, 2.0]), held(lambda v: Solver(LINE, 1.0, bounds=v), "bounds")),
     "Solver.run snapshots": (np.array([0.3, 0.6]), ran),
+    "Solver.run gauges": (POINTS[0], gauged),
     "Solver.state f": (NODAL, held(lambda v: Solver(LINE, 1.0).state(v), "data")),
     "Source s": (FIELD, lambda v: values(Source(v))),
     "Source.from_snapshots times": (TIMES, lambda v: emitted(v, WINDS[:, 0])),
@@ -181,9 +189,11 @@ NONE = """
     Covariance.patterns states | Grid.index_displacement .* | IdentifiedVelocity.plot ax
     | (Analysis|Diagnostics|Identifiability|IdentifiedVelocity|Placement) [a-z0-9_]+
     | FlowMap [a-z0-9_]+ | FlowMap.plot ax | flow_map velocity
-    | Sensors.from_xarray .* | Solver boundary | Solver.run callback | Solver.state derivatives
+    | Sensors.from_xarray .* | Solver boundary | Solver.run (callback|save)
+    | Solver.state derivatives
     | Source.of value | SplineVelocity.from_.* | State.from_function derivatives
-    | Trajectory.plot .* | Velocity (jacobian|hessian) | Velocity.from_xarray .*
+    | Trajectory(.plot .*|.load .*|.to_xarray start| gauges)
+    | Velocity (jacobian|hessian) | Velocity.from_xarray .*
     | (four_d_var|place_sensors) model_error | identify_velocity start
 """
 

@@ -132,7 +132,7 @@ SOLVERS = [
     *rows("bounds", lambda v: line(bounds=v), (0, COMPLEX), (0, np.nan), (0, 1, 2)),
     *rows("bounds_tolerance", lambda v: line(bounds_tolerance=v), "a", np.nan),
     ("grid: expected a Grid", lambda: Solver(np.linspace(0, 1), 1.0)),
-    ("'left' is no wall", lambda: Solver(OPEN, 1.0, boundary={"left": 0})),
+    ("'left' is no wall", lambda: Solver(OPEN, 1.0, boundary={"left": 0}).state(0.0)),
     ("periodic there", lambda: line(boundary={"x-": 0})),
     *rows("boundary", lambda v: Solver(OPEN, 1.0, boundary=v), COMPLEX, np.nan, np.ones(3)),
     ("boundary 'x-': called with the arrays x1, t", lambda: moved(1.0, OPEN, {"x-": lambda t: t})),

@@ -10,7 +10,7 @@ from full_disk import errors_without_space
 from skfem import ElementHex1
 
 from contact import LoadHistory
-from contact.output.archive import write_arrays
+from skfem_adini.ground.archives import write_arrays
 
 TIMES = np.linspace(0.1, 1.0, 10)
 SPACE = 9_000  # bytes a file may have: a step takes 13 to 17 kB, its problem 8

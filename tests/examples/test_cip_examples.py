@@ -54,6 +54,15 @@ def test_deformation(run):
     assert abs(found["splines"]["mass"]) > 1e-6
 
 
+@pytest.mark.turns(4)
+def test_week(run):
+    files = ["cip_week.gif", "cip_week.png", "cip_week/snapshot_00014.npz"]
+    found = run("cip_week", says="mass of smoke", files=files)
+    assert max(map(abs, found["lost"].values())) < 1e-12
+    np.testing.assert_allclose(found["dust"], np.exp(-0.7), rtol=1e-12)
+    assert found["gauges"].values["radon"].shape == (57, 1)
+
+
 @pytest.mark.slow
 def test_sensors(run):
     files = ["cip_sensors.png"]

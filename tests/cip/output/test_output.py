@@ -1,6 +1,8 @@
 """What a run leaves: snapshots on time, diagnostics, samples, files, pictures, interruptions."""
 
 import os
+import sys
+import types
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -184,6 +186,61 @@ def test_xarray():
     np.testing.assert_allclose(data.x_cell.diff("x_cell"), (x[1:] + x[:-1]) / 2)
 
 
+def test_dates_and_units():
+    pytest.importorskip("xarray")
+    run = channel()
+    units = {"t": "h", "x": "m", "u": "kg m-3"}
+    data = run.to_xarray("2026-01-31T12:00", units)
+    hours = (data.t.values - np.datetime64("2026-01-31T12:00")) / np.timedelta64(1, "h")
+    np.testing.assert_allclose(hours, run.times, rtol=0, atol=1e-9)
+    assert (data.t.attrs["axis"], data.x_cell.attrs["axis"], data.y.attrs["axis"]) == tuple("TXY")
+    assert data.x_cell.attrs["units"] == "m"
+    assert data["u"].attrs["units"] == data["mean_x"].attrs["units"] == "kg m-3"
+    assert "units" not in data.t.attrs  # xarray writes its own for dates
+    assert run.to_xarray(units=units).t.attrs["units"] == "h"
+
+
+def test_all_snapshots_in_pyvista():
+    run = plane()
+    blocks = run.to_pyvista(None)
+    assert blocks.keys() == [f"t = {t!r}" for t in run.times.tolist()]
+    np.testing.assert_array_equal(blocks[1]["u"], run.to_pyvista(1)["u"])
+
+
+def test_gauges_see_every_step():
+    """A wave that passes two points: what is read there is the wave at these times."""
+    run = run_of("quintic", snapshots=[0.2], gauges=[0.1, 0.72])
+    assert run.gauges.t.size == 18
+    exact = wave(np.array([0.1, 0.72]) - run.gauges.t[:, None])
+    np.testing.assert_allclose(run.gauges.values, exact, atol=2e-4)
+    np.testing.assert_array_equal(run.gauges.values[-1], run.sample([0.1, 0.72]))
+
+
+def test_progress_shows_a_bar_on_a_terminal(monkeypatch, capsys):
+    counted = []
+
+    class Bar:
+        def __init__(self, total, initial, unit):
+            counted.append(total)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            pass
+
+        def update(self):
+            counted[0] -= 1
+
+    monkeypatch.setitem(sys.modules, "tqdm", types.SimpleNamespace(tqdm=Bar, __spec__=object()))
+    run_of(snapshots=3, progress=True)
+    assert counted == []  # no terminal
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    run_of(snapshots=3, progress=True)
+    run_of(snapshots=3)
+    assert counted == [0]
+
+
 WITHOUT_SPACE = """
     import sys
     from pathlib import Path
@@ -208,6 +265,7 @@ def test_no_space_left(tmp_path):
 @pytest.mark.turns(4)
 def test_pictures(tmp_path):
     import matplotlib.pyplot as plt
+    from matplotlib.animation import writers
 
     lines = run_of(snapshots=2).plot().get_lines()
     assert len(lines) == 3
@@ -216,7 +274,13 @@ def test_pictures(tmp_path):
     assert (tmp_path / "run.gif").stat().st_size > 1000
     plane().animate(tmp_path / "plane.gif")
     with pytest.raises(InputError, match=r"\.gif"):
-        run_of().animate(tmp_path / "run.mp4")
+        run_of().animate(tmp_path / "run.avi")
+    if writers.is_available("ffmpeg"):
+        plane().animate(tmp_path / "plane.mp4")
+        assert (tmp_path / "plane.mp4").stat().st_size > 1000
+    else:
+        with pytest.raises(MissingDependency, match=r"ffmpeg.*\.gif"):
+            run_of().animate(tmp_path / "run.mp4")
     plt.close("all")
 
 

@@ -12,8 +12,8 @@ import skfem
 from skfem import Basis, ElementQuad2, ElementVector, MeshQuad
 
 from contact import ContactProblem, ContactResult, ElasticBody, InputError
-from contact.output.archive import checksum
 from skfem_adini import ElementQuadBFS
+from skfem_adini.ground.archives import checksum
 
 
 def edited(path, change, forged):

@@ -22,10 +22,10 @@ from contact import (
     Plane,
     Rigid,
 )
-from contact.output.archive import read_arrays, write_arrays
 from contact.plot import plot_cells, plot_field
 from contact.result.stored_result import problem_arrays
 from skfem_adini import ElementQuadAdini, LevelSet, Polygon, to_pyvista
+from skfem_adini.ground.archives import read_arrays, write_arrays
 
 LAYERS = [(0.25, 3, 1.0, 0.4), (0.75, 4, 10.0, 0.3)]
 BAR = Cylinder((0.4, -1.0), 1.0)

@@ -18,8 +18,8 @@ from contact import (
     PeriodicLayers,
     Rigid,
 )
-from contact.output.archive import read_arrays, write_arrays
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+from skfem_adini.ground.archives import read_arrays, write_arrays
 
 FIELDS = ("pressure", "shear", "u", "opening", "slip", "status", "motion", "forces")
 TWO = [(0.2, 3, 1.0, 0.3), (0.3, 2, 5.0, 0.2)]

@@ -1,0 +1,252 @@
+"""What a step consists of: choices, stages, and what holds for each field of a state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from cip.engines.engine import Engine
+from cip.errors import InputError
+from cip.formulas.formula import Formula
+from cip.formulas.parameters import Parametrised
+from cip.grid import Grid
+from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
+from cip.sources.kinetics import Kinetics
+from cip.sources.reaction import HalfStep, halves
+from cip.stages.stage import Stage, stages
+from cip.stages.state import State, state_of
+from cip.stages.walls import Wall
+from skfem_adini.ground.arguments import real_array
+
+
+class Rule(NamedTuple):
+    """What holds for one field."""
+
+    reactions: list[Any]  # source with decay, and diffusion, where it has them
+    data: dict[Wall, Formula]  # on walls, with what the reaction does to them in a step
+    inflow: dict[str, Formula]  # the same without it, by names of walls
+    bounds: tuple[float, float]
+
+
+class Scheme(NamedTuple):
+    """The stages of a step and the rule of each field; of a state without names one."""
+
+    stages: list[Stage]
+    rules: list[Rule]
+
+
+def is_by_field(value: Any) -> bool:
+    """Whether an argument is a dict by names of fields (those of walls hold a sign)."""
+    keys = list(value) if isinstance(value, Mapping) else []
+    return bool(keys) and all(isinstance(key, str) and key.isidentifier() for key in keys)
+
+
+def mapped(value: Any, function: Callable[[Any], Any]) -> Any:
+    """A function of an argument, or of all that it is by field."""
+    if not is_by_field(value):
+        return function(value)
+    return {name: function(one) for name, one in value.items()}
+
+
+def of_field(value: Any, name: str) -> Any:
+    """An argument as it holds for a field; None for one that a dict by field leaves out."""
+    return value.get(name) if is_by_field(value) else value
+
+
+def parts_of(value: Any) -> Iterator[Any]:
+    """The functions in an argument, which may be a dict by wall, by field or of both."""
+    if isinstance(value, Mapping):
+        for one in value.values():
+            yield from parts_of(one)
+    else:
+        yield value
+
+
+def made_scheme(
+    grid: Grid, velocity: tuple[Formula, ...], profile: str, advect: bool, rules: list[Rule],
+    own: bool,
+) -> Scheme:  # fmt: skip
+    """The stages of one step, which take in data where all fields have some; with `own` a part of
+    each stage for every field."""
+    shared = {
+        wall: formula
+        for wall, formula in rules[0].data.items()
+        if all(wall in rule.data for rule in rules)
+    }
+    made = stages(grid, velocity, profile, advect, shared)
+    for stage in made if own else []:
+        stage.parts = tuple(stage.of_field(rule.data, rule.bounds) for rule in rules)
+    return Scheme(made, rules)
+
+
+def advanced(
+    kernels: Engine, scheme: Scheme, kinetics: Kinetics | None, state: State, dt: float
+) -> State:
+    """The state after a step: the stages between the halves of sources, decay, diffusion and
+    reactions between fields."""
+    data, t = state.data, state.t
+    around = [halves(rule.reactions, t, dt) for rule in scheme.rules]
+    data = _reacted(kernels, state, data, [before for before, _ in around])
+    if kinetics is not None:
+        data = kinetics.applied(data, t, 0.5 * dt)
+    for stage in scheme.stages:
+        data = kernels.apply(stage, data, t, dt)
+    if kinetics is not None:
+        data = kinetics.applied(data, t + 0.5 * dt, 0.5 * dt)
+    data = _reacted(kernels, state, data, [after for _, after in around])
+    return state_of(state.grid, state.profile, data, t + dt, fields=state.fields)
+
+
+def _reacted(kernels: Engine, state: State, data: Any, steps: list[list[HalfStep]]) -> Any:
+    """The moments after half a step of what acts on each field by itself."""
+    if not any(steps):
+        return data
+    found = []
+    for row, halves_of_field in zip(data if state.fields else [data], steps, strict=True):
+        for half in halves_of_field:
+            row = half.applied(row)
+        found.append(row)
+    return kernels.xp.stack(found) if state.fields else found[0]
+
+
+def parameters_of(velocity: Any, source: Any, decay: Any, boundary: Any) -> dict[str, float]:
+    """The values of all parameters of the solver's arguments, in order. Raises `InputError` for two
+    values of one name, since code takes one name for one parameter.
+    """
+    found: dict[str, float] = {}
+    first: dict[str, str] = {}
+    functions = {"velocity": velocity, "source": source, "decay": decay, "boundary": boundary}
+    for label, function in functions.items():
+        for part in parts_of(function):
+            own = part.parameters if isinstance(part, Parametrised) else {}
+            for name, value in own.items():
+                if found.setdefault(name, value) != value:
+                    raise InputError(
+                        f"{label}: its parameter {name!r} is {value:.6g}, that of {first[name]} "
+                        f"{found[name]:.6g}; one name is one parameter: rename one of them"
+                    )
+                first.setdefault(name, label)
+    return found
+
+
+def with_values(function: Any, values: Mapping[str, float]) -> Any:
+    """An argument of a solver with new values of those parameters that it has."""
+    if isinstance(function, Mapping):
+        return {wall: with_values(part, values) for wall, part in function.items()}
+    if not isinstance(function, Parametrised):
+        return function
+    own = {name: values[name] for name in function.parameters if name in values}
+    return function.with_parameters(**own) if own else function
+
+
+Form = Literal["transport", "advection"]
+
+
+def check_choices(
+    grid: Grid, form: Form, profile: str, limiter: Any, splitting: Any, backend: Any
+) -> None:
+    """Raise `InputError` for options of a solver that do not exist or are incompatible."""
+    moments(profile, grid.dim)
+    if not isinstance(limiter, str | None) or limiter not in LIMITER_CODES:
+        raise InputError(
+            f"limiter: expected one of {', '.join(map(str, LIMITER_CODES))}, got {limiter!r}"
+        )
+    if limiter is not None and limiter not in LIMITERS[profile]:
+        allowed = ", ".join(LIMITERS[profile]) or "no limiter"
+        raise InputError(f"limiter: {limiter!r} does not fit {profile!r}, which takes {allowed}")
+    if splitting is not None and not _is(splitting, "strang"):
+        raise InputError(f"splitting: expected None or 'strang', got {splitting!r}")
+    if profile in PLANE and splitting is not None:
+        raise InputError(f"splitting: {profile!r} is direct; pass splitting=None")
+    if profile in LINE and grid.dim > 1 and splitting is None:
+        raise InputError(
+            f"splitting: {profile!r} is one-dimensional; pass splitting='strang', or "
+            "profile='adini' or 'bicubic' in two dimensions"
+        )
+    if profile.startswith("csl") and form != "advection":
+        raise InputError(
+            f"form: {profile!r} conserves the integral and so needs form='advection' "
+            "(the same equation where div c = 0)"
+        )
+    if not _is(backend, "cpu", "cupy"):
+        raise InputError(f"backend: expected 'cpu' or 'cupy', got {backend!r}")
+
+
+def _is(value: Any, *names: str) -> bool:
+    return isinstance(value, str) and value in names
+
+
+def form_of(form: Any) -> Form:
+    """The equation of this name."""
+    forms: dict[Any, Form] = {
+        "transport": "transport",
+        "advective": "transport",
+        "advection": "advection",
+        "conservative": "advection",
+    }
+    found = forms.get(form) if isinstance(form, str) else None
+    if found is None:
+        raise InputError(f"form: expected one of {', '.join(forms)}, got {form!r}")
+    return found
+
+
+def bounds_of(bounds: Any) -> tuple[float, float]:
+    """The argument `bounds` as two numbers."""
+    pair = real_array("bounds: expected (low, high)", bounds)
+    if pair.shape != (2,):
+        raise InputError(f"bounds: expected (low, high), got {bounds!r}")
+    low, high = map(float, pair)
+    if not low < high:
+        raise InputError(f"bounds: low must be below high, got {bounds!r}")
+    return low, high
+
+
+def check_within(
+    values: Any, bounds: tuple[float, float], tolerance: float, what: str, remedy: str
+) -> None:
+    """Raise `InputError` for values outside the bounds by more than a tolerance and rounding."""
+    low, high = float(values.min()), float(values.max())
+    slack = tolerance + 8.0 * float(np.finfo(values.dtype).eps) * max(abs(low), abs(high))
+    if low < bounds[0] - slack or high > bounds[1] + slack:
+        worst = low if low < bounds[0] - slack else high
+        raise InputError(
+            f"{what} reaches {worst:.6g}, outside the bounds {bounds} of the limiter, which cannot "
+            f"keep what was never inside; {remedy}"
+        )
+
+
+def check_bounded(state: State, bounds: tuple[float, float], tolerance: float) -> None:
+    """Raise `InputError` for values or means of a field outside the bounds of the limiter."""
+    for moment in moments(state.profile, state.grid.dim):
+        if not any(moment.orders):
+            what = f"state: moment {moment.name!r}"
+            check_within(state[moment.name], bounds, tolerance, what, "clip it, or widen bounds")
+
+
+def check_state(state: Any, grid: Grid, profile: str, named: Mapping[str, tuple[str, ...]]) -> None:
+    """Raise `InputError` unless it is a state on this grid with the moments of this profile and
+    the fields that arguments name."""
+    if not isinstance(state, State):
+        raise InputError(f"state: expected a State, got {type(state).__name__}")
+    if state.profile != profile:
+        raise InputError(
+            f"state: it carries the moments of {state.profile!r}, the solver those of "
+            f"{profile!r}; make it with solver.state(f)"
+        )
+    state.check()
+    for argument, names in named.items():
+        for name in names:
+            if name not in state.fields:
+                known = ", ".join(state.fields) or "one without a name"
+                wall = "wall and no " if argument == "boundary" else ""
+                raise InputError(
+                    f"{argument}: {name!r} is no {wall}field of the state, which has {known}"
+                )
+    if state.grid is not grid and (
+        state.grid.nodes != grid.nodes
+        or state.grid.periodic != grid.periodic
+        or any(not np.array_equal(a, b) for a, b in zip(state.grid.edges, grid.edges, strict=True))
+    ):
+        raise InputError(f"state: it lives on {state.grid}, the solver on {grid}")
