@@ -191,7 +191,7 @@ NONE = """
     | FlowMap [a-z0-9_]+ | FlowMap.plot ax | flow_map velocity
     | Sensors.from_xarray .* | Solver boundary | Solver.run (callback|save)
     | Solver.state derivatives
-    | Source.of value | SplineVelocity.from_.* | State.from_function derivatives
+    | Solver reactions | Source.of value | SplineVelocity.from_.* | State.from_function derivatives
     | Trajectory(.plot .*|.load .*|.to_xarray start| gauges)
     | Velocity (jacobian|hessian) | Velocity.from_xarray .*
     | (four_d_var|place_sensors) model_error | identify_velocity start
