@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.linalg.blas import dsymv
+from scipy.linalg.blas import dsymv, dsyrk
 from scipy.linalg.lapack import dpotrs
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
@@ -128,6 +128,14 @@ def gram(Y: Array) -> Array:
         )  # fmt: skip
     # The lower triangle in column-major order is the upper one in row-major order.
     return cupy.triu(M) + cupy.triu(M, 1).T
+
+
+def add_gram(H: Array, Y: Array) -> Array:
+    """``H + Y'Y`` for H and Y in row-major order, on the host in place of H; there only what is
+    below the diagonal counts."""
+    if not isinstance(H, np.ndarray):
+        return H + Y.T @ Y
+    return dsyrk(1.0, Y.T, beta=1.0, c=H.T, lower=1, overwrite_c=1).T if Y.size else H
 
 
 def symmetric_and_finite(M: Array) -> bool:
