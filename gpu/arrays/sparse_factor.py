@@ -2,14 +2,12 @@
 
 A matrix ``[[H, C'], [C, -E]]`` with H and E positive definite has a factorisation ``L D L'`` in
 every order of elimination ([1]_), so one ordering serves all matrices of an interior-point method.
-Chains, as in model predictive control, are factored row by row ([2]_), as their columns are too
-short for dense blocks; others by PARDISO if pypardiso can be imported, by SuperLU otherwise.
+Chains, as in model predictive control, are factored row by row, see `up_looking`, others by PARDISO
+if pypardiso can be imported, by SuperLU otherwise.
 
 References
 ----------
 .. [1] R. J. Vanderbei, "Symmetric quasidefinite matrices", SIAM J. Optim. 5 (1995) 100-113.
-.. [2] T. A. Davis, "Algorithm 849: a concise sparse Cholesky factorization package", ACM Trans.
-   Math. Softw. 31 (2005) 587-591.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ import functools
 import importlib.util
 import sys
 import threading
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -29,86 +27,25 @@ from scipy.sparse.linalg import splu
 Vector = np.ndarray
 
 
-class _Limits(NamedTuple):  # limits of the factors row by row
-    work: int = 500  # most multiplications an unknown: beyond, dense blocks of PARDISO are faster
-    pivot: float = 1e-14  # least one over the terms that make it
-
-
-LIMITS = _Limits()
-
-
 def has_pardiso() -> bool:
     """Whether pypardiso can be imported."""
     return importlib.util.find_spec("pypardiso") is not None
 
 
-def quasidefinite(K: sparse.csc_array, solver: str = "auto") -> Factor:
-    """Prepare to factor the symmetric matrix K; the method `factor` takes a new diagonal. "pivoted"
-    chooses pivots by size, for matrices whose diagonal is nearly nothing."""
+def quasidefinite(upper: sparse.csc_array, solver: str = "auto") -> Any:
+    """Prepare to factor symmetric matrices, given what is above the diagonal; the method `factor`
+    takes the diagonal. "pivoted" chooses pivots by size, for diagonals that are nearly nothing."""
+    from gpu.arrays import up_looking
+
+    found = up_looking.chain(upper) if solver == "auto" else None
+    if found is not None:
+        return found
+    K = sparse.csc_array(upper + upper.T + sparse.eye_array(upper.shape[0]))
     if solver == "pivoted":
         return SuperLUFactor(K, threshold=0.1)
-    if solver == "auto":
-        found = _chain(K)
-        if found is not None:
-            return found
     if solver == "superlu" or (solver == "auto" and not has_pardiso()):
         return SuperLUFactor(K)
     return PardisoFactor(K)
-
-
-class UpLooking:
-    """``L D L'`` row by row; `work` is the mean number of multiplications an unknown."""
-
-    def __init__(self, upper: sparse.csc_array, order: np.ndarray) -> None:
-        from gpu.arrays import ldl_kernels
-
-        self._kernels, self.size, self._order = ldl_kernels, order.size, order
-        indptr, indices = upper.indptr.astype(np.int64), upper.indices.astype(np.int32)
-        self._upper = indptr, indices, upper.data.astype(float)
-        self._parent = np.empty(self.size, np.int32)
-        column, row = np.zeros((2, self.size + 1), np.int64)
-        most = int(np.sqrt(LIMITS.work) * self.size)
-        complete = ldl_kernels.counts(indptr, indices, self._parent, column[1:], row[1:], most)
-        self.work = float(column @ column) / self.size if complete else np.inf
-        self._columns, self._rows = np.cumsum(column), np.cumsum(row)
-    def prepare(self) -> UpLooking:
-        """Itself, with the pattern of L."""
-        entries = int(self._rows[-1])
-        self._Li, self._Ri = np.empty((2, entries), np.int32)
-        self._Lx, self._D = np.empty(entries), np.empty(self.size)
-        self._kernels.pattern(
-            *self._upper[:2], self._parent, self._columns, self._Li, self._rows, self._Ri
-        )
-        return self
-
-    def factor(self, diagonal: Vector) -> None:
-        """Factor the matrix with this diagonal; raises `LinAlgError`."""
-        row = self._kernels.numeric(
-            *self._upper, diagonal[self._order], self._columns, self._Li, self._Lx, self._rows,
-            self._Ri, self._D, LIMITS.pivot,
-        )  # fmt: skip
-        if row >= 0:
-            raise np.linalg.LinAlgError(f"row {row} is zero, or not finite")
-
-    def solve(self, r: Vector) -> Vector:
-        """Solve with the last factor."""
-        x = np.empty(self.size)
-        self._kernels.solution(self._order, self._columns, self._Li, self._Lx, self._D, r, x)
-        return x
-
-
-def _chain(K: sparse.csc_array) -> UpLooking | None:
-    """The factors row by row, in the given order or one of small bandwidth, where one of these
-    leaves so few multiplications that dense blocks do not pay."""
-    n, most = K.shape[0], LIMITS.work
-    if not n or (K.nnz - n) ** 2 > 4 * most * n**2:  # the columns of K alone are longer
-        return None
-    found = UpLooking(sparse.csc_array(sparse.triu(K, 1)), np.arange(n))
-    if found.work > most:
-        rows = sparse.csr_array(K)
-        order = csgraph.reverse_cuthill_mckee(rows, symmetric_mode=True).astype(np.int64)
-        found = UpLooking(sparse.csc_array(sparse.triu(rows[order][:, order], 1)), order)
-    return found.prepare() if found.work <= most else None
 
 
 class SuperLUFactor:
@@ -315,6 +252,3 @@ def _pardiso() -> Any:
     function = pypardiso_solver.libmkl["pardiso"]
     function.argtypes, function.restype = None, None
     return function
-
-
-Factor = UpLooking | SuperLUFactor | PardisoFactor

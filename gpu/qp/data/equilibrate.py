@@ -173,7 +173,9 @@ class _Sizes:
 
 def _scale(M: Matrix, E: Array, D: Array, xp: Any) -> Matrix:
     if not is_sparse(M):
-        return E[:, None] * M * D
+        scaled = E[:, None] * M
+        scaled *= D
+        return scaled
     M = sparse.csr_array(M, copy=True)
     M.data = np.repeat(E, np.diff(M.indptr)) * M.data * D[M.indices]
     return M

@@ -262,10 +262,11 @@ def residuals(
     terms = [float(x @ Px), float(p.q @ x), float(y @ row), float(z_box @ bound)]
     error = abs(sum(terms))
     if bool(p.q.any()) and error > ROUNDING.sharp * largest(*(abs(term) for term in terms[:2])):
-        # Which variables are confined is a search, and matters only where their rounding does.
-        if error < ROUNDING.plain * ROUNDING.product * float(size[0] @ (p.moduli[0] @ size[0])):
+        most = ROUNDING.product * float(size[0] @ (p.moduli[0] @ size[0]))
+        if error < ROUNDING.plain * most and not p.bounded.all():  # else it is that, or nothing
             near = xp.where(p.bounded, size[0], 0.0)
-            error -= min(error, ROUNDING.product * float(near @ (p.moduli[0] @ near)))
+            most = ROUNDING.product * float(near @ (p.moduli[0] @ near))
+        error -= min(error, most) if error < ROUNDING.plain * most else 0.0
     gap = _over(
         error,
         largest(*(abs(term) for term in terms[:2])),

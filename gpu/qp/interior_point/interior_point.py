@@ -39,11 +39,12 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     stalled: int = 40  # steps in which neither residual nor merit falls by a tenth
     at_floor: int = 10  # the same at the least products: the rest is rounding
     near: float = 1e-4  # relative: below, extended precision can end from the active set
-    coarse: float = 1e-7  # merit above which a point is not judged while it falls by half a step
+    coarse: float = 1e-7  # merit above which points are not judged while it falls
+    slow: int = 2  # steps in which it does not become half as large, and no longer falls
     settling: float = 1e-2  # residual below which an active set is tried, at the cost of a step
     doubtful: float = 0.1  # of the held sides: most whose multiplier is near the distance then
     spare: float = 0.25  # of the unknowns that are not held: the same
-    corner: float = 0.01  # of the held sides: so many always may
+    corner: float = 0.02  # of the held sides: so many always may
     apart: float = 10.0  # quotient of multiplier and distance beyond which they are not near
     settled: float = 1e-7  # residual below which an active set is tried whatever it is
     below_target: int = 2  # steps without gain after which a point below the target is taken
@@ -335,7 +336,7 @@ def interior_point(
     whether a point and its states near the end lead to the solution. Points on their way are
     judged only if `watched`."""
     iterate = InteriorPoint(program, system, separate, spread)
-    best, least, stalled, steps, merit = np.inf, np.inf, 0, 0, np.inf
+    best, least, stalled, steps, slow, lowest = np.inf, np.inf, 0, 0, 0, np.inf
     x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
     room, last = iterate.n - iterate.equal.size, True
     most = np.inf  # doubtful sides with which an active set is tried
@@ -352,11 +353,13 @@ def interior_point(
         except np.linalg.LinAlgError:
             break
         steps += 1
-        before, merit = merit, iterate.merit()
+        merit = iterate.merit()
+        slow = 0 if merit < 0.5 * lowest else slow + 1
+        lowest = min(lowest, merit)
         doubtful, held = iterate.doubts()
         few = max(LIMITS.corner * held, min(LIMITS.doubtful * held, LIMITS.spare * (room - held)))
         likely = held <= room and doubtful <= min(few, most)
-        coming = LIMITS.coarse < merit < 0.5 * before and not likely
+        coming = merit > LIMITS.coarse and slow < LIMITS.slow and not likely
         if watched or not coming:
             value = measure(iterate.v[: iterate.n], iterate.y)
         if coming:

@@ -74,11 +74,11 @@ class System:
         refinement fails; if `trusted`, without a look at the residual where the last was `exact`.
         """
         right = self.xp.concatenate([r, s])
-        w = kept = self._once(right)
+        first = w = kept = self._once(right)
         if trusted and self.exact:
             return w[: self.n], w[self.n :]
-        size, best, steps = float(abs(right).max()), np.inf, 0
-        for steps in range(LIMITS.refinements + 1):
+        size, best = float(abs(right).max()), np.inf
+        for _ in range(LIMITS.refinements + 1):
             left = right - self._product(w)
             error = float(abs(left).max())
             if not error < 0.5 * best:
@@ -92,7 +92,7 @@ class System:
             error = float(np.abs(right - self._product(w)).max())
             if error < best:
                 kept, best = w, error
-        self.exact = steps == 0 and best <= fine * size
+        self.exact = kept is first and best <= fine * size
         self.accuracy = best / size if size else 0.0
         return kept[: self.n], kept[self.n :]
 
@@ -131,28 +131,25 @@ class SparseSystem(System):
     """The system of sparse P and C."""
 
     def __init__(self, program: StandardQP, solver: str = "auto") -> None:
-        P, C = sparse.csr_array(program.P), sparse.csr_array(program.C)
+        P, C = sparse.triu(program.P, 1, format="csc"), sparse.csr_array(program.C)
         self.n, m = program.q.size, program.row_low.size
-        self.diagonal = np.concatenate([P.diagonal(), np.zeros(m)])
-        # Entries stay in place when the diagonal changes, and none of it vanishes here.
-        one = sparse.diags_array(np.where(self.diagonal == 0.0, 1.0, 0.0))
-        K = sparse.block_array([[P, C.T], [C, None]]) if m else P
-        self.K = sparse.csr_array(K + one)
-        self.place = np.flatnonzero(
-            self.K.indices == np.repeat(np.arange(self.n + m), np.diff(self.K.indptr))
-        )
-        self.factors = quasidefinite(sparse.csc_array(self.K.T), solver)
+        parts = (P.data, C.data), (P.indices, C.indices), (P.indptr, P.nnz + C.indptr[1:])
+        data, indices, indptr = (np.concatenate(part) for part in parts)
+        self.upper = sparse.csc_array((data, indices, indptr), shape=(self.n + m, self.n + m))
+        self.lower = self.upper.T
+        self.own = program.P.diagonal()
+        self.factors = quasidefinite(self.upper, solver)
 
     def factor(self, D: Array, E: Array) -> None:
-        self.exact = False
-        self.K.data[self.place] = self.diagonal + np.concatenate([D, -E])
-        self.factors.factor(self.K.data[self.place])
+        """Factor for these diagonals; raises `LinAlgError`."""
+        self.exact, self.diagonal = False, np.concatenate([self.own + D, -E])
+        self.factors.factor(self.diagonal)
 
     def _once(self, right: Array) -> Array:
         return self.factors.solve(right)
 
     def _product(self, w: Array) -> Array:
-        return self.K @ w
+        return self.upper @ w + self.lower @ w + self.diagonal * w
 
 
 class DenseSystem(System):
@@ -168,6 +165,7 @@ class DenseSystem(System):
         self.H = xp.empty_like(program.P)
 
     def factor(self, D: Array, E: Array) -> None:
+        """Factor for these diagonals; raises `LinAlgError`."""
         self.D, self.E, self.exact = D, E, False
         xp, H, weighted = self.xp, self.H, self.weighted
         H[...] = self.program.P
@@ -225,6 +223,7 @@ class IndefiniteSystem(System):
         self.diagonal = P.diagonal()
 
     def factor(self, D: Array, E: Array) -> None:
+        """Factor for these diagonals; raises `LinAlgError`."""
         self.exact = False
         i = np.arange(len(self.K))
         self.K[i, i] = np.concatenate([self.diagonal + D, -E])

@@ -116,9 +116,7 @@ def _steps(
         yield x, y
 
 
-def _least(
-    points: Points, measure: Measure, target: float
-) -> tuple[Array, Array, float] | None:
+def _least(points: Points, measure: Measure, target: float) -> tuple[Array, Array, float] | None:
     """The best of points that improve by half each, and its error."""
     best, found = np.inf, None
     for x, y in points:

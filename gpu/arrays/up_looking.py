@@ -1,14 +1,31 @@
-"""Compiled parts of `gpu.arrays.sparse_factor.UpLooking`: ``L D L'`` row by row.
+"""``L D L'`` of sparse quasidefinite matrices, row by row ([1]_), where dense blocks do not pay.
 
-The strict upper triangle of the permuted matrix is given by columns (Ap, Ai, Ax), L by columns (Lp,
-Li, Lx), its pattern by rows (Rp, Ri) too. Import it inside functions only: it imports numba.
+What is above the diagonal of the permuted matrix is given by columns (Ap, Ai, Ax), L by columns
+(Lp, Li, Lx), its pattern by rows (Rp, Ri) too. Import it inside functions only: it imports numba.
+
+References
+----------
+.. [1] T. A. Davis, "Algorithm 849: a concise sparse Cholesky factorization package", ACM Trans.
+   Math. Softw. 31 (2005) 587-591.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
 
 from skfem_adini.ground.jit import Array, Index, Real, loop
+
+
+class _Limits(NamedTuple):
+    work: int = 500  # most multiplications an unknown: beyond, dense blocks are faster
+    pivot: float = 1e-14  # least one over the terms that make it
+
+
+LIMITS = _Limits()
 
 
 @loop
@@ -112,3 +129,55 @@ def solution(order: Array, Lp: Array, Li: Array, Lx: Array, D: Array, b: Array, 
             v -= Lx[p] * u[Li[p]]
         u[j] = v
         x[order[j]] = v
+
+
+class UpLooking:
+    """``L D L'`` row by row; `work` is the mean number of multiplications an unknown."""
+
+    def __init__(self, upper: sparse.csc_array, order: np.ndarray) -> None:
+        self.size, self._order = order.size, order
+        indptr, indices = upper.indptr.astype(np.int64), upper.indices.astype(np.int32)
+        self._upper = indptr, indices, upper.data.astype(float)
+        self._parent = np.empty(self.size, np.int32)
+        column, row = np.zeros((2, self.size + 1), np.int64)
+        most = int(np.sqrt(LIMITS.work) * self.size)
+        complete = counts(indptr, indices, self._parent, column[1:], row[1:], most)
+        self.work = float(column @ column) / self.size if complete else np.inf
+        self._columns, self._rows = np.cumsum(column), np.cumsum(row)
+
+    def prepare(self) -> UpLooking:
+        """Itself, with the pattern of L."""
+        entries = int(self._rows[-1])
+        self._Li, self._Ri = np.empty((2, entries), np.int32)
+        self._Lx, self._D = np.empty(entries), np.empty(self.size)
+        pattern(*self._upper[:2], self._parent, self._columns, self._Li, self._rows, self._Ri)
+        return self
+
+    def factor(self, diagonal: Array) -> None:
+        """Factor the matrix with this diagonal; raises `LinAlgError`."""
+        row = numeric(
+            *self._upper, diagonal[self._order], self._columns, self._Li, self._Lx, self._rows,
+            self._Ri, self._D, LIMITS.pivot,
+        )  # fmt: skip
+        if row >= 0:
+            raise np.linalg.LinAlgError(f"row {row} is zero, or not finite")
+
+    def solve(self, r: Array) -> Array:
+        """Solve with the last factor."""
+        x = np.empty(self.size)
+        solution(self._order, self._columns, self._Li, self._Lx, self._D, r, x)
+        return x
+
+
+def chain(upper: sparse.csc_array) -> UpLooking | None:
+    """The factors in the given order, or in one of small bandwidth, if one of these leaves so few
+    multiplications that dense blocks do not pay."""
+    n = upper.shape[0]
+    if not n or upper.nnz**2 > LIMITS.work * n**2:  # the columns of the matrix alone are longer
+        return None
+    found = UpLooking(upper, np.arange(n))
+    if found.work > LIMITS.work:
+        rows: Any = sparse.csr_array(upper + upper.T)
+        order = csgraph.reverse_cuthill_mckee(rows, symmetric_mode=True).astype(np.int64)
+        found = UpLooking(sparse.csc_array(sparse.triu(rows[order][:, order], 1)), order)
+    return found.prepare() if found.work <= LIMITS.work else None
