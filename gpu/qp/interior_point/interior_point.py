@@ -60,6 +60,7 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     multiplier: float = 1e3  # largest at the start, over their size: where distances are tiny
     regularisation: float = 1e-10  # at the start: pivots with six digits
     loose: float = 1e-6  # diagonal of variables without a bound at the start; of others 1
+    soft: float = 50.0  # minus that of inequality rows: of those tried, the one of fewest steps
     firm: float = 1e-8  # minus that of equality rows: too small to move what is determined
 
 
@@ -473,7 +474,7 @@ def _factor(p: StandardQP, system: System, rows: Array, diagonal: Array, least: 
     """Factor with a regularisation of equality rows that grows until dependent rows succeed."""
     while True:
         E = p.xp.full(p.row_low.size, least)
-        E[rows] = 1.0
+        E[rows] = LIMITS.soft
         try:
             system.factor(diagonal, E)
         except np.linalg.LinAlgError:
