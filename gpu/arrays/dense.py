@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.linalg.blas import dsymv, dsyrk
+from scipy.linalg.blas import dsymv, dsyrk, ssyrk
 from scipy.linalg.lapack import dpotrs
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
@@ -135,7 +135,8 @@ def add_gram(H: Array, Y: Array) -> Array:
     below the diagonal counts."""
     if not isinstance(H, np.ndarray):
         return H + Y.T @ Y
-    return dsyrk(1.0, Y.T, beta=1.0, c=H.T, lower=1, overwrite_c=1).T if Y.size else H
+    syrk = dsyrk if H.dtype == np.float64 else ssyrk
+    return syrk(1.0, Y.T, beta=1.0, c=H.T, lower=1, overwrite_c=1).T if Y.size else H
 
 
 def symmetric_and_finite(M: Array) -> bool:

@@ -190,7 +190,7 @@ class WhitenedActiveSet:
             stalled = 0 if wrong < fewest else stalled + 1
             fewest = min(fewest, wrong)
             slow = len(self.history) > LIMITS.trial and 2 * wrong > max(worst, 0.2 * self.n)
-            slow = slow or (len(self.history) == 1 and wrong > self.n)
+            slow = slow or (len(self.history) == 1 and wrong > LIMITS.room * self.n)
             if slow or stalled >= LIMITS.hopeless or len(self.history) >= LIMITS.most:
                 raise NotConverged("the full exchange stalls")
             self.latest = x, multiplier

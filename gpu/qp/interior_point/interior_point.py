@@ -160,7 +160,7 @@ class InteriorPoint:
         E = xp.full(self.y.size, delta)
         self.slack = self.sigma[n:] + rho
         E[self.rows] += 1.0 / self.slack
-        self.system.factor(self.sigma[:n] + rho, E)
+        self.system.factor(self.sigma[:n] + rho, E, rough=True)
 
     def direction(
         self,
@@ -270,7 +270,7 @@ class InteriorPoint:
             )
             / self.count
         )
-        sigma = min(max(ahead / mu, 0.0), 1.0) ** 3 if mu > 0.0 else 0.0
+        sigma = min(max(ahead / mu, 0.0), 1.0) ** 4 if mu > 0.0 else 0.0
         second = 1.0
         if self.last < 0.1:
             # Products far off centre stop both steps: bring them back before going on.
@@ -476,7 +476,7 @@ def _factor(p: StandardQP, system: System, rows: Array, diagonal: Array, least: 
         E = p.xp.full(p.row_low.size, least)
         E[rows] = LIMITS.soft
         try:
-            system.factor(diagonal, E)
+            system.factor(diagonal, E, rough=True)
         except np.linalg.LinAlgError:
             if least >= 1.0:
                 raise

@@ -18,6 +18,7 @@ References
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +36,9 @@ class _Limits(NamedTuple):  # limits of refinement
     poor: float = 1e-9  # relative residual above which refinement has failed
     directions: int = 20  # of GMRES, all kept: one for each perturbed pivot
     dense: int = 600  # most unknowns and rows for symmetric pivoting, if need be
+    single: int = 200  # least unknowns for which factors in single precision are tried
+    digits: float = 1e7  # most largest diagonal entry over that without rows, for the same
+    few: float = 1e-3  # relative residual that is asked of them
     nothing: float = 1e15  # entries of E from which on rows weigh nothing in the condensed system
     pivoted: int = 30_000  # the same for a sparse factor with pivots by size: it fills more
 
@@ -49,9 +53,11 @@ class System:
     xp: Any = np
     accuracy = 0.0  # relative residual of the last solution that was looked at
     exact = False  # whether it needed no refinement with the present factors
+    rough = 0.0  # least relative residual that the present factors are asked for
 
-    def factor(self, D: Array, E: Array) -> None:
-        """Factor for these diagonals; raises `LinAlgError`."""
+    def factor(self, D: Array, E: Array, rough: bool = False) -> None:
+        """Factor for these diagonals, if `rough` perhaps to a few digits only; raises
+        `LinAlgError`."""
         raise NotImplementedError
 
     def _once(self, right: Array) -> Array:
@@ -77,7 +83,7 @@ class System:
         first = w = kept = self._once(right)
         if trusted and self.exact:
             return w[: self.n], w[self.n :]
-        size, best = float(abs(right).max()), np.inf
+        size, best, fine = float(abs(right).max()), np.inf, max(fine, self.rough)
         for _ in range(LIMITS.refinements + 1):
             left = right - self._product(w)
             error = float(abs(left).max())
@@ -92,9 +98,16 @@ class System:
             error = float(np.abs(right - self._product(w)).max())
             if error < best:
                 kept, best = w, error
+        if self.rough and not best <= fine * size:
+            self._sharpen()
+            return self.solve(r, s, fine, thorough)
         self.exact = kept is first and best <= fine * size
-        self.accuracy = best / size if size else 0.0
+        self.accuracy = best / size if size and not self.rough else 0.0
         return kept[: self.n], kept[self.n :]
+
+    def _sharpen(self) -> None:
+        """Factor again to all digits."""
+        raise NotImplementedError
 
     def _minimal_residual(self, right: Array, w: Array) -> Array:
         """GMRES from w on, preconditioned by factors with perturbed pivots [1]_. Refinement
@@ -140,8 +153,8 @@ class SparseSystem(System):
         self.own = program.P.diagonal()
         self.factors = quasidefinite(self.upper, solver)
 
-    def factor(self, D: Array, E: Array) -> None:
-        """Factor for these diagonals; raises `LinAlgError`."""
+    def factor(self, D: Array, E: Array, rough: bool = False) -> None:
+        """See `System`."""
         self.exact, self.diagonal = False, np.concatenate([self.own + D, -E])
         self.factors.factor(self.diagonal)
 
@@ -163,10 +176,14 @@ class DenseSystem(System):
         self.A, self.G = program.C[self.eq], program.C[self.ineq]
         self.weighted = xp.empty_like(self.G)  # memory that is there is faster than a new one
         self.H = xp.empty_like(program.P)
+        many = LIMITS.single <= self.n <= self.ineq.size and not self.eq.size
+        self.half = [self.G.astype(np.float32), None] if many and xp is np else []
 
-    def factor(self, D: Array, E: Array) -> None:
-        """Factor for these diagonals; raises `LinAlgError`."""
-        self.D, self.E, self.exact = D, E, False
+    def factor(self, D: Array, E: Array, rough: bool = False) -> None:
+        """See `System`."""
+        self.D, self.E, self.exact, self.rough = D, E, False, 0.0
+        if rough and self.half and self._rough():
+            return
         xp, H, weighted = self.xp, self.H, self.weighted
         H[...] = self.program.P
         if self.ineq.size:
@@ -184,6 +201,26 @@ class DenseSystem(System):
             j = xp.arange(len(S))
             S[j, j] += E[self.eq]
             self.S = cholesky(S)
+
+    def _rough(self) -> bool:
+        """Factor in single precision, at half the price, while that leaves a few digits."""
+        G, weighted = self.half
+        root = (1.0 / np.sqrt(self.E)).astype(np.float32)
+        self.half[1] = np.multiply(G, root[:, None], out=weighted)
+        H = add_gram(self.program.P.astype(np.float32), self.half[1])
+        i, P = np.arange(self.n), self.program.P
+        H[i, i] += self.D
+        if H[i, i].max() <= LIMITS.digits * (P[i, i] + self.D).min():
+            with suppress(np.linalg.LinAlgError):
+                self.L, self.rough = cholesky(H), LIMITS.few
+                return True
+        self.half = []  # later ones are worse
+        return False
+
+    def _sharpen(self) -> None:
+        """Factor in double precision, from now on."""
+        self.half = []
+        self.factor(self.D, self.E)
 
     def _once(self, right: Array) -> Array:
         r, s = right[: self.n], right[self.n :]
@@ -222,8 +259,8 @@ class IndefiniteSystem(System):
         self.K[:n, n:] = C.T
         self.diagonal = P.diagonal()
 
-    def factor(self, D: Array, E: Array) -> None:
-        """Factor for these diagonals; raises `LinAlgError`."""
+    def factor(self, D: Array, E: Array, rough: bool = False) -> None:
+        """See `System`."""
         self.exact = False
         i = np.arange(len(self.K))
         self.K[i, i] = np.concatenate([self.diagonal + D, -E])

@@ -29,6 +29,8 @@ class _Limits(NamedTuple):  # limits of the steps, in scaled units
     huge: float = 1e20  # a diagonal entry beside which one is rounding; no product overflows
     exchanges: int = 6  # most: an interior point guesses nearly all sides
     refinements: int = 6  # most: each gains the digits of the regularisation
+    first: float = 1e-8  # relative residual of the first of them, and
+    fine: float = 1e-12  # of the others
     regularisations: tuple[float, ...] = (1e-9, 1e-7, 1e-11)  # rho, delta, in turn
     extended: tuple[float, ...] = (1e-9, 1e-12, 1e-14)  # less for dependent rows
     stalled: int = 4  # steps without the correction becoming half as large
@@ -88,10 +90,11 @@ def settle(p: StandardQP, system: System, sides: Sides, x: Array, y: Array) -> P
             return
         following = _exchange(p, state, x, y)
         wrong = _differences(state, following)
+        if not wrong:
+            yield from points
         if not 0 < 2 * wrong < fewest:
-            break
+            return
         state, fewest = following, wrong
-    yield from points
 
 
 def _steps(
@@ -108,10 +111,10 @@ def _steps(
     y = xp.where(used, y, 0.0)
     goal = xp.where(state.rows < 0, p.row_low, xp.where(state.rows > 0, p.row_high, p.row_low))
     goal = xp.where(used, goal, 0.0)
-    for _ in range(LIMITS.refinements):
+    for fine in (LIMITS.first, *(LIMITS.refinements - 1) * (LIMITS.fine,)):
         rd = xp.where(held, 0.0, p.gradient(x, y))
         rp = xp.where(used, goal - p.C @ x, 0.0)
-        dx, dy = system.solve(-rd, rp)
+        dx, dy = system.solve(-rd, rp, fine)
         x, y = x + xp.where(held, 0.0, dx), y + xp.where(used, dy, 0.0)
         yield x, y
 
