@@ -380,7 +380,7 @@ def interior_point(
         if finish is None or not target < best <= LIMITS.settling:
             continue
         if likely or (last and best <= LIMITS.settled):
-            last, most = last and best > LIMITS.settled, 0.25 * doubtful
+            last, most = last and best > LIMITS.settled, 0.5 * doubtful
             if finish(iterate.v[: iterate.n], iterate.y, iterate.sides()):
                 break
     return x, y, sides, steps

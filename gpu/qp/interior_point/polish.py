@@ -29,6 +29,7 @@ class _Limits(NamedTuple):  # limits of the steps, in scaled units
     huge: float = 1e20  # a diagonal entry beside which one is rounding; no product overflows
     exchanges: int = 6  # most: an interior point guesses nearly all sides
     refinements: int = 6  # most: each gains the digits of the regularisation
+    single: int = 2  # wrong sides that may be exchanged again and again
     first: float = 1e-8  # relative residual of the first of them, and
     fine: float = 1e-12  # of the others
     regularisations: tuple[float, ...] = (1e-9, 1e-7, 1e-11)  # rho, delta, in turn
@@ -79,8 +80,8 @@ def polish(
 
 
 def settle(p: StandardQP, system: System, sides: Sides, x: Array, y: Array) -> Points:
-    """Points that converge to that of sides that are all but right: sides are exchanged while less
-    than half as many are wrong each time, without a look at the residuals."""
+    """Points that converge to that of sides that are all but right: sides are exchanged while half
+    as many are wrong each time, or next to none, without a look at the residuals."""
     state, fewest, regularisation = sides, np.inf, LIMITS.regularisations[0]
     for _ in range(LIMITS.exchanges):
         points = _steps(p, system, state, x, y, regularisation)
@@ -92,7 +93,7 @@ def settle(p: StandardQP, system: System, sides: Sides, x: Array, y: Array) -> P
         wrong = _differences(state, following)
         if not wrong:
             yield from points
-        if not 0 < 2 * wrong < fewest:
+        if not 0 < wrong <= max(0.5 * fewest, LIMITS.single):
             return
         state, fewest = following, wrong
 
