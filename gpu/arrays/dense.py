@@ -131,12 +131,13 @@ def gram(Y: Array) -> Array:
 
 
 def add_gram(H: Array, Y: Array) -> Array:
-    """``H + Y'Y`` for H and Y in row-major order, on the host in place of H; there only what is
-    below the diagonal counts."""
+    """``H + Y'Y`` in place of H, for H and Y in row-major order; on the host what is below the
+    diagonal is left as it was."""
     if not isinstance(H, np.ndarray):
-        return H + Y.T @ Y
+        H += Y.T @ Y
+        return H
     syrk = dsyrk if H.dtype == np.float64 else ssyrk
-    return syrk(1.0, Y.T, beta=1.0, c=H.T, lower=1, overwrite_c=1).T if Y.size else H
+    return syrk(1.0, Y.T, beta=1.0, c=H.T, lower=1, overwrite_c=1).T
 
 
 def symmetric_and_finite(M: Array) -> bool:

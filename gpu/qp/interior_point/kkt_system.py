@@ -190,8 +190,9 @@ class DenseSystem(System):
             e = E[self.ineq]
             used = xp.flatnonzero(e < LIMITS.nothing)  # others weigh nothing beside the rounding
             rows = self.G if used.size == e.size else self.G[used]
-            weighted = xp.multiply(rows, 1.0 / xp.sqrt(e[used])[:, None], out=weighted[: used.size])
-            H = add_gram(H, weighted)
+            if used.size:
+                root = 1.0 / xp.sqrt(e[used])
+                H = add_gram(H, xp.multiply(rows, root[:, None], out=weighted[: used.size]))
         i = xp.arange(self.n)
         H[i, i] += D
         self.L = cholesky(H)
