@@ -125,6 +125,8 @@ def qp_large(record: Record) -> str:
     names = ("piqp", "proxsuite", "clarabel", "osqp")
 
     def time(row: Any, name: str) -> str:
+        if name not in row["seconds"]:
+            return "-"
         text = f"{1e3 * row['seconds'][name]:,.0f}"
         errors = row.get("errors", {}).get(name, {"violation": 0.0})
         return text if max(errors.values()) <= 1e-9 else f"({text})"
