@@ -67,8 +67,8 @@ from skfem_adini import (
     essential_dofs,
     factorize,
 )
+from skfem_adini.ground.pardiso import has_pardiso
 from skfem_adini.solvers.exact_matrices import exact_matrix
-from skfem_adini.solvers.pardiso import has_pardiso
 
 TARGETS = {
     "basis": 12.0,

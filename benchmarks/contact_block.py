@@ -32,7 +32,7 @@ from contact import ContactProblem, ContactResult, ElasticBody, Plane, cross_che
 from contact.body.rigid_modes import dof_entities
 from contact.condensation.elimination_order import nested_dissection
 from skfem_adini import ElementQuadAdini
-from skfem_adini.solvers.pardiso import has_pardiso
+from skfem_adini.ground.pardiso import has_pardiso
 
 OBSTACLE, FRICTION = Plane((0, -0.03), (0, 1)), 0.9
 PEERS = ("osqp", "piqp", "clarabel")

@@ -29,7 +29,7 @@ from skfem import ElementHex1, ElementTetP2, MeshHex, MeshQuad, MeshTet
 from contact import ContactProblem, ContactResult, ElasticBody, LoadStepper
 from contact.result.certify import certify
 from skfem_adini import ElementQuadAdini
-from skfem_adini.solvers.pardiso import has_pardiso
+from skfem_adini.ground.pardiso import has_pardiso
 
 FRICTION = {"adini": 0.9, "hex1": 0.3, "part": 0.3}
 ELEMENTS = {"adini": ElementQuadAdini, "hex1": ElementHex1, "part": ElementTetP2}

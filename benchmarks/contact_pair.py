@@ -28,7 +28,7 @@ from skfem import ElementHex1, MeshHex, MeshQuad
 
 from contact import ContactProblem, ElasticBody, LoadStepper
 from skfem_adini import ElementQuadAdini
-from skfem_adini.solvers.pardiso import has_pardiso
+from skfem_adini.ground.pardiso import has_pardiso
 
 FRICTION = 0.3
 

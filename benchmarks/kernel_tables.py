@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from markdown_table import Record, every_other, rows_of, source
 
 
@@ -116,6 +118,24 @@ def qp_small(record: Record) -> str:
         f"{record['machine']['cores']} cores {one['quadprog']:.2f} s."
     )
     return f"{table}\n\n{batch} {source('qp_small', record, *names)}"
+
+
+def qp_large(record: Record) -> str:
+    """Larger programs on one thread; a peer whose answer is farther off than 1e-9 in brackets."""
+    names = ("piqp", "proxsuite", "clarabel", "osqp")
+
+    def time(row: Any, name: str) -> str:
+        if name not in row["seconds"]:
+            return "-"
+        text = f"{1e3 * row['seconds'][name]:,.0f}"
+        errors = row.get("errors", {}).get(name, {"violation": 0.0})
+        return text if max(errors.values()) <= 1e-9 else f"({text})"
+
+    table = rows_of(
+        f"problem | ours, ms | {' | '.join(names)}",
+        ((row["case"], *(time(row, name) for name in ("ours", *names))) for row in record["rows"]),
+    )
+    return f"{table}\n\n{source('qp_large', record, *names)}"
 
 
 def qp_peers(record: Record) -> str:

@@ -273,7 +273,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(kernel_tables.cip, kernel_tables.cip_device),
         *(inverse_tables.adjoint, inverse_tables.assimilation, inverse_tables.calibration),
         *(kernel_tables.qp, kernel_tables.qp_peers, kernel_tables.qp_device_peers),
-        kernel_tables.qp_small,
+        *(kernel_tables.qp_small, kernel_tables.qp_large),
         *(kernel_tables.maros_meszaros, validation_table.validation),
         validation_table.periodic,
         *(kernel_tables.eigs, kernel_tables.eigs_products),

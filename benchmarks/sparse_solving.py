@@ -38,7 +38,7 @@ from skfem_adini import (
     factorize,
     near_null_space,
 )
-from skfem_adini.solvers.pardiso import has_pardiso
+from skfem_adini.ground.pardiso import has_pardiso
 
 SIZES = {"poisson": [4, 8, 12, 16, 24, 32], "elasticity": [3, 4, 6, 8, 12, 16, 20]}
 SUPERLU_MOST = 5000

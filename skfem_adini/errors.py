@@ -6,27 +6,8 @@ from skfem_adini.ground.errors import (  # noqa: F401
     MissingDependency,
     NotConverged,
     NotSupported,
+    SolverError,
 )
-
-
-class SolverError(AdiniError):
-    """A library for sparse systems returned an error; the message names the call and its number.
-
-    `status` is that number; `pivot` tells whether a pivot was zero, or not positive in a matrix
-    declared as definite. Where factors do not fit into the memory of a device, `free` are its free
-    bytes, and `hybrid` those with which hybrid memory would do, None if not even that.
-    """
-
-    def __init__(
-        self,
-        message: str,
-        status: int,
-        pivot: bool = False,
-        free: int | None = None,
-        hybrid: int | None = None,
-    ) -> None:
-        super().__init__(message)
-        self.status, self.pivot, self.free, self.hybrid = status, pivot, free, hybrid
 
 
 class ReducedOrderWarning(UserWarning):

@@ -11,8 +11,8 @@ from scipy import sparse
 
 from contact.errors import ContactError, InputError, MissingDependency
 from skfem_adini.ground.arguments import choice
+from skfem_adini.ground.pardiso import DEFINITE, Pardiso, SolverError, has_pardiso
 from skfem_adini.solvers.factorize import SuperLUFactor
-from skfem_adini.solvers.pardiso import DEFINITE, Pardiso, SolverError, has_pardiso
 
 Vector = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.linalg.blas import dsymv
+from scipy.linalg.blas import dsymv, dsyrk, ssyrk
 from scipy.linalg.lapack import dpotrs
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
@@ -128,6 +128,16 @@ def gram(Y: Array) -> Array:
         )  # fmt: skip
     # The lower triangle in column-major order is the upper one in row-major order.
     return cupy.triu(M) + cupy.triu(M, 1).T
+
+
+def add_gram(H: Array, Y: Array) -> Array:
+    """``H + Y'Y`` in place of H, for H and Y in row-major order; on the host what is below the
+    diagonal is left as it was."""
+    if not isinstance(H, np.ndarray):
+        H += Y.T @ Y
+        return H
+    syrk = dsyrk if H.dtype == np.float64 else ssyrk
+    return syrk(1.0, Y.T, beta=1.0, c=H.T, lower=1, overwrite_c=1).T
 
 
 def symmetric_and_finite(M: Array) -> bool:

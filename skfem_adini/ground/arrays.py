@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg.blas import dtrsm
-from scipy.linalg.lapack import dpotrf, dtrtrs
+from scipy.linalg.lapack import dpotrf, dtrtrs, spotrf, strtrs
 
 from skfem_adini.ground.errors import InputError, optional
 
@@ -66,7 +66,8 @@ def cholesky(A: Any) -> Any:
     """
     if not A.size:
         return A
-    L, minor = dpotrf(A, lower=1, clean=0, overwrite_a=1)
+    factor = dpotrf if A.dtype == np.float64 else spotrf
+    L, minor = factor(A, lower=1, clean=0, overwrite_a=1)
     if minor:
         raise np.linalg.LinAlgError(f"leading minor {minor} is not positive")
     return L
@@ -76,6 +77,9 @@ def lower_solve(L: Any, B: Any, transposed: bool = False, overwrite: bool = Fals
     """Solve ``L X = B`` or ``L^T X = B`` on the host for a vector or a matrix B."""
     if not B.size:
         return B
+    if L.dtype == np.float32:
+        B = strtrs(L, B.astype(np.float32), lower=1, trans=int(transposed), overwrite_b=True)[0]
+        return B.astype(np.float64)
     if B.ndim == 1:
         return dtrtrs(L, B, lower=1, trans=int(transposed), overwrite_b=overwrite)[0]
     return dtrsm(1.0, L, B, side=0, lower=1, trans_a=int(transposed), overwrite_b=overwrite)

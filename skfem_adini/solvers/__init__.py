@@ -2,5 +2,5 @@
 
 In: a sparse matrix, and for multigrid its near-null space.
 Out: factors that solve for any number of loads, and certified eigenpairs.
-Start: `factorize`, which chooses between `pardiso`, SuperLU and `multigrid`.
+Start: `factorize`, which chooses between PARDISO, SuperLU and `multigrid`.
 """

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_adini.errors import AdiniError, InputError
+from skfem_adini.ground.pardiso import upper_triangle
 
 
 @dataclass(frozen=True)
@@ -147,17 +148,3 @@ def _on_host(A: Any) -> Any:
 def _countable(entries: int) -> None:
     if entries >= 2**31:
         raise AdiniError(f"cuDSS: {entries} entries are too many for 32-bit indices")
-
-
-def upper_triangle(A: Any) -> Any:
-    """Return the upper triangle, columns ascending, with every diagonal entry stored."""
-    n = A.shape[0]
-    upper = sparse.csr_array(sparse.triu(A, format="csr"))
-    if np.count_nonzero(upper.diagonal()) < n:
-        # Sums of sparse matrices drop zeros; conversion from triplets keeps them.
-        entries, k = upper.tocoo(), np.arange(n)
-        row, column = (np.concatenate([part, k]) for part in entries.coords)
-        data = np.concatenate([entries.data, np.zeros(n)])
-        upper = sparse.csr_array(sparse.coo_array((data, (row, column)), shape=A.shape))
-    upper.sort_indices()
-    return upper

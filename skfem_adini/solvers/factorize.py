@@ -13,9 +13,9 @@ from scipy.sparse.linalg import splu
 
 from skfem_adini.errors import InputError, MissingDependency, SolverError
 from skfem_adini.ground.arguments import real_matrix, real_part
+from skfem_adini.ground.pardiso import DEFINITE, INDEFINITE, Pardiso, has_pardiso
 from skfem_adini.solvers.cudss import Cudss
 from skfem_adini.solvers.multigrid import Multigrid, NearNullSpace
-from skfem_adini.solvers.pardiso import DEFINITE, INDEFINITE, Pardiso, has_pardiso
 
 Array = NDArray[np.float64]
 Solver = Literal["auto", "pardiso", "superlu", "amg", "cudss"]

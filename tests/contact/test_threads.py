@@ -104,7 +104,7 @@ from skfem import Basis, ElementQuad1, MeshQuad
 from skfem.models.poisson import laplace, mass
 from contact import ContactProblem, ElasticBody, Plane
 from skfem_adini import factorize
-from skfem_adini.solvers import pardiso
+from skfem_adini.ground import pardiso
 
 assert pardiso._threads() == 2
 basis = Basis(MeshQuad().refined(5), ElementQuad1())

@@ -1,5 +1,8 @@
 """Many threads at once get what one gets, to the last bit."""
 
+import os
+import subprocess
+import sys
 import threading
 import time
 import warnings
@@ -169,3 +172,42 @@ def test_quadratic_programs_and_regulators_on_a_device():
     tasks = [lambda q=q: (solve_qp(factor, q, G, h).x.get(),) for q in q]
     tasks.append(lambda: (lqr(A, B, 1.0, np.eye(2)).K.get(),))
     same(tasks, times=10)
+
+
+# MKL takes its number of threads for good, so this runs in a process of its own.
+AGAIN = """
+import os
+import numpy as np
+from scipy import sparse
+from gpu.arrays.sparse_factor import PardisoFactor
+
+line = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(60, 60))
+one, rng = sparse.eye_array(60), np.random.default_rng(0)
+H = sparse.kron(line, one) + sparse.kron(one, line)
+C = sparse.random_array((900, 3600), density=0.002, rng=rng)
+K = sparse.csc_array(sparse.block_array([[H, C.T], [C, -sparse.eye_array(900)]]))
+factors, b = PardisoFactor(K), rng.standard_normal(4500)
+for k in range(30):
+    child = os.fork() if k == 15 and hasattr(os, "fork") else None
+    diagonal = K.diagonal() * 10.0 ** rng.uniform(0.0, 0.2 * k, 4500)
+    factors.factor(diagonal)
+    x = factors.solve(b)
+    r = b - K @ x - (diagonal - K.diagonal()) * x
+    assert abs(r).max() <= 1e-9 * abs(b).max(), (k, abs(r).max())
+    if child == 0:
+        os._exit(7)
+    if child:
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+print("factored")
+"""
+
+
+@PARDISO
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_one_analysis_serves_many_factorisations(threads):
+    done = subprocess.run(
+        [sys.executable, "-c", AGAIN],
+        env=os.environ | {"OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads},
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.stdout.strip() == "factored", done.stderr

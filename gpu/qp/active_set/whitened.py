@@ -11,7 +11,7 @@ never active before; P is factored once, and inactive rows only enter through Bx
 sides, or a bound, has one signed state. Violated rows are added and rows with a multiplier of the
 wrong sign dropped, all at once ([1]_; for this form [2]_, algorithm 4). The full exchange may
 cycle: where the number of violations has not fallen for some steps, or more rows than unknowns
-would be active, the method fails with an error.
+would be active or are violated at the start, the method fails with an error.
 
 References
 ----------
@@ -190,6 +190,7 @@ class WhitenedActiveSet:
             stalled = 0 if wrong < fewest else stalled + 1
             fewest = min(fewest, wrong)
             slow = len(self.history) > LIMITS.trial and 2 * wrong > max(worst, 0.2 * self.n)
+            slow = slow or (len(self.history) == 1 and wrong > LIMITS.room * self.n)
             if slow or stalled >= LIMITS.hopeless or len(self.history) >= LIMITS.most:
                 raise NotConverged("the full exchange stalls")
             self.latest = x, multiplier

@@ -24,6 +24,11 @@ class Budget:
         self.most = float("inf") if max_steps is None else integer("max_steps", max_steps, 1)
         self.seconds = float("inf") if time_limit is None else time_limit
 
+    @property
+    def limited(self) -> bool:
+        """Whether there is a limit at all."""
+        return min(self.most, self.seconds) < float("inf")
+
     def __str__(self) -> str:
         return f"{self.steps} steps and {time.perf_counter() - self.begin:.3g} s"
 

@@ -141,7 +141,7 @@ class _Sizes:
     """Largest entries of the rows and columns of a matrix under a scaling."""
 
     def __init__(self, M: Matrix, xp: Any) -> None:
-        self.xp = xp
+        self.xp, self.work = xp, None
         self.M = abs(M)
         self.shape = M.shape
         if is_sparse(M):
@@ -161,7 +161,9 @@ class _Sizes:
             return size, row
         if not self.M.size:
             return xp.zeros(columns), xp.zeros(rows)
-        scaled = self.M * E[:, None]
+        if self.work is None:  # memory that is there is faster than a new one
+            self.work = xp.empty_like(self.M)
+        scaled = xp.multiply(self.M, E[:, None], out=self.work)
         scaled *= D
         return scaled.max(axis=0), scaled.max(axis=1)
 
@@ -170,6 +172,10 @@ class _Sizes:
 
 
 def _scale(M: Matrix, E: Array, D: Array, xp: Any) -> Matrix:
-    if is_sparse(M):
-        return sparse.csr_array(sparse.diags_array(E) @ M @ sparse.diags_array(D))
-    return E[:, None] * M * D
+    if not is_sparse(M):
+        scaled = E[:, None] * M
+        scaled *= D
+        return scaled
+    M = sparse.csr_array(M, copy=True)
+    M.data = np.repeat(E, np.diff(M.indptr)) * M.data * D[M.indices]
+    return M

@@ -24,6 +24,7 @@ from skfem_adini.ground.arrays import namespace, to_host
 class _Rounding(NamedTuple):  # what residuals are measured against
     cancellation: float = 1e-3  # least part of a sum's terms that may cancel
     product: float = 16 * float(np.finfo(float).eps)  # rounding allowed in x'Px
+    plain: float = 1e3  # times that rounding: larger errors are taken as they are
     sharp: float = 1e-13  # residuals below this are not examined more closely
     least: float = 1e-6  # relative to `StandardQP.lengths`: a smaller x is rounding of the forces
     certain: float = 1e-10  # residuals below this are taken as they are
@@ -117,7 +118,7 @@ class StandardQP:
     def bounded(self) -> Array:
         """Which variables are confined on both sides: by bounds, or by a row and other bounds."""
         low, high = self.xp.isfinite(self.lb), self.xp.isfinite(self.ub)
-        if isinstance(self.C, Remote) or not self.row_low.size:
+        if isinstance(self.C, Remote) or not self.row_low.size or bool((low & high).all()):
             return low & high
         up, down = ((sign * self.C > 0).astype(float) for sign in (1.0, -1.0))
         held = low, high
@@ -261,8 +262,11 @@ def residuals(
     terms = [float(x @ Px), float(p.q @ x), float(y @ row), float(z_box @ bound)]
     error = abs(sum(terms))
     if bool(p.q.any()) and error > ROUNDING.sharp * largest(*(abs(term) for term in terms[:2])):
-        near = xp.where(p.bounded, size[0], 0.0)
-        error -= min(error, ROUNDING.product * float(near @ (p.moduli[0] @ near)))
+        most = ROUNDING.product * float(size[0] @ (p.moduli[0] @ size[0]))
+        if error < ROUNDING.plain * most and not p.bounded.all():  # else it is that, or nothing
+            near = xp.where(p.bounded, size[0], 0.0)
+            most = ROUNDING.product * float(near @ (p.moduli[0] @ near))
+        error -= min(error, most) if error < ROUNDING.plain * most else 0.0
     gap = _over(
         error,
         largest(*(abs(term) for term in terms[:2])),

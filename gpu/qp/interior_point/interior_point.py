@@ -39,7 +39,14 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     stalled: int = 40  # steps in which neither residual nor merit falls by a tenth
     at_floor: int = 10  # the same at the least products: the rest is rounding
     near: float = 1e-4  # relative: below, extended precision can end from the active set
-    trials: tuple[float, ...] = (1e-3, 1e-5, 1e-7)  # below: an active set, at the cost of a step
+    coarse: float = 1e-7  # merit above which points are not judged while it falls
+    slow: int = 2  # steps in which it does not become half as large, and no longer falls
+    settling: float = 1e-2  # residual below which an active set is tried, at the cost of a step
+    doubtful: float = 0.1  # of the held sides: most whose multiplier is near the distance then
+    spare: float = 0.25  # of the unknowns that are not held: the same
+    corner: float = 0.02  # of the held sides: so many always may
+    apart: float = 10.0  # quotient of multiplier and distance beyond which they are not near
+    settled: float = 1e-7  # residual below which an active set is tried whatever it is
     below_target: int = 2  # steps without gain after which a point below the target is taken
     proximal: float = 1e-6  # first proximal terms; they fall with the average product
     corrections: int = 2  # most of Gondzio's, each of which costs one solve
@@ -53,6 +60,7 @@ class _Limits(NamedTuple):  # limits of the iteration; matrices are scaled to ab
     multiplier: float = 1e3  # largest at the start, over their size: where distances are tiny
     regularisation: float = 1e-10  # at the start: pivots with six digits
     loose: float = 1e-6  # diagonal of variables without a bound at the start; of others 1
+    soft: float = 50.0  # minus that of inequality rows: of those tried, the one of fewest steps
     firm: float = 1e-8  # minus that of equality rows: too small to move what is determined
 
 
@@ -124,6 +132,15 @@ class InteriorPoint:
         rows[self.rows] = state[self.n :]
         return state[: self.n], rows
 
+    def doubts(self) -> tuple[int, int]:
+        """How many sides cannot be told from those that are held, or may be; and how many are."""
+        s, doubtful, held = self.s, 0, 0
+        for has, t, z in ((s.has_low, s.t_low, s.z_low), (s.has_high, s.t_high, s.z_high)):
+            ratio = z[has] / t[has]
+            near = (ratio < LIMITS.apart) & (ratio * LIMITS.apart > 1.0)
+            doubtful, held = doubtful + int(near.sum()), held + int((ratio > 1.0).sum())
+        return doubtful, held
+
     def _settle(self) -> None:
         """The residuals of the present iterate."""
         self.rd = self._dual(self.v[: self.n], self.y) - self.s.z_low + self.s.z_high
@@ -143,10 +160,16 @@ class InteriorPoint:
         E = xp.full(self.y.size, delta)
         self.slack = self.sigma[n:] + rho
         E[self.rows] += 1.0 / self.slack
-        self.system.factor(self.sigma[:n] + rho, E)
+        self.system.factor(self.sigma[:n] + rho, E, rough=True)
 
     def direction(
-        self, rd: Array, rp: Array, c_low: Array, c_high: Array, fine: float = LIMITS.fine
+        self,
+        rd: Array,
+        rp: Array,
+        c_low: Array,
+        c_high: Array,
+        fine: float = LIMITS.fine,
+        trusted: bool = True,
     ) -> Step:
         """Newton's direction for dual and primal right-hand sides and for the products."""
         s, n = self.s, self.n
@@ -154,7 +177,7 @@ class InteriorPoint:
         f = rd + (c_low - s.z_low * off_low) / s.t_low - (c_high - s.z_high * off_high) / s.t_high
         rows = rp.copy()
         rows[self.rows] += f[n:] / self.slack
-        dx, dy = self.system.solve(f[:n], rows, fine=fine)
+        dx, dy = self.system.solve(f[:n], rows, fine, trusted=trusted)
         dw = (f[n:] + dy[self.rows]) / self.slack
         dv = self.xp.concatenate([dx, dw])
         dz_low = (c_low - s.z_low * (dv + off_low)) / s.t_low
@@ -167,10 +190,9 @@ class InteriorPoint:
         dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
 
         def reach(value: Array, change: Array, has: Array) -> float:
-            ratio = xp.where(
-                has & (change < 0), -value / xp.where(change < 0, change, -1.0), xp.inf
-            )
-            return float(ratio.min()) if ratio.size else np.inf
+            rate = xp.where(has, change, 0.0) / xp.where(has, value, 1.0)
+            fastest = -float(rate.min()) if rate.size else 0.0
+            return 1.0 / fastest if fastest > 0.0 or fastest != fastest else np.inf
 
         primal = min(reach(s.t_low, dt_low, s.has_low), reach(s.t_high, dt_high, s.has_high))
         dual = min(reach(s.z_low, d.z_low, s.has_low), reach(s.z_high, d.z_high, s.has_high))
@@ -225,7 +247,8 @@ class InteriorPoint:
             try:
                 self.factor()
                 products = -(s.z_low * s.t_low), -(s.z_high * s.t_high)
-                d = self.direction(*right, *products, LIMITS.solved if self.count else LIMITS.fine)
+                fine = LIMITS.solved if self.count else LIMITS.fine
+                d = self.direction(*right, *products, fine, trusted=False)
                 if self.system.accuracy <= LIMITS.solved or self.boost > LIMITS.boost:
                     return d
             except np.linalg.LinAlgError:
@@ -247,7 +270,7 @@ class InteriorPoint:
             )
             / self.count
         )
-        sigma = min(max(ahead / mu, 0.0), 1.0) ** 3 if mu > 0.0 else 0.0
+        sigma = min(max(ahead / mu, 0.0), 1.0) ** 4 if mu > 0.0 else 0.0
         second = 1.0
         if self.last < 0.1:
             # Products far off centre stop both steps: bring them back before going on.
@@ -294,7 +317,7 @@ class InteriorPoint:
         )
 
 
-Finish = Callable[[Array, Array, tuple[Array, Array]], list[Array]]
+Finish = Callable[[Array, Array, tuple[Array, Array]], bool]
 
 
 def interior_point(
@@ -306,15 +329,18 @@ def interior_point(
     spread: float = 1.0,
     hurried: bool = False,
     finish: Finish | None = None,
+    watched: bool = False,
 ) -> tuple[Array, Array, tuple[Array, Array], int]:
     """Iterate until `measure` is below `target` and nothing improves, or if `hurried` until only
     rounding is left (extended precision is to follow). Returns x and y where `measure` was least,
-    the signed states of bounds and rows there, and the number of steps. `finish` may know the
-    solution, as x and y, from a point and its states near the end, else nothing."""
+    the signed states of bounds and rows there, and the number of steps. `finish` tells
+    whether a point and its states near the end lead to the solution. Points on their way are
+    judged only if `watched`."""
     iterate = InteriorPoint(program, system, separate, spread)
-    best, least, stalled, steps = np.inf, np.inf, 0, 0
+    best, least, stalled, steps, slow, lowest = np.inf, np.inf, 0, 0, 0, np.inf
     x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
-    trials = list(LIMITS.trials)
+    room, last = iterate.n - iterate.equal.size, True
+    most = np.inf  # doubtful sides with which an active set is tried
 
     def patience() -> int:
         at_floor = best <= LIMITS.near and iterate.mu <= 2.0 * iterate.floor
@@ -328,7 +354,17 @@ def interior_point(
         except np.linalg.LinAlgError:
             break
         steps += 1
-        value, merit = measure(iterate.v[: iterate.n], iterate.y), iterate.merit()
+        merit = iterate.merit()
+        slow = 0 if merit < 0.5 * lowest else slow + 1
+        lowest = min(lowest, merit)
+        doubtful, held = iterate.doubts()
+        few = max(LIMITS.corner * held, min(LIMITS.doubtful * held, LIMITS.spare * (room - held)))
+        likely = held <= room and doubtful <= min(few, most)
+        coming = merit > LIMITS.coarse and slow < LIMITS.slow and not likely
+        if watched or not coming:
+            value = measure(iterate.v[: iterate.n], iterate.y)
+        if coming:
+            continue
         logger.debug(
             "%3d mu %.1e residual %.2e scaled %.2e boost %.0e",
             steps, iterate.mu, value, merit, iterate.boost,
@@ -341,11 +377,12 @@ def interior_point(
         if value < best:
             best, x, y = value, iterate.v[: iterate.n], iterate.y
             sides = iterate.sides()
-        if finish is not None and trials and target < best <= trials[0]:
-            trials = [trial for trial in trials if trial < best]
-            end = finish(x, y, sides)
-            if end:
-                return end[0], end[1], sides, steps
+        if finish is None or not target < best <= LIMITS.settling:
+            continue
+        if likely or (last and best <= LIMITS.settled):
+            last, most = last and best > LIMITS.settled, 0.5 * doubtful
+            if finish(iterate.v[: iterate.n], iterate.y, iterate.sides()):
+                break
     return x, y, sides, steps
 
 
@@ -437,9 +474,9 @@ def _factor(p: StandardQP, system: System, rows: Array, diagonal: Array, least: 
     """Factor with a regularisation of equality rows that grows until dependent rows succeed."""
     while True:
         E = p.xp.full(p.row_low.size, least)
-        E[rows] = 1.0
+        E[rows] = LIMITS.soft
         try:
-            system.factor(diagonal, E)
+            system.factor(diagonal, E, rough=True)
         except np.linalg.LinAlgError:
             if least >= 1.0:
                 raise

@@ -18,15 +18,16 @@ References
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from contextlib import suppress
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg.lapack import dsytrf, dsytrs
 
-from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve
+from gpu.arrays.dense import add_gram, cholesky, cholesky_solve, lower_solve
 from gpu.arrays.sparse_factor import quasidefinite
-from gpu.qp.data.standard_qp import Array, StandardQP, largest
+from gpu.qp.data.standard_qp import Array, StandardQP
 
 
 class _Limits(NamedTuple):  # limits of refinement
@@ -35,68 +36,84 @@ class _Limits(NamedTuple):  # limits of refinement
     poor: float = 1e-9  # relative residual above which refinement has failed
     directions: int = 20  # of GMRES, all kept: one for each perturbed pivot
     dense: int = 600  # most unknowns and rows for symmetric pivoting, if need be
+    single: int = 200  # least unknowns for which factors in single precision are tried
+    digits: float = 1e7  # most largest diagonal entry over that without rows, for the same
+    few: float = 1e-3  # relative residual that is asked of them
+    nothing: float = 1e15  # entries of E from which on rows weigh nothing in the condensed system
     pivoted: int = 30_000  # the same for a sparse factor with pivots by size: it fills more
 
 
 LIMITS = _Limits()
 
 
-class SparseSystem:
-    """The system of sparse P and C."""
+class System:
+    """Refinement against the matrix, for any way to factor it."""
 
-    def __init__(self, program: StandardQP, solver: str = "auto") -> None:
-        self.P, self.C = sparse.csr_array(program.P), sparse.csr_array(program.C)
-        self.Ct = sparse.csr_array(self.C.T)
-        self.n, m = program.q.size, program.row_low.size
-        full = sparse.eye_array(self.n)
-        K = sparse.block_array(
-            [[self.P + full, self.Ct], [self.C, -sparse.eye_array(m)]] if m else [[self.P + full]],
-            format="csc",
-        )
-        self.diagonal = self.P.diagonal()
-        # P + I may have cancelled an entry of the diagonal, or stored none.
-        self.factors = quasidefinite(K, solver)
+    n: int
+    xp: Any = np
+    accuracy = 0.0  # relative residual of the last solution that was looked at
+    exact = False  # whether it needed no refinement with the present factors
+    rough = 0.0  # least relative residual that the present factors are asked for
 
-    def factor(self, D: Array, E: Array) -> None:
-        """Factor for these diagonals; raises `LinAlgError`."""
-        self.D, self.E = D, E
-        self.factors.factor(np.concatenate([self.diagonal + D, -E]))
+    def factor(self, D: Array, E: Array, rough: bool = False) -> None:
+        """Factor for these diagonals, if `rough` perhaps to a few digits only; raises
+        `LinAlgError`."""
+        raise NotImplementedError
+
+    def _once(self, right: Array) -> Array:
+        """Solve by the factors."""
+        raise NotImplementedError
+
+    def _product(self, w: Array) -> Array:
+        """The matrix times w."""
+        raise NotImplementedError
 
     def solve(
-        self, r: Array, s: Array, thorough: bool = False, fine: float = LIMITS.fine
+        self,
+        r: Array,
+        s: Array,
+        fine: float = LIMITS.fine,
+        thorough: bool = False,
+        trusted: bool = False,
     ) -> tuple[Array, Array]:
         """Solve for (u, v), refined until the residual is `fine`; if `thorough`, by GMRES where
-        refinement fails."""
-        right = np.concatenate([r, s])
-        size = float(np.abs(right).max())
-        w, best = self.factors.solve(right), np.inf
-        kept = w
+        refinement fails; if `trusted`, without a look at the residual where the last was `exact`.
+        """
+        right = self.xp.concatenate([r, s])
+        first = w = kept = self._once(right)
+        if trusted and self.exact:
+            return w[: self.n], w[self.n :]
+        size, best, fine = float(abs(right).max()), np.inf, max(fine, self.rough)
         for _ in range(LIMITS.refinements + 1):
             left = right - self._product(w)
-            error = float(np.abs(left).max())
+            error = float(abs(left).max())
             if not error < 0.5 * best:
                 break
             kept, best = w, error
             if error <= fine * size:
                 break
-            w = w + self.factors.solve(left)
+            w = w + self._once(left)
         if thorough and best > LIMITS.poor * size and np.isfinite(kept).all():
             w = self._minimal_residual(right, kept)
             error = float(np.abs(right - self._product(w)).max())
             if error < best:
                 kept, best = w, error
-        self.accuracy = best / size if size else 0.0
+        if self.rough and not best <= fine * size:
+            self._sharpen()
+            return self.solve(r, s, fine, thorough)
+        self.exact = kept is first and best <= fine * size
+        self.accuracy = best / size if size and not self.rough else 0.0
         return kept[: self.n], kept[self.n :]
 
-    def _product(self, w: Array) -> Array:
-        u, v = w[: self.n], w[self.n :]
-        return np.concatenate([self.P @ u + self.D * u + self.Ct @ v, self.C @ u - self.E * v])
+    def _sharpen(self) -> None:
+        """Factor again to all digits."""
+        raise NotImplementedError
 
     def _minimal_residual(self, right: Array, w: Array) -> Array:
         """GMRES from w on, preconditioned by factors with perturbed pivots [1]_. Refinement
         diverges if a few pivots were perturbed; for GMRES they are a few directions.
         """
-        basis = [self.factors.solve(right - self._product(w))]
+        basis = [self._once(right - self._product(w))]
         length = float(np.linalg.norm(basis[0]))
         if not 0.0 < length < np.inf:
             return w
@@ -105,7 +122,7 @@ class SparseSystem:
         goal = np.zeros(LIMITS.directions + 1)
         goal[0] = length
         for j in range(LIMITS.directions):
-            q = self.factors.solve(self._product(basis[j]))
+            q = self._once(self._product(basis[j]))
             for _ in range(2):
                 for i, b in enumerate(basis):
                     h = float(b @ q)
@@ -123,36 +140,91 @@ class SparseSystem:
         return w + change
 
 
-class DenseSystem:
+class SparseSystem(System):
+    """The system of sparse P and C."""
+
+    def __init__(self, program: StandardQP, solver: str = "auto") -> None:
+        P, C = sparse.triu(program.P, 1, format="csc"), sparse.csr_array(program.C)
+        self.n, m = program.q.size, program.row_low.size
+        parts = (P.data, C.data), (P.indices, C.indices), (P.indptr, P.nnz + C.indptr[1:])
+        data, indices, indptr = (np.concatenate(part) for part in parts)
+        self.upper = sparse.csc_array((data, indices, indptr), shape=(self.n + m, self.n + m))
+        self.lower = self.upper.T
+        self.own = program.P.diagonal()
+        self.factors = quasidefinite(self.upper, solver)
+
+    def factor(self, D: Array, E: Array, rough: bool = False) -> None:
+        """See `System`."""
+        self.exact, self.diagonal = False, np.concatenate([self.own + D, -E])
+        self.factors.factor(self.diagonal)
+
+    def _once(self, right: Array) -> Array:
+        return self.factors.solve(right)
+
+    def _product(self, w: Array) -> Array:
+        return self.upper @ w + self.lower @ w + self.diagonal * w
+
+
+class DenseSystem(System):
     """The system of dense P and C, of either namespace."""
 
     def __init__(self, program: StandardQP) -> None:
-        self.program, self.xp = program, program.xp
+        self.program, self.xp, self.n = program, program.xp, program.q.size
         xp = self.xp
         self.eq = xp.flatnonzero(program.equality)
         self.ineq = xp.flatnonzero(~program.equality)
         self.A, self.G = program.C[self.eq], program.C[self.ineq]
         self.weighted = xp.empty_like(self.G)  # memory that is there is faster than a new one
+        self.H = xp.empty_like(program.P)
+        many = LIMITS.single <= self.n <= self.ineq.size and not self.eq.size
+        self.half = [self.G.astype(np.float32), None] if many and xp is np else []
 
-    def factor(self, D: Array, E: Array) -> None:
-        """Factor for these diagonals; raises `LinAlgError`."""
-        self.D, self.E = D, E
-        H = self.program.P.copy()
+    def factor(self, D: Array, E: Array, rough: bool = False) -> None:
+        """See `System`."""
+        self.D, self.E, self.exact, self.rough = D, E, False, 0.0
+        if rough and self.half and self._rough():
+            return
+        xp, H, weighted = self.xp, self.H, self.weighted
+        H[...] = self.program.P
         if self.ineq.size:
-            root = 1.0 / self.xp.sqrt(E[self.ineq])
-            weighted = self.xp.multiply(self.G, root[:, None], out=self.weighted)
-            H += weighted.T @ weighted
-        i = self.xp.arange(len(H))
+            e = E[self.ineq]
+            used = xp.flatnonzero(e < LIMITS.nothing)  # others weigh nothing beside the rounding
+            rows = self.G if used.size == e.size else self.G[used]
+            if used.size:
+                root = 1.0 / xp.sqrt(e[used])
+                H = add_gram(H, xp.multiply(rows, root[:, None], out=weighted[: used.size]))
+        i = xp.arange(self.n)
         H[i, i] += D
         self.L = cholesky(H)
         if self.eq.size:
             self.X = lower_solve(self.L, self.A.T)
             S = self.X.T @ self.X
-            j = self.xp.arange(len(S))
+            j = xp.arange(len(S))
             S[j, j] += E[self.eq]
             self.S = cholesky(S)
 
-    def _once(self, r: Array, s: Array) -> tuple[Array, Array]:
+    def _rough(self) -> bool:
+        """Factor in single precision, at half the price, while that leaves a few digits."""
+        G, weighted = self.half
+        root = (1.0 / np.sqrt(self.E)).astype(np.float32)
+        self.half[1] = np.multiply(G, root[:, None], out=weighted)
+        H = add_gram(self.program.P.astype(np.float32), self.half[1])
+        i, P = np.arange(self.n), self.program.P
+        H[i, i] += self.D
+        if H[i, i].max() <= LIMITS.digits * (P[i, i] + self.D).min():
+            with suppress(np.linalg.LinAlgError):
+                self.L, self.rough = cholesky(H), LIMITS.few
+                return True
+        self.half = []  # later ones are worse
+        return False
+
+    def _sharpen(self) -> None:
+        """Factor in double precision, from now on."""
+        self.half = []
+        self.factor(self.D, self.E)
+
+    def _once(self, right: Array) -> Array:
+        r, s = right[: self.n], right[self.n :]
         v = self.xp.empty_like(s)
         if self.ineq.size:
             e = self.E[self.ineq]
@@ -164,30 +236,15 @@ class DenseSystem:
         u = lower_solve(self.L, t, transposed=True)
         if self.ineq.size:
             v[self.ineq] = (self.G @ u - s[self.ineq]) / e
-        return u, v
+        return self.xp.concatenate([u, v])
 
-    def solve(self, r: Array, s: Array, fine: float = LIMITS.fine) -> tuple[Array, Array]:
-        """Solve for (u, v), refined."""
-        p = self.program
-        size = max(float(abs(r).max()), float(abs(s).max() if s.size else 0.0))
-        u, v = self._once(r, s)
-        kept, best = (u, v), np.inf
-        for _ in range(LIMITS.refinements + 1):
-            top = r - p.P @ u - self.D * u - p.C.T @ v
-            low = s - p.C @ u + self.E * v
-            error = largest(float(abs(top).max()), float(abs(low).max() if low.size else 0.0))
-            if not error < 0.5 * best:
-                break
-            kept, best = (u, v), error
-            if error <= fine * size:
-                break
-            du, dv = self._once(top, low)
-            u, v = u + du, v + dv
-        self.accuracy = best / size if size else 0.0
-        return kept
+    def _product(self, w: Array) -> Array:
+        p, u, v = self.program, w[: self.n], w[self.n :]
+        top = p.P @ u + self.D * u + p.C.T @ v
+        return self.xp.concatenate([top, p.C @ u - self.E * v])
 
 
-class IndefiniteSystem:
+class IndefiniteSystem(System):
     """The full system on the host, factored as it stands with symmetric pivoting. Slower than the
     condensed one, and safe if entries of D and E differ by many orders.
     """
@@ -203,8 +260,9 @@ class IndefiniteSystem:
         self.K[:n, n:] = C.T
         self.diagonal = P.diagonal()
 
-    def factor(self, D: Array, E: Array) -> None:
-        """Factor for these diagonals; raises `LinAlgError`."""
+    def factor(self, D: Array, E: Array, rough: bool = False) -> None:
+        """See `System`."""
+        self.exact = False
         i = np.arange(len(self.K))
         self.K[i, i] = np.concatenate([self.diagonal + D, -E])
         # Rows of size one: pivots are chosen by size.
@@ -214,28 +272,11 @@ class IndefiniteSystem:
         if info:
             raise np.linalg.LinAlgError(f"pivot {info} vanishes")
 
-    def solve(self, r: Array, s: Array, fine: float = LIMITS.fine) -> tuple[Array, Array]:
-        """Solve for (u, v), refined."""
-        right = np.concatenate([r, s])
-        size, best = float(np.abs(right).max()), np.inf
-        w = kept = self._once(right)
-        for _ in range(LIMITS.refinements + 1):
-            left = right - self.K @ w
-            error = float(np.abs(left).max())
-            if not error < 0.5 * best:
-                break
-            kept, best = w, error
-            if error <= fine * size:
-                break
-            w = w + self._once(left)
-        self.accuracy = best / size if size else 0.0
-        return kept[: self.n], kept[self.n :]
+    def _once(self, right: Array) -> Array:
+        return self.root * dsytrs(self.factors, self.pivots, self.root * right, lower=1)[0]
 
-    def _once(self, r: Array) -> Array:
-        return self.root * dsytrs(self.factors, self.pivots, self.root * r, lower=1)[0]
-
-
-System = SparseSystem | DenseSystem | IndefiniteSystem
+    def _product(self, w: Array) -> Array:
+        return self.K @ w
 
 
 def kkt_system(program: StandardQP, solver: str = "auto") -> System:

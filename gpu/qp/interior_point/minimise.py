@@ -27,7 +27,7 @@ from gpu.qp.data.standard_qp import (
 from gpu.qp.interior_point.interior_point import LIMITS as INTERIOR
 from gpu.qp.interior_point.interior_point import interior_point
 from gpu.qp.interior_point.kkt_system import SparseSystem, System, kkt_system, safe_system
-from gpu.qp.interior_point.polish import PrimalDual, Sides, extended, polish
+from gpu.qp.interior_point.polish import PrimalDual, Sides, extended, polish, settle
 from gpu.qp.interior_point.presolve import Presolved, contradiction, presolve
 
 
@@ -270,22 +270,28 @@ class _Search:
         def sharp(x: Array, y: Array) -> float:
             return self.whole(x, y).residuals.sharp
 
-        end: list[Array] = []
+        end: list[Point] = []
 
-        def finish(x: Array, y: Array, sides: Any) -> list[Array]:
-            *point, error = polish(
-                self.scaled, system, Sides(*sides), x, y, sharp, LIMITS.target, brief=True
-            )
-            end[:] = point if error <= LIMITS.clean else []
-            return end
+        def finish(x: Array, y: Array, sides: Any) -> bool:
+            least = np.inf
+            for point in settle(self.scaled, system, Sides(*sides), x, y):
+                found = self.whole(*point)
+                error = found.residuals.sharp
+                if error <= LIMITS.clean and error < least:
+                    end[:] = [found]
+                if not LIMITS.target < error < 0.5 * least:
+                    break
+                least = error
+            return bool(end)
 
         try:
             x, y, sides, count = interior_point(
-                self.scaled, system, measure, aim, separate, spread, hurried, finish
-            )
+                self.scaled, system, measure, aim, separate, spread, hurried, finish,
+                self.budget.limited,
+            )  # fmt: skip
         except np.linalg.LinAlgError:
             return [], 0
-        found = [self.whole(x, y)]
+        found = end or [self.whole(x, y)]
         if not end:
             x, y, _ = polish(self.scaled, system, Sides(*sides), x, y, sharp, LIMITS.target)
             found.append(self.whole(x, y))
@@ -592,7 +598,7 @@ def _verified(p: StandardQP, y: Array, clear: float = PROOF.margin) -> Array | N
     xp, y = p.xp, _one_sided(p, y)
     c = p.C.T @ y
     corner = xp.where(c > 0, p.ub, xp.where(c < 0, p.lb, 0.0))
-    rounded = xp.isinf(corner) & (xp.abs(c) <= PROOF.zero * (abs(p.C).T @ xp.abs(y)))
+    rounded = xp.isinf(corner) & (xp.abs(c) <= PROOF.zero * (p.moduli[1].T @ xp.abs(y)))
     rest = float(xp.abs(c[rounded]).sum())
     c, corner = xp.where(rounded, 0.0, c), xp.where(rounded, 0.0, corner)
     row = xp.where(y > 0, p.row_low, xp.where(y < 0, p.row_high, 0.0))

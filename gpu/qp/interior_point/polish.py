@@ -29,6 +29,9 @@ class _Limits(NamedTuple):  # limits of the steps, in scaled units
     huge: float = 1e20  # a diagonal entry beside which one is rounding; no product overflows
     exchanges: int = 6  # most: an interior point guesses nearly all sides
     refinements: int = 6  # most: each gains the digits of the regularisation
+    single: int = 2  # wrong sides that may be exchanged again and again
+    first: float = 1e-8  # relative residual of the first of them, and
+    fine: float = 1e-12  # of the others
     regularisations: tuple[float, ...] = (1e-9, 1e-7, 1e-11)  # rho, delta, in turn
     extended: tuple[float, ...] = (1e-9, 1e-12, 1e-14)  # less for dependent rows
     stalled: int = 4  # steps without the correction becoming half as large
@@ -45,24 +48,21 @@ class Sides(NamedTuple):
     rows: Array
 
 
+Measure = Callable[[Array, Array], float]
+Points = Iterator[tuple[Array, Array]]
+
+
 def polish(
-    p: StandardQP,
-    system: System,
-    sides: Sides,
-    x: Array,
-    y: Array,
-    measure: Callable[[Array, Array], float],
-    target: float,
-    brief: bool = False,
+    p: StandardQP, system: System, sides: Sides, x: Array, y: Array, measure: Measure, target: float
 ) -> tuple[Array, Array, float]:
-    """The best (x, y) that active-set steps find; `measure` is what is made small. If `brief`, only
-    the given active set is tried."""
+    """The best (x, y) that active-set steps find; `measure` is what is made small."""
     best, error = (x, y), measure(x, y)
-    for regularisation in LIMITS.regularisations[: 1 if brief else None]:
+    for regularisation in LIMITS.regularisations:
         state, point = sides, (x, y)
-        for _ in range(1 if brief else LIMITS.exchanges):
+        for _ in range(LIMITS.exchanges):
             try:
-                found = _at(p, system, state, *point, regularisation, measure, target)
+                points = _steps(p, system, state, *point, regularisation)
+                found = _least(points, measure, target)
             except np.linalg.LinAlgError:
                 break
             if found is None:
@@ -73,25 +73,35 @@ def polish(
                 return *best, error
             point = found[:2]
             following = _exchange(p, state, *point)
-            if bool((following.bounds == state.bounds).all()) and bool(
-                (following.rows == state.rows).all()
-            ):
+            if not _differences(state, following):
                 break
             state = following
     return *best, error
 
 
-def _at(
-    p: StandardQP,
-    system: System,
-    state: Sides,
-    x: Array,
-    y: Array,
-    regularisation: float,
-    measure: Callable[[Array, Array], float],
-    target: float,
-) -> tuple[Array, Array, float] | None:
-    """The point to which an active set leads."""
+def settle(p: StandardQP, system: System, sides: Sides, x: Array, y: Array) -> Points:
+    """Points that converge to that of sides that are all but right: sides are exchanged while half
+    as many are wrong each time, or next to none, without a look at the residuals."""
+    state, fewest, regularisation = sides, np.inf, LIMITS.regularisations[0]
+    for _ in range(LIMITS.exchanges):
+        points = _steps(p, system, state, x, y, regularisation)
+        try:
+            x, y = next(points)
+        except np.linalg.LinAlgError:
+            return
+        following = _exchange(p, state, x, y)
+        wrong = _differences(state, following)
+        if not wrong:
+            yield from points
+        if not 0 < wrong <= max(0.5 * fewest, LIMITS.single):
+            return
+        state, fewest = following, wrong
+
+
+def _steps(
+    p: StandardQP, system: System, state: Sides, x: Array, y: Array, regularisation: float
+) -> Points:
+    """The points of proximal steps at an active set."""
     xp = p.xp
     held = state.bounds != 0
     used = (state.rows != 0) | p.equality
@@ -102,22 +112,29 @@ def _at(
     y = xp.where(used, y, 0.0)
     goal = xp.where(state.rows < 0, p.row_low, xp.where(state.rows > 0, p.row_high, p.row_low))
     goal = xp.where(used, goal, 0.0)
-    best, found = np.inf, None
-    for _ in range(LIMITS.refinements):
+    for fine in (LIMITS.first, *(LIMITS.refinements - 1) * (LIMITS.fine,)):
         rd = xp.where(held, 0.0, p.gradient(x, y))
         rp = xp.where(used, goal - p.C @ x, 0.0)
-        dx, dy = system.solve(-rd, rp)
+        dx, dy = system.solve(-rd, rp, fine)
         x, y = x + xp.where(held, 0.0, dx), y + xp.where(used, dy, 0.0)
+        yield x, y
+
+
+def _least(points: Points, measure: Measure, target: float) -> tuple[Array, Array, float] | None:
+    """The best of points that improve by half each, and its error."""
+    best, found = np.inf, None
+    for x, y in points:
         error = measure(x, y)
-        if not np.isfinite(error):
+        if not error < best:  # or it is not a number
             break
-        if error < best:
-            improved, best, found = error < 0.5 * best, error, (x, y, error)
-            if best <= target or not improved:
-                break
-        else:
+        improved, best, found = error < 0.5 * best, error, (x, y, error)
+        if best <= target or not improved:
             break
     return found
+
+
+def _differences(a: Sides, b: Sides) -> int:
+    return int((a.bounds != b.bounds).sum() + (a.rows != b.rows).sum())
 
 
 def _exchange(p: StandardQP, state: Sides, x: Array, y: Array) -> Sides:

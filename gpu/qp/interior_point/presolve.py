@@ -144,7 +144,7 @@ def presolve(p: StandardQP, search: bool = True) -> Presolved:
     fixed = tight.lb == tight.ub
     free = xp.flatnonzero(~fixed)
     x = xp.where(fixed, tight.lb, 0.0)
-    C = _columns(p.C, free)
+    C = _columns(p.C, free) if free.size < p.q.size else p.C
     says = (xp.isfinite(tight.row_low) | xp.isfinite(tight.row_high)) & ~dropped
     kept = xp.flatnonzero(says & nonempty(C))
     if free.size == p.q.size and kept.size == p.row_low.size:
@@ -205,7 +205,7 @@ class _Search:
 
     def __init__(self, p: StandardQP) -> None:
         self.p = p
-        self.C = sparse.csr_array(p.C)
+        self.C = sparse.csr_array(p.C, copy=True)  # zeros go from it in place
         self.C.eliminate_zeros()
         self.C.sort_indices()
         self.lb, self.ub = p.lb.copy(), p.ub.copy()
@@ -263,14 +263,16 @@ class _Search:
 
     def _rows(self) -> None:
         """One pass over all remaining rows, with the fixed variables moved to the sides."""
-        fixed = self.lb == self.ub
-        x = np.where(fixed, self.lb, 0.0)
-        shift = self.C @ x
-        free = sparse.csr_array(self.C @ sparse.diags_array((~fixed).astype(float)))
-        free.eliminate_zeros()
+        fixed, free = self.lb == self.ub, self.C
+        low, high, rounding = self.low, self.high, np.zeros(self.low.size)
+        if fixed.any():
+            x = np.where(fixed, self.lb, 0.0)
+            free = sparse.csr_array(self.C @ sparse.diags_array((~fixed).astype(float)))
+            free.eliminate_zeros()
+            shift = self.C @ x
+            low, high = self.low - shift, self.high - shift
+            rounding = PRESOLVE.activity * (abs(self.C) @ abs(x))
         count = np.diff(free.indptr)
-        low, high = self.low - shift, self.high - shift
-        rounding = PRESOLVE.activity * (abs(self.C) @ abs(x))
         self.dropped |= (count == 0) | (np.isinf(low) & np.isinf(high))
         self._singles(np.flatnonzero((count == 1) & ~self.dropped), free, low, high)
         self._activities(np.flatnonzero((count > 1) & ~self.dropped), free, low, high, rounding)
@@ -303,22 +305,15 @@ class _Search:
             self.found.append(Single(self.C, *(part[some] for part in parts)))
 
     def _activities(self, rows: Array, free: Any, low: Array, high: Array, rounding: Array) -> None:
-        # Without a bound on either side a variable lets a row reach any value.
-        rows = rows[~((free.astype(bool) @ (np.isinf(self.lb) & np.isinf(self.ub)))[rows])]
         if not rows.size:
             return
-        up, down = free.maximum(0), -free.minimum(0)
-        up, down = sparse.csr_array(up)[rows], sparse.csr_array(down)[rows]
-        least, most, size = [], [], np.zeros(rows.size)
-        for bound, sign in ((self.lb, 1), (self.ub, -1)):
-            finite = np.where(np.isfinite(bound), bound, 0.0)
-            open_ = np.isinf(bound).astype(float)
-            first, second = (up, down) if sign > 0 else (down, up)
-            least.append((sign * (first @ finite), first @ open_))
-            most.append((-sign * (second @ finite), second @ open_))
-            size = np.maximum(size, (up + down) @ abs(finite))
-        bottom = np.where(least[0][1] + least[1][1] > 0, -np.inf, least[0][0] + least[1][0])
-        top = np.where(most[0][1] + most[1][1] > 0, np.inf, most[0][0] + most[1][0])
+        part = free[rows] if rows.size < len(low) else free
+        a, first = part.data, part.indptr[:-1]
+        at_lb, at_ub = a * self.lb[part.indices], a * self.ub[part.indices]
+        bottom = np.add.reduceat(np.where(a > 0.0, at_lb, at_ub), first)
+        top = np.add.reduceat(np.where(a > 0.0, at_ub, at_lb), first)
+        sizes = (np.where(np.isfinite(side), abs(side), 0.0) for side in (at_lb, at_ub))
+        size = np.maximum(*(np.add.reduceat(side, first) for side in sizes))
         slack = PRESOLVE.activity * size + rounding[rows]
         self.dropped[rows[(bottom >= low[rows]) & (top <= high[rows])]] = True
         forced = (abs(bottom - high[rows]) <= slack) & np.isfinite(bottom)
@@ -349,6 +344,8 @@ def _columns(M: Matrix, keep: Array) -> Matrix:
 def nonempty(C: Matrix) -> Array:
     """Which rows have an entry other than zero."""
     if is_sparse(C):
+        if C.format == "csr" and C.data.all():
+            return np.diff(C.indptr) > 0
         entries = C.tocoo()
         return np.bincount(entries.row[entries.data != 0.0], minlength=C.shape[0]) > 0
     return (C != 0).any(axis=1)

@@ -15,7 +15,7 @@ from skfem.models.poisson import laplace, mass
 
 import skfem_adini
 from skfem_adini import AdiniExtension, CutDomain, InputError, essential_constraints, nitsche
-from skfem_adini.solvers.pardiso import has_pardiso
+from skfem_adini.ground.pardiso import has_pardiso
 from tests.skfem_adini.cut_problems import ball, box, disk_eigenvalues, matrices, unit_square
 
 ELEMENT = skfem_adini.ElementQuadAdini()

@@ -16,9 +16,10 @@ from scipy import sparse
 
 from skfem_adini import AdiniError, InputError, MissingDependency, factorize
 from skfem_adini.errors import SolverError
+from skfem_adini.ground.pardiso import upper_triangle
 from skfem_adini.solvers import cudss, cudss_handles, cudss_library
 from skfem_adini.solvers.cudss import CudssSchur
-from skfem_adini.solvers.device_triangle import DeviceTriangle, Restricted, upper_triangle
+from skfem_adini.solvers.device_triangle import DeviceTriangle, Restricted
 
 
 def _device():

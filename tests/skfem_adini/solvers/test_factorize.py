@@ -22,8 +22,8 @@ from skfem.models.poisson import laplace, mass
 import skfem_adini
 from skfem_adini import AdiniError, ElementHexAdini, ElementQuadAdini, InputError, factorize
 from skfem_adini.errors import SolverError
+from skfem_adini.ground import pardiso
 from skfem_adini.solvers import factorize as sparse_solve
-from skfem_adini.solvers import pardiso
 
 SOLVERS = [pytest.param("pardiso", marks=PARDISO), "superlu"]
 
@@ -171,6 +171,8 @@ def test_what_would_end_the_process_is_refused():
     with pytest.raises(AdiniError, match="phase 33 needs a factorisation"):
         solver(33, b, x)
     solver(12)
+    with pytest.raises(AdiniError, match="after phase 12 no phase 22"):
+        solver(22)
     columns = np.ones((4, 2))
     for bad in (None, np.ones(3), np.ones(4, dtype=np.float32), np.ones(8)[::2], columns):
         with pytest.raises(AdiniError, match="float64 in Fortran order with 4 rows"):

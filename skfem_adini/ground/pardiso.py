@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
-from skfem_adini.errors import AdiniError, SolverError
-from skfem_adini.solvers.device_triangle import upper_triangle
+from skfem_adini.ground.errors import AdiniError, SolverError
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,20 @@ PHASES = _Phases()
 def has_pardiso() -> bool:
     """Return whether pypardiso, which includes MKL, can be imported."""
     return importlib.util.find_spec("pypardiso") is not None
+
+
+def upper_triangle(A: Any) -> Any:
+    """Return the upper triangle, columns ascending, with every diagonal entry stored."""
+    n = A.shape[0]
+    upper = sparse.csr_array(sparse.triu(A, format="csr"))
+    if np.count_nonzero(upper.diagonal()) < n:
+        # Sums of sparse matrices drop zeros; conversion from triplets keeps them.
+        entries, k = upper.tocoo(), np.arange(n)
+        row, column = (np.concatenate([part, k]) for part in entries.coords)
+        data = np.concatenate([entries.data, np.zeros(n)])
+        upper = sparse.csr_array(sparse.coo_array((data, (row, column)), shape=A.shape))
+    upper.sort_indices()
+    return upper
 
 
 class Pardiso:
@@ -93,6 +107,11 @@ class Pardiso:
             self._run(phase, b, x)
 
     @property
+    def values(self) -> Array:
+        """Entries of the upper triangle, row by row, which may be changed before phase 22."""
+        return self._data
+
+    @property
     def pending(self) -> bool:
         """Whether the factors must be recomputed; partial solutions then do not match."""
         return bool(self._anew)
@@ -123,15 +142,17 @@ class Pardiso:
                     )
             if b is not None and x is not None and b.shape != x.shape:
                 raise AdiniError(f"PARDISO: b has the shape {b.shape} and x {x.shape}")
+        elif phase == 22 and self._phases[:1] == (12,):
+            raise AdiniError("PARDISO: after phase 12 no phase 22: analyse by phase 11 instead")
         elif phase in PHASES.factorisations and self._given_iparm[35]:
             schur = (self._chosen, self._chosen)
             if x is None or x.shape != schur:
                 raise AdiniError(f"PARDISO: phase {phase} takes x of shape {schur} here")
 
     def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
+        self._check(phase, b, x)
         if phase in PHASES.analyses + PHASES.factorisations:
             self._factored = False
-        self._check(phase, b, x)
         nothing = np.zeros(1)
         b, x = (nothing if array is None else array for array in (b, x))
         error = ctypes.c_int32(0)
@@ -154,8 +175,9 @@ class Pardiso:
         )
         if phase in PHASES.analyses:
             self._threads = _threads()
-        # Only two-level factors depend on the number of threads; with others one thread solves.
-        alone = phase in PHASES.solutions and not self._given_iparm[23]
+        # Two-level factors depend on the number of threads, and a numeric factorisation crashes
+        # after solutions with fewer. With others, factored once and for all, one thread solves.
+        alone = phase in PHASES.solutions and self._phases == (12,) and not self._given_iparm[23]
         with _held_to(1 if alone else self._threads):
             _library()(
                 *(
@@ -181,7 +203,9 @@ class Pardiso:
 
     def _enter_child(self) -> None:
         """Continue in a forked process, with one thread."""
-        if self._threads > 1 and self._given_iparm[23] and self._phases:
+        # Two-level factors, and those with an analysis for more of them, keep the threads.
+        bound = self._given_iparm[23] or self._phases[:1] == (11,)
+        if self._threads > 1 and bound and self._phases:
             self._anew, self._phases, self._factored = self._phases, (), False
             self._handle[:] = 0  # the child's copy of the parent's factors is not usable
         self._threads = 1
