@@ -205,8 +205,9 @@ class Solver(Parametrised):
                 if formula.exact and formula.steady:
                     self._check_inflow(name, formula, np.zeros(1))
         self._stages = made_stages(
-            grid, self._formulas, self.profile, self.form == "advection", boundary, self._reaction
-        )
+            grid, self._formulas, self.profile, self.form == "advection", boundary, self._reaction,
+            self.bounds if limiter == "bounds" else (-np.inf, np.inf),
+        )  # fmt: skip
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
@@ -480,13 +481,15 @@ def made_stages(
     advect: bool,
     boundary: Any,
     reaction: Reaction | None,
+    bounds: tuple[float, float],
 ) -> list[Stage]:
     """Make the stages of one step; `reaction` acts before and after them."""
     data = walls(boundary, grid)
-    split = grid.dim > 1 and profile in LINE
-    if split:
-        check_split(data, advect)
-    return stages(grid, velocity, profile, advect, reacted(data, reaction, split))
+    slopes = any(any(moment.orders) for moment in moments(profile, grid.dim))
+    fixed = slopes and grid.dim > 1 and profile in LINE
+    if fixed:
+        check_split(data, advect, profile)
+    return stages(grid, velocity, profile, advect, reacted(data, reaction, fixed), bounds)
 
 
 def advanced(

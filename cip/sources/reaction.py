@@ -294,23 +294,23 @@ class ReactedData(Formula):
 
 
 def reacted(
-    data: dict[Wall, Formula], reaction: Reaction | None, split: bool
+    data: dict[Wall, Formula], reaction: Reaction | None, fixed: bool
 ) -> dict[Wall, Formula]:
-    """The data of all walls in the form that the transport of a step needs. In a `split` step they
-    are constant and unchanged; raises `NotSupported` if decay would change them.
+    """The data of all walls in the form that the transport of a step needs. `fixed` ones, of
+    `check_split`, are unchanged; raises `NotSupported` if decay would change them.
     """
     if reaction is None:
         return data
-    if not split:
-        return {wall: ReactedData(formula, reaction) for wall, formula in data.items()}
-    for (axis, side), formula in data.items():
+    for (axis, side), formula in data.items() if fixed else ():
         node = formula.expression
         if reaction.decay is not None and not (node.op == "constant" and node.value == 0.0):
             raise NotSupported(
                 f"decay: with splitting the data of the wall {'xyz'[axis]}{'-+'[side]} must be "
-                "zero; take a direct profile ('adini', 'bicubic') for other data"
+                "zero; take 'csl2' or 'csl4', or a direct profile ('adini', 'bicubic')"
             )
-    return data
+    if fixed:
+        return data
+    return {wall: ReactedData(formula, reaction) for wall, formula in data.items()}
 
 
 Orders = tuple[int, ...]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from cip.profiles.catalogue import (
     moments,
     plane_jets,
 )
-from cip.stages.walls import Wall, WallMoments
+from cip.stages.walls import CLOCKS, SplitData, Spread, Wall, WallMoments
 
 Array = NDArray[np.float64]
 
@@ -174,10 +175,30 @@ class Stage:
         for block, exits in zip(self.blocks, feet.exits, strict=True):
             if exits is None:
                 continue
-            values = wall.values(exits, feet.t_start, feet.t_end)
-            flux = wall.flux(exits, feet.t_start, feet.t_end) if self.conservative else None
+            where = self.clocks(feet), self.spread(block, exits.nodes)
+            values, flux = wall.values(exits, feet.t_end, *where), None
+            if self.conservative:
+                flux = wall.flux(exits, feet.t_start, feet.t_end, *where)
             found += self.placed(block, exits.nodes, values, flux)
         return found
+
+    def clocks(self, feet: StageFeet) -> tuple[float, ...]:
+        """Beginning, middle and end of the whole step."""
+        dt = (feet.t_end - feet.t_start) / (self.end - self.begin)
+        return tuple(feet.t_start + (part - self.begin) * dt for part in (0.0, 0.5, 1.0))
+
+    def spread(self, block: int, nodes: NDArray[np.int64]) -> Spread:
+        """The points over which data on walls are averaged for a block of feet: Gauss's rule of
+        three in each direction of its means, none (a width of 0) where no cell begins."""
+        across = [axis for axis in range(self.grid.dim) if block >> axis & 1]
+        index, rule = np.unravel_index(nodes, self.grid.nodes), np.polynomial.legendre.leggauss(3)
+        places = list(product(rule[0], repeat=len(across)))
+        shifts = np.zeros((len(places), 3, nodes.size))
+        for q, axis in enumerate(across):
+            width = np.append(self.grid.widths[axis], 0.0)[index[axis]]
+            shifts[:, axis] = [0.5 * place[q] * width for place in places]
+        weights = [np.prod(one) for one in product(0.5 * rule[1], repeat=len(across))]
+        return Spread(shifts, np.array(weights))
 
     def placed(
         self, block: int, nodes: NDArray[np.int64], values: Array, flux: Array | None
@@ -302,15 +323,28 @@ def stages(
     profile: str,
     advect: bool,
     walls: dict[Wall, Formula],
+    bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> list[Stage]:
-    """The stages of one step: one, or the symmetric sequence of Strang's splitting."""
+    """The stages of one step: one, or the symmetric sequence of Strang's splitting, in which data
+    on walls are kept within `bounds`, or of their sign where sweeps compress."""
     if profile in PLANE:
         return [Stage(grid, velocity, profile, advect, walls, None, 0.0, 1.0)]
     last = grid.dim - 1
     first = [(axis, 0.0, 0.5) for axis in range(last)]
     order = [*first, (last, 0.0, 1.0), *((axis, 0.5, 1.0) for axis, _, _ in reversed(first))]
+    slopes = [c.expression.derivative(x) for c, x in zip(velocity, COORDINATES, strict=False)]
+    if advect and any(slope.op != "constant" or slope.value != 0.0 for slope in slopes):
+        bounds = (0.0 if bounds[0] >= 0.0 else -np.inf), (0.0 if bounds[1] <= 0.0 else np.inf)
     found: list[Stage] = []
+    done = [0.0] * grid.dim
     for axis, begin, end in order:
-        part = (axis, begin, end, tuple(found))
-        found.append(Stage(grid, velocity, profile, advect, walls, *part))
+        others = {b: CLOCKS[int(2.0 * part)] for b, part in enumerate(done) if b != axis}
+        data = {
+            wall: SplitData(formula, velocity, advect, others, bounds)
+            for wall, formula in walls.items()
+            if wall[0] == axis
+        }
+        own = data if others else walls
+        found.append(Stage(grid, velocity, profile, advect, own, axis, begin, end, tuple(found)))
+        done[axis] = end
     return found

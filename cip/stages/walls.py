@@ -15,6 +15,7 @@ one dimension this is u_x = -g'(t*) / c(x).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -27,6 +28,7 @@ from cip.errors import InputError, NotSupported
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
+    apply,
     derived,
     numpy_function,
     opaque,
@@ -42,8 +44,8 @@ from cip.grid import Grid
 Array = NDArray[np.float64]
 Wall = tuple[int, int]
 _FIELD = "w"
-# Time variable of data changed by sources and decay: the time in the middle of the step.
-MIDDLE = "middle"
+# Time variables of data changed by sources and decay or by other sweeps: those of the step.
+CLOCKS = BEGIN, MIDDLE, END = "begin", "middle", "end"
 
 
 def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
@@ -106,8 +108,9 @@ def portable_boundary(boundary: Any, grid: Grid) -> Any:
     return part(boundary)
 
 
-def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:
-    """Refuse boundary data with a splitting, unless they are exact for one sweep at a time."""
+def check_split(data: Mapping[Wall, Formula], advect: bool, profile: str) -> None:
+    """Refuse data with a splitting for a profile with slopes, unless exact for each sweep: slopes
+    from data with an error of order dt^2 have one of order dt, and spoil the values in the end."""
     for (axis, side), formula in data.items():
         node = formula.expression
         zero = node.op == "constant" and node.value == 0.0
@@ -117,9 +120,60 @@ def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:
         if not (zero if advect else number):
             needed = "zero" if advect else "constant"
             raise NotSupported(
-                f"boundary: with splitting the data of the wall {'xyz'[axis]}{'-+'[side]} must be "
-                f"{needed}; take a direct profile ('adini', 'bicubic') for other data"
+                f"boundary: with splitting {profile!r} needs {needed} data on the wall "
+                f"{'xyz'[axis]}{'-+'[side]}; take 'csl2' or 'csl4' with form='advection', or a "
+                "direct profile ('adini', 'bicubic') for other data"
             )
+
+
+class SplitData(Formula):
+    r"""The data g of a wall as a sweep at the time t takes them. The step has applied the sweeps
+    along other directions b, :math:`L_b g = -(c_b g)_b` or :math:`-c_b g_b`, up to the times
+    :math:`t_b`, variables `clocks` by b; so the split flow has :math:`g + \sum_b (t_b - t) L_b g`
+    there, up to an error of order dt^2. It is clipped to `bounds`, as it may leave those of g."""
+
+    def __init__(
+        self,
+        data: Formula,
+        velocity: Sequence[Formula],
+        advect: bool,
+        clocks: Mapping[int, str],
+        bounds: tuple[float, float],
+    ) -> None:
+        self._data, g = data, data.expression
+        node = g
+        for b, clock in clocks.items():
+            c, x = velocity[b].expression, COORDINATES[b]
+            rate = (c * g).derivative(x) if advect else c * g.derivative(x)
+            node = node - (variable(clock) - variable("t")) * rate
+        for limit, sign in zip(bounds, (1.0, -1.0), strict=True):
+            if node is not g and np.isfinite(limit):
+                node = 0.5 * (node + limit + sign * apply("abs", node - limit))
+        super().__init__(node, data.dim)
+
+    def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
+        """The callables and numbers in `nodes` of the data; `WallMoments` knows the velocity's."""
+        return self._data.functions(nodes, steps)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Points across a sweep, over which data are averaged: `shifts` from each path's place on the
+    wall, shape (points, 3, paths), and their weights."""
+
+    shifts: Array
+    weights: Array
+
+    def mean(self, function: Any, point: Sequence[Array], on: Any, *more: Any) -> list[Any]:
+        """Averages of all results of function(x1, x2, x3, *more) for the paths `on` at `point`."""
+        rows = [
+            function(*(x + own[on] for x, own in zip(point, shift, strict=True)), *more)
+            for shift in self.shifts
+        ]
+        return [
+            sum(weight * value for weight, value in zip(self.weights, column, strict=True))
+            for column in zip(*rows, strict=True)
+        ]
 
 
 class WallMoments:
@@ -146,9 +200,11 @@ class WallMoments:
         self._jets = sorted(name for name in names if name.startswith("j"))
         self._combine = numpy_function(self._outputs, [*self._fields, *self._jets])
 
-    def values(self, exits: Exits, t_start: float, t_end: float) -> Array:
-        """One row for each moment, one column for each path that begins on a wall."""
-        middle = 0.5 * (t_start + t_end)
+    def values(
+        self, exits: Exits, t_end: float, clocks: tuple[float, ...], spread: Spread
+    ) -> Array:
+        """One row for each moment, one column for each path that begins on a wall. `clocks` are
+        the values of `CLOCKS`."""
         result = np.zeros((len(self._outputs), exits.nodes.size))
         for axis, side in self._data:
             on = (exits.axis == axis) & (exits.side == side)
@@ -158,13 +214,17 @@ class WallMoments:
             point += [np.zeros(())] * (3 - len(point))
             jets = [exits.jets[Jet.named(name)][on] for name in self._jets]
             with np.errstate(all="ignore"):  # `State.require_finite` reports what is not finite
-                fields = self._wall(axis, side)(*point, t_end - exits.ages[on], middle)
+                wall, times = self._wall(axis, side), t_end - exits.ages[on]
+                fields = spread.mean(wall, point, on, times, *clocks)
                 for row, value in zip(result, self._combine(*fields, *jets), strict=True):
                     row[on] = value
         return result
 
-    def flux(self, exits: Exits, t_start: float, t_end: float) -> Array:
-        """Integral of c g (normal velocity, data) from `t_start` until each path begins, signed."""
+    def flux(
+        self, exits: Exits, t_start: float, t_end: float, clocks: tuple[float, ...], spread: Spread
+    ) -> Array:
+        """Signed integral of c g, normal velocity and data, from `t_start` until each path begins.
+        The data are averaged, the velocity is that of the path, as in the interior."""
         result = np.zeros(exits.nodes.size)
         places, weights = np.polynomial.legendre.leggauss(8)  # exact to degree 15 in time
         for axis, side in self._data:
@@ -175,10 +235,10 @@ class WallMoments:
             c = self._velocity[axis].derivative(ZERO, self._steps)
             node = self._data[axis, side].expression
             g = self._on(axis, side, [node])
-            middle = 0.5 * (t_start + t_end)
             for place, weight in zip(places, weights, strict=True):
                 t = t_start + 0.5 * (1.0 + place) * length
-                result[on] += 0.5 * weight * length * c(*point, t) * g(*point, t, middle)[0]
+                (value,) = spread.mean(g, point, on, t, *clocks)
+                result[on] += 0.5 * weight * length * c(*point, t) * value
         return result
 
     def formulas(self, axis: int, side: int) -> list[Expression]:
@@ -187,9 +247,9 @@ class WallMoments:
         table = {variable(name): node for name, node in zip(self._fields, fields, strict=True)}
         return [_substitute(output, table) for output in self._outputs]
 
-    def influx(self, axis: int, side: int) -> Expression:
-        """The rate at which the field enters through a wall per area, signed by the direction."""
-        return self._velocity[axis].expression * self._data[axis, side].expression
+    def influx(self, axis: int, side: int) -> list[Expression]:
+        """The normal velocity and the data, whose product enters through a wall per area."""
+        return [self._velocity[axis].expression, self._data[axis, side].expression]
 
     def functions(self, axis: int, side: int, nodes: Sequence[Expression]) -> dict[str, Any]:
         """The callables and the numbers of parameters in these formulas, by names in code."""
@@ -204,9 +264,9 @@ class WallMoments:
         return self._on(axis, side, nodes)
 
     def _on(self, axis: int, side: int, nodes: list[Expression]) -> Any:
-        """Formulas on a wall as a function of x1, x2, x3, t and the middle of the step."""
+        """Formulas on a wall as a function of x1, x2, x3, t and the times of the step."""
         functions = self.functions(axis, side, nodes)
-        return numpy_function(nodes, (*COORDINATES, MIDDLE), functions)
+        return numpy_function(nodes, (*COORDINATES, *CLOCKS), functions)
 
     def _fields_on(self, axis: int, side: int) -> list[Expression]:
         """The field and its derivatives on a wall, in the order of `_fields`."""
