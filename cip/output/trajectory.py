@@ -10,7 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cip.errors import InputError
+from cip.errors import InputError, NotSupported
+from cip.output.budget import Budget
 from cip.output.sample import sample
 from cip.output.state_dataset import state_dataset
 from cip.profiles.catalogue import moments
@@ -96,6 +97,7 @@ class Trajectory:
     solver: Scheme
     dt: float
     interrupted: bool = False
+    _budget: Budget | None = None
 
     def __repr__(self) -> str:
         first, last = self.states[0], self.states[-1]
@@ -140,6 +142,22 @@ class Trajectory:
                 )
             )
         return Diagnostics(*np.array(rows, dtype=float).T)
+
+    @property
+    def budget(self) -> Budget:
+        """What came in and left by each wall, was added and decayed, up to each snapshot.
+
+        Raises
+        ------
+        NotSupported
+            A profile that does not keep the integral.
+        """
+        if self._budget is None:
+            raise NotSupported(
+                f"budget: {self.states[0].profile!r} does not keep the integral; take 'csl2' or "
+                "'csl4' with form='advection'"
+            )
+        return self._budget
 
     def sample(self, points: ArrayLike, place: int = -1) -> Array:
         """The field of one snapshot between the nodes, by its profile.

@@ -72,7 +72,7 @@ def around(stages: list[Move], solver: Any, t: float, dt: float) -> list[Move | 
     """The moves of the step [t, t + dt]: its stages between the halves of sources and decay."""
     if solver._reaction is None:
         return list(stages)
-    before, after = halves(solver._reaction, t, dt)
+    before, after = halves(solver._reaction, t, dt, solver._sea)
     return [before, *stages, after]
 
 

@@ -12,22 +12,25 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.characteristics.feet import check_step
 from cip.engines.engine import Engine, Setting
-from cip.errors import InputError
+from cip.errors import InputError, NotSupported
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity, check_periodic
 from cip.grid import Grid
+from cip.output.budget import Tally
 from cip.output.trajectory import Trajectory
-from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
+from cip.profiles.catalogue import CONSERVATIVE, LIMITER_CODES, LIMITERS, LINE, PLANE, moments
 from cip.solver.derivatives import derivative
 from cip.solver.time_loop import checked_callback, run, step_length
-from cip.sources.reaction import Reaction, halves, reacted, reaction
+from cip.sources.reaction import HalfStep, Reaction, halves, reacted, reaction
+from cip.stages.coast import Coast, coast_of
 from cip.stages.stage import Stage, StageFeet, stages
 from cip.stages.state import State, _real, default_profile, state_of
-from cip.stages.walls import check_split, portable_boundary, walls
+from cip.stages.walls import check_split, closed_walls, portable_boundary, walls
 from skfem_adini.ground.arguments import real_array, real_number
+from skfem_adini.ground.arrays import host
 
 
 class Solver(Parametrised):
@@ -61,7 +64,9 @@ class Solver(Parametrised):
         Inflow data: a number, a formula or a callable ``g(x1, .., t)`` for all walls, or a dict of
         these by wall, ``{"x-": g, "y+": 0.0}``; a `Source` where a formula has named parameters. A
         characteristic that enters through a wall without data raises `LeftDomain`; outflow walls
-        need none.
+        need none. ``"closed"``: nothing passes (csl2 and csl4). In a splitting, csl2, csl4 and
+        linear take all data, best smooth along the wall; other profiles a constant (transport) or
+        0 (advection).
     backend : {"cpu", "cupy"}
     dtype : float64 or float32
     bounds : (low, high)
@@ -77,6 +82,10 @@ class Solver(Parametrised):
         What is added in each unit of time, s(x, t).
     decay : float, str, callable, array or Source, optional
         Rate k >= 0 at which the field decays, 1 / time, with the same forms as a source.
+    land : array of bool, shape ``grid.cells``, optional
+        Cells that carry nothing and let nothing through, whatever the velocity there (finite), for
+        csl2 and csl4. Where the flow runs against a coast, what it brings gathers in the coastal
+        cell; where it runs off one, nothing follows.
 
     Notes
     -----
@@ -158,6 +167,7 @@ class Solver(Parametrised):
         store_feet: bool | None = None,
         source: Any = None,
         decay: Any = None,
+        land: Any = None,
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
@@ -181,6 +191,8 @@ class Solver(Parametrised):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
+        self._coast = checked_coast(grid, self.profile, land, boundary)
+        self.land = None if land is None else np.array(land)
         self.source, self.decay = Source.of(source, "source"), Source.of(decay, "decay")
         self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
         setting = Setting(
@@ -206,8 +218,11 @@ class Solver(Parametrised):
                     self._check_inflow(name, formula, np.zeros(1))
         self._stages = made_stages(
             grid, self._formulas, self.profile, self.form == "advection", boundary, self._reaction,
-            self.bounds if limiter == "bounds" else (-np.inf, np.inf),
+            self.bounds if limiter == "bounds" else (-np.inf, np.inf), self._coast,
         )  # fmt: skip
+        xp = self._kernels.xp
+        sea = self._coast is not None and self._coast.land is not None
+        self._sea = xp.asarray(self._coast.sea(self.profile)) if sea and self._coast else None
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
@@ -223,7 +238,7 @@ class Solver(Parametrised):
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay,
+            self.store_feet, self.source, self.decay, self.land,
         )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
@@ -240,6 +255,8 @@ class Solver(Parametrised):
             Where the solver works: in host memory, or on the device.
         """
         made = State.from_function(f, self.grid, self.profile, derivatives, t, self.dtype)
+        if self._sea is not None:
+            made.data[~host(self._sea)] = 0.0
         self._accept(made)
         return self._kernels.place(made)
 
@@ -314,12 +331,33 @@ class Solver(Parametrised):
         self._check_times(state.t, real_number("t_end", t_end))
         length = step_length(dt, cfl, self.grid, self._formulas, state.t)
 
-        def record(states: Sequence[State], interrupted: bool) -> Trajectory:
-            return Trajectory(tuple(states), self, length, interrupted)
+        tally = Tally(self.grid) if self.profile in CONSERVATIVE else None
 
-        loop = (self._advance, self._kernels.begin, record)
+        def record(states: Sequence[State], interrupted: bool) -> Trajectory:
+            budget = None
+            if tally is not None:
+                times, mass = np.array([(one.t, one.mass) for one in states]).T
+                budget = tally.budget(times, mass)
+            return Trajectory(tuple(states), self, length, interrupted, budget)
+
+        def advance(state: State, dt: float) -> State:
+            new = self._advance(state, dt, tally)
+            if tally is not None:
+                tally.commit()
+            return new
+
         change = checked_callback(callback, self._accept, self._kernels.place)
-        return run(state, t_end, length, snapshots, change, progress, *loop)
+
+        def counted(state: State) -> State:
+            new = state if change is None else change(state)
+            if new is not state and tally is not None:
+                tally.replace(new.mass - state.mass)
+                tally.commit()
+            return new
+
+        loop = (advance, self._kernels.begin, record)
+        change_all = None if change is None else counted
+        return run(state, t_end, length, snapshots, change_all, progress, *loop)
 
     def tangent(self, run: Trajectory, checkpoints: int | None = None) -> LinearOperator:
         """The derivative of a run's last state in its first one and in the solver's parameters.
@@ -392,6 +430,8 @@ class Solver(Parametrised):
 
     def _accept(self, state: State) -> None:
         check_state(state, self.grid, self.profile)
+        if self._sea is not None and bool((state.data * ~self._sea).any()):
+            raise InputError("state: it is not zero on land; make it with solver.state(f)")
         if self.limiter == "bounds":
             check_bounded(state, self.bounds, self.bounds_tolerance)
 
@@ -419,8 +459,9 @@ class Solver(Parametrised):
             what, remedy = f"boundary {name!r}: the field there", "change it, or widen bounds"
             check_within(found, self.bounds, self.bounds_tolerance, what, remedy)
 
-    def _advance(self, state: State, dt: float) -> State:
-        new = advanced(self._kernels, self._stages, self._reaction, state, dt)
+    def _advance(self, state: State, dt: float, tally: Tally | None = None) -> State:
+        half = halves(self._reaction, state.t, dt, self._sea) if self._reaction else None
+        new = advanced(self._kernels, self._stages, half, state, dt, tally)
         if self.limiter == "bounds":
             new.__dict__["_bounded"] = self.bounds
         return new
@@ -482,6 +523,7 @@ def made_stages(
     boundary: Any,
     reaction: Reaction | None,
     bounds: tuple[float, float],
+    coast: Coast | None,
 ) -> list[Stage]:
     """Make the stages of one step; `reaction` acts before and after them."""
     data = walls(boundary, grid)
@@ -489,22 +531,38 @@ def made_stages(
     fixed = slopes and grid.dim > 1 and profile in LINE
     if fixed:
         check_split(data, advect, profile)
-    return stages(grid, velocity, profile, advect, reacted(data, reaction, fixed), bounds)
+    return stages(grid, velocity, profile, advect, reacted(data, reaction, fixed), bounds, coast)
 
 
 def advanced(
-    kernels: Engine, made: list[Stage], reaction: Reaction | None, state: State, dt: float
+    kernels: Engine,
+    made: list[Stage],
+    reactions: tuple[HalfStep, HalfStep] | None,
+    state: State,
+    dt: float,
+    tally: Tally | None,
 ) -> State:
     """The state after a step: the stages between the halves of sources and decay."""
     data, t = state.data, state.t
-    before, after = halves(reaction, t, dt) if reaction is not None else (None, None)
-    if before is not None:
-        data = before.applied(data)
+    if reactions is not None:
+        data = reactions[0].applied(data, tally)
     for stage in made:
-        data = kernels.apply(stage, data, t, dt)
-    if after is not None:
-        data = after.applied(data)
+        data = kernels.apply(stage, data, t, dt, tally=tally)
+    if reactions is not None:
+        data = reactions[1].applied(data, tally)
     return state_of(state.grid, state.profile, data, t + dt)
+
+
+def checked_coast(grid: Grid, profile: str, land: Any, boundary: Any) -> Coast | None:
+    """The coasts of land and closed walls; raises unless the profile keeps the integral."""
+    found = coast_of(grid, land, closed_walls(boundary, grid))
+    if found is not None and profile not in CONSERVATIVE:
+        argument = "boundary: closed walls" if land is None else "land: it"
+        raise NotSupported(
+            f"{argument} would not keep the integral of {profile!r}; take 'csl2' or 'csl4' with "
+            "form='advection'"
+        )
+    return found
 
 
 Form = Literal["transport", "advection"]

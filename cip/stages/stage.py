@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
 from itertools import product
 from typing import Any
 
@@ -24,6 +24,7 @@ from cip.profiles.catalogue import (
     moments,
     plane_jets,
 )
+from cip.stages.coast import Coast, Stops
 from cip.stages.walls import CLOCKS, SplitData, Spread, Wall, WallMoments
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ class StageFeet:
     t_start: float = 0.0
     t_end: float = 0.0
     substeps: tuple[int, ...] = ()  # of each block
+    stops: tuple[Stops, ...] = ()  # at coasts, of each block; none without coasts
 
     @property
     def bounded(self) -> bool:
@@ -47,8 +49,11 @@ class StageFeet:
         return any(exits is not None for exits in self.exits)
 
     def interior(self, size: int, block: int = 0) -> NDArray[np.bool_]:
-        """For each of the `size` nodes whether its path in a block begins inside the grid."""
+        """For each of the `size` nodes whether its path in a block begins inside the grid, and not
+        on a coast."""
         inside = np.ones(size, bool)
+        if self.stops:
+            inside[self.stops[block].nodes] = False
         exits = self.exits[block]
         if exits is not None:
             inside[exits.nodes] = False
@@ -67,7 +72,7 @@ class Correction:
 class Stage:
     """A sweep along `axis`, or (None) the direct update of a plane, from the fractions `begin` to
     `end` of dt. `before` are the sweeps of the same step before this one, `walls` the data from
-    `cip.stages.walls.walls`."""
+    `cip.stages.walls.walls`, `coast` what stops paths."""
 
     def __init__(
         self,
@@ -80,10 +85,13 @@ class Stage:
         begin: float,
         end: float,
         before: tuple[Stage, ...] = (),
+        coast: Coast | None = None,
     ) -> None:
         self.grid, self.velocity, self.profile, self.advect = grid, velocity, profile, advect
         self.walls, self.axis, self.begin, self.end = walls, axis, begin, end
-        self._before = before
+        self._before, self.coast = before, coast
+        # Whether the feet say on which side of nodes there is land.
+        self.sided = coast is not None and coast.land is not None
         self.conservative = profile in CONSERVATIVE
         self.carries_slopes = carries_slopes(profile, grid.dim)
         self.moving = (0, 1) if axis is None else (axis,)
@@ -142,11 +150,30 @@ class Stage:
         for block in self.blocks:
             points = self.points(block)
             found = integrate(self.grid, self.velocity, self.system, points, t_end, length)
-            check_inside(self.grid, found.exits, set(self.walls), t_end)
             rows.extend(self._components(found.jets, points))
             exits.append(found.exits)
             substeps.append(found.substeps)
-        return StageFeet(np.concatenate(rows), exits, t_start, t_end, tuple(substeps))
+        made = StageFeet(np.concatenate(rows), exits, t_start, t_end, tuple(substeps))
+        made = self.stopped(made)
+        for one in made.exits:
+            check_inside(self.grid, one, set(self.walls), t_end)
+        return made
+
+    def stopped(self, feet: StageFeet) -> StageFeet:
+        """The feet of paths that stop at coasts; with land the sides of all blocks follow those."""
+        if self.coast is None or self.axis is None:
+            return feet
+        data, sides, stops, exits = feet.data.copy(), [], [], list(feet.exits)
+        rows = data.reshape(len(self.blocks), len(self.jets), self.grid.size)
+        for q, block in enumerate(self.blocks):
+            mean = 2 if self.carries_slopes else block + (1 << self.axis)
+            own = self.coast.stopped(self.axis, block, rows[q], exits[q], mean)
+            stops.append(own[0])
+            exits[q] = own[1]
+            sides.append(self.coast.sides(self.axis, block))
+        if self.sided:
+            data = np.concatenate([data, *sides])
+        return replace(feet, data=data, exits=exits, stops=tuple(stops))
 
     def _components(self, jets: dict[Jet, Array], points: list[Array]) -> list[Array]:
         """The jets in the order of the kernels, displacements in cells, log det made det."""
@@ -181,6 +208,35 @@ class Stage:
                 flux = wall.flux(exits, feet.t_start, feet.t_end, *where)
             found += self.placed(block, exits.nodes, values, flux)
         return found
+
+    def entered(self, feet: StageFeet) -> dict[Wall, float]:
+        """What came in through each wall with data; negative for what also left by another one."""
+        assert self.axis is not None
+        grid, exits, block = self.grid, feet.exits[-1], self.blocks[-1]
+        found: dict[Wall, float] = {}
+        stride = int(np.prod(grid.nodes[self.axis + 1 :]))
+        if exits is None:
+            return found
+        for side in (0, 1):
+            end = grid.cells[self.axis] * side
+            ends = exits.kept(exits.nodes // stride % grid.nodes[self.axis] == end)
+            if ends is None:
+                continue
+            where = self.clocks(feet), self.spread(block, ends.nodes)
+            wall = self.wall_moments(feet.t_end)
+            flux = wall.flux(ends, feet.t_start, feet.t_end, *where)
+            area = self.areas.ravel()[ends.nodes]
+            found[self.axis, side] = (1.0 - 2.0 * side) * float(np.sum(flux * area))
+        return found
+
+    @cached_property
+    def areas(self) -> Array:
+        """Of each node the area of the cells across the sweep that begin there, or 0."""
+        widths = [
+            np.ones(n) if axis == self.axis else np.append(width, 0.0)[:n]
+            for axis, (n, width) in enumerate(zip(self.grid.nodes, self.grid.widths, strict=True))
+        ]
+        return reduce(np.multiply.outer, widths)
 
     def clocks(self, feet: StageFeet) -> tuple[float, ...]:
         """Beginning, middle and end of the whole step."""
@@ -324,6 +380,7 @@ def stages(
     advect: bool,
     walls: dict[Wall, Formula],
     bounds: tuple[float, float] = (-np.inf, np.inf),
+    coast: Coast | None = None,
 ) -> list[Stage]:
     """The stages of one step: one, or the symmetric sequence of Strang's splitting, in which data
     on walls are kept within `bounds`, or of their sign where sweeps compress."""
@@ -339,12 +396,13 @@ def stages(
     done = [0.0] * grid.dim
     for axis, begin, end in order:
         others = {b: CLOCKS[int(2.0 * part)] for b, part in enumerate(done) if b != axis}
-        data = {
+        data: dict[Wall, Formula] = {
             wall: SplitData(formula, velocity, advect, others, bounds)
             for wall, formula in walls.items()
             if wall[0] == axis
         }
         own = data if others else walls
-        found.append(Stage(grid, velocity, profile, advect, own, axis, begin, end, tuple(found)))
+        part = (axis, begin, end, tuple(found), coast)
+        found.append(Stage(grid, velocity, profile, advect, own, *part))
         done[axis] = end
     return found

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -44,8 +45,9 @@ from cip.grid import Grid
 Array = NDArray[np.float64]
 Wall = tuple[int, int]
 _FIELD = "w"
+CLOSED = "closed"  # a wall that nothing passes
 # Time variables of data changed by sources and decay or by other sweeps: those of the step.
-CLOCKS = BEGIN, MIDDLE, END = "begin", "middle", "end"
+CLOCKS = _BEGIN, MIDDLE, _END = "begin", "middle", "end"
 
 
 def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
@@ -71,10 +73,24 @@ def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
         axis, side = known[name]
         if grid.periodic[axis]:
             raise InputError(f"boundary: data for {name!r}, but the grid is periodic there")
-        if value is None or (isinstance(value, str) and value == "outflow"):
+        if value is None or (isinstance(value, str) and value in ("outflow", CLOSED)):
             continue
         found[axis, side] = _formula(value, grid, f"boundary {name!r}")
     return found
+
+
+def closed_walls(boundary: Any, grid: Grid) -> list[Wall]:
+    """The walls that the argument `boundary` of the solver closes; `walls` checks its names."""
+    found = []
+    for axis, side in product(range(grid.dim), (0, 1)):
+        given = boundary.get(_name((axis, side))) if isinstance(boundary, Mapping) else boundary
+        if not grid.periodic[axis] and isinstance(given, str) and given == CLOSED:
+            found.append((axis, side))
+    return found
+
+
+def _name(wall: Wall) -> str:
+    return f"{'xyz'[wall[0]]}{'-+'[wall[1]]}"
 
 
 def _formula(value: Any, grid: Grid, name: str) -> Formula:
@@ -93,7 +109,7 @@ def portable_boundary(boundary: Any, grid: Grid) -> Any:
     """The argument `boundary` of the solver in a picklable form."""
 
     def part(value: Any) -> Any:
-        if isinstance(value, Source):
+        if isinstance(value, Source) or (isinstance(value, str) and value in ("outflow", CLOSED)):
             return value
 
         def trace() -> dict[tuple[str, ...], Any]:
