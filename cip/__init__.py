@@ -26,12 +26,14 @@ from cip.grid import Grid
 from cip.inverse.identifiability import Identifiability, IdentifiabilityWarning
 from cip.inverse.identified import IdentifiedVelocity, MisfitWarning
 from cip.inverse.identify import identify_velocity
+from cip.output.budget import Budget
 from cip.output.trajectory import Diagnostics, Trajectory
 from cip.solver.solver import Solver
 from cip.stages.state import State
 
 __all__ = [
     "Analysis",
+    "Budget",
     "CipError",
     "Covariance",
     "Diagnostics",

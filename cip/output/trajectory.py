@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError, NotSupported
 from cip.output.budget import Budget
-from cip.output.sample import sample
+from cip.output.sample import sample, sample_sea
 from cip.output.state_dataset import state_dataset
 from cip.profiles.catalogue import moments
 from cip.stages.state import State
@@ -25,6 +25,7 @@ class Scheme(Protocol):
     """The attributes of a solver that a trajectory reads."""
 
     form: Any
+    land: Any
 
 
 @dataclass(frozen=True)
@@ -183,6 +184,8 @@ class Trajectory:
         >>> print(f"{run.sample([0.013])[0]:.4f}")  # the exact value is 0.0816
         0.0816
         """
+        if self.solver.land is not None:
+            return sample_sea(self.states[place], points, self.solver.land)
         return sample(self.states[place], points)
 
     def to_xarray(self) -> Any:

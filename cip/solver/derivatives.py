@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cip.errors import InputError
+from cip.errors import InputError, NotSupported
 from cip.output.trajectory import Trajectory
 from cip.sensitivities.window import Move, Window, check_differentiable, checkpoint_distance
 from cip.solver.time_loop import run as repeat
@@ -23,6 +23,8 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> 
     if not isinstance(run, Trajectory):
         raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
     check_differentiable(solver.profile, solver.limiter)
+    if solver._sea is not None and solver.profile == "csl4" and solver.grid.dim > 1:
+        raise NotSupported("land: derivatives of 'csl4' beside land are on lines; take 'csl2'")
     if solver.dtype != np.float64:
         raise InputError("dtype: derivatives need a solver with dtype=float64")
     start, times = run[0], [float(t) for t in run.times[1:]]

@@ -30,7 +30,6 @@ from cip.stages.stage import Stage, StageFeet, stages
 from cip.stages.state import State, _real, default_profile, state_of
 from cip.stages.walls import check_split, closed_walls, portable_boundary, walls
 from skfem_adini.ground.arguments import real_array, real_number
-from skfem_adini.ground.arrays import host
 
 
 class Solver(Parametrised):
@@ -117,7 +116,8 @@ class Solver(Parametrised):
     adds an error of order dt^2, and so do sources and decay (`cip.sources.reaction`), which act for
     half a step before and after the transport. The integral then changes by that of the source,
     exact for csl2 and csl4, and falls by exp(-k t) exactly for the same k everywhere. In a
-    splitting a source should vanish on walls with inflow; its error there is of order dt.
+    splitting with slopes (cubic, quintic) a source should vanish on walls with inflow; its error
+    there is of order dt.
 
     Raises
     ------
@@ -192,7 +192,7 @@ class Solver(Parametrised):
         self.store_feet = store_feet
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
         self._coast = checked_coast(grid, self.profile, land, boundary)
-        self.land = None if land is None else np.array(land)
+        self.land = None if self._coast is None else self._coast.land
         self.source, self.decay = Source.of(source, "source"), Source.of(decay, "decay")
         self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
         setting = Setting(
@@ -220,9 +220,9 @@ class Solver(Parametrised):
             grid, self._formulas, self.profile, self.form == "advection", boundary, self._reaction,
             self.bounds if limiter == "bounds" else (-np.inf, np.inf), self._coast,
         )  # fmt: skip
-        xp = self._kernels.xp
-        sea = self._coast is not None and self._coast.land is not None
-        self._sea = xp.asarray(self._coast.sea(self.profile)) if sea and self._coast else None
+        self._sea: Any = None
+        if self._coast is not None and self._coast.land is not None:
+            self._sea = self._kernels.xp.asarray(self._coast.sea(self.profile))
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
@@ -255,8 +255,8 @@ class Solver(Parametrised):
             Where the solver works: in host memory, or on the device.
         """
         made = State.from_function(f, self.grid, self.profile, derivatives, t, self.dtype)
-        if self._sea is not None:
-            made.data[~host(self._sea)] = 0.0
+        if self._coast is not None:
+            made.data[~self._coast.sea(self.profile)] = 0.0
         self._accept(made)
         return self._kernels.place(made)
 
@@ -430,7 +430,7 @@ class Solver(Parametrised):
 
     def _accept(self, state: State) -> None:
         check_state(state, self.grid, self.profile)
-        if self._sea is not None and bool((state.data * ~self._sea).any()):
+        if self._coast is not None and state.host().data[~self._coast.sea(self.profile)].any():
             raise InputError("state: it is not zero on land; make it with solver.state(f)")
         if self.limiter == "bounds":
             check_bounded(state, self.bounds, self.bounds_tolerance)

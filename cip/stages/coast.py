@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,7 @@ class Coast:
             found = np.moveaxis(after if bits >> axis & 1 else before | after, 0, axis)
         return found
 
+    @lru_cache(1)  # noqa: B019
     def sea(self, profile: str) -> Mask:
         """`open` for all moments of a profile."""
         every = moments(profile, self.grid.dim)
