@@ -54,8 +54,8 @@ class CpuEngine(Engine):
     def _update(self, stage: Stage) -> tuple[list[Any], Any, int]:
         """Arguments of the loops of a stage (lines and `Update`), and the number of rows."""
         lines = [self._lines[axis] for axis in stage.moving]
-        axis, advect = stage.axis or 0, int(stage.advect)
-        update = tuple(Update(self.grid.size, self.grid.dim, axis, advect, int(stage.sided)))
+        flags = int(stage.advect), int(stage.coast is not None)
+        update = tuple(Update(self.grid.size, self.grid.dim, stage.axis or 0, *flags))
         rows = self.grid.nodes[0] if stage.axis is None else self.grid.size // lines[0][2]
         return lines, update, rows
 

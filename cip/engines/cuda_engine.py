@@ -51,7 +51,7 @@ def device_source(
     parameters += uneven
     body = [place, *widths, lines]
     axis, advect = stage.axis or 0, int(stage.advect)
-    numbers = f"{grid.dim}, {axis}, {advect}, {int(stage.sided)}"
+    numbers = f"{grid.dim}, {axis}, {advect}, {int(stage.coast is not None)}"
     body.append(f"    const Update update = {{size, {numbers}}};")
     foot = "feet, size, o"
     if computed:

@@ -138,7 +138,7 @@ class Update(NamedTuple):
     dim: Index  # of the grid
     axis: Index  # direction of a sweep, 0 for a plane
     advect: Index  # 1: p_t + div(c p) = 0, 0: u_t + c . grad u = 0
-    land: Index = 0  # 1: the feet are followed by the sides of land of all blocks
+    coasts: Index = 0  # 1: the feet are followed by the sides of coasts of all blocks
 
 
 class Limits(NamedTuple):
@@ -157,7 +157,7 @@ class Means(NamedTuple):
     slope: Index  # unused if not carried
     mean: Index
     carried: Index  # whether there are slopes
-    sides: Index = -1  # offset among the feet of the sides of land; -1: there is no land
+    sides: Index = -1  # offset among the feet of the sides of coasts; -1: there are none
 
 
 class Cell(NamedTuple):

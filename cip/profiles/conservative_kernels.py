@@ -98,7 +98,7 @@ def slope_of(m: Array, line: Line, value: Index, mean: Index, i: Index) -> Real:
 
 @kernel
 def slope_at(m: Array, feet: Array, line: Line, means: Means, i: Index) -> Real:
-    """Slope at node i: by `slope_of`, on a coast that of the parabola of the cell in the sea."""
+    """Slope at node i: by `slope_of`, beside a coast that of the parabola of one cell."""
     side = 0.0
     if means.sides >= 0:
         side = feet[means.sides + i * line.stride]
@@ -196,7 +196,7 @@ def node_csl(
                 slope = size + base
                 mean = 2 * size + base
             sides = -1
-            if update.land == 1:
+            if update.coasts == 1:
                 sides = (count // 2 * (2 + carried) + at // ((2 + carried) * size)) * size + base
             means = Means(value, slope, mean, carried, sides)
             k1, s1 = cell_of(i, feet[at + o], n, periodic)
@@ -269,7 +269,7 @@ def node_leaving(
             slope = size + line.first
             mean = 2 * size + line.first
         sides = -1
-        if update.land == 1:
+        if update.coasts == 1:
             sides = (count // 2 * (2 + carried) + last) * size + line.first
         means = Means(value, slope, mean, carried, sides)
         k1, s1 = cell_of(i, feet[at + o], n, 0)

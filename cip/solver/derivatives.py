@@ -23,8 +23,10 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> 
     if not isinstance(run, Trajectory):
         raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
     check_differentiable(solver.profile, solver.limiter)
-    if solver._sea is not None and solver.profile == "csl4" and solver.grid.dim > 1:
-        raise NotSupported("land: derivatives of 'csl4' beside land are on lines; take 'csl2'")
+    if solver._coast is not None and solver.profile == "csl4" and solver.grid.dim > 1:
+        raise NotSupported(
+            "land: derivatives of 'csl4' beside land and closed walls are on lines; take 'csl2'"
+        )
     if solver.dtype != np.float64:
         raise InputError("dtype: derivatives need a solver with dtype=float64")
     start, times = run[0], [float(t) for t in run.times[1:]]

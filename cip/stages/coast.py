@@ -43,7 +43,7 @@ class _Stretch:
     open: Mask
     low: Array
     high: Array
-    sides: Array  # 1 where land begins before the node or next to its only cell, 2 after it, or 3
+    sides: Array  # 1 where no slope is to be taken from before the node, 2 from after it, or 3
 
 
 class Coast:
@@ -72,15 +72,12 @@ class Coast:
         every = moments(profile, self.grid.dim)
         return np.stack([self.open(sum(1 << axis for axis in one.averaged)) for one in every])
 
-    def sides(self, axis: int, bits: int) -> Array:
-        """For the kernels, on which side of each node of a block of lines there is land."""
-        return self._stretch(axis, bits).sides
-
     def stopped(
         self, axis: int, bits: int, rows: Array, exits: Exits | None, mean: int
-    ) -> tuple[Stops, Exits | None]:
-        """Stop the paths of a block of feet, whose components `rows` are changed; what stops, and
-        the paths that still begin on a wall. `mean` is the number of the moment of means."""
+    ) -> tuple[Stops, Exits | None, Array]:
+        """Stop the paths of a block of feet, whose components `rows` are changed; what stops, the
+        paths that still begin on a wall, and for the kernels the side of each node from which no
+        slope is to be taken. `mean` is the number of the moment of means."""
         stretch, size = self._stretch(axis, bits), self.grid.size
         wanted = rows[0].copy()
         if exits is not None:
@@ -94,15 +91,18 @@ class Coast:
         rows[1:, stops] = 0.0
         against = stretch.open & moves & np.where(stretch.low == 0.0, wanted > 0.0, wanted < 0.0)
         nodes = np.flatnonzero(against & coast)
-        cells = np.where(stretch.low[nodes] == 0.0, nodes, self._before(axis)[nodes])
+        index = np.arange(size).reshape(self.grid.nodes)
+        before, after = (np.roll(index, by, axis).ravel()[nodes] for by in (1, -1))
+        first = stretch.low[nodes] == 0.0
+        cells, next_nodes = np.where(first, nodes, before), np.where(first, after, before)
         if exits is not None:
             exits = exits.kept(~stops[exits.nodes])
-        return Stops(np.flatnonzero(stops), bits * size + nodes, mean * size + cells), exits
-
-    def _before(self, axis: int) -> NDArray[np.int64]:
-        """Index of the node before each node."""
-        index = np.arange(self.grid.size).reshape(self.grid.nodes)
-        return np.roll(index, 1, axis).ravel()
+        # A cell in which the field gathers would bend the profiles beside it and hold them back.
+        sides = stretch.sides.copy()
+        free = sides[next_nodes] == 0.0
+        sides[next_nodes[free]] = np.where(first, 1.0, 2.0)[free]
+        found = Stops(np.flatnonzero(stops), bits * size + nodes, mean * size + cells)
+        return found, exits, sides
 
     def _stretch(self, axis: int, bits: int) -> _Stretch:
         if (axis, bits) not in self._stretches:

@@ -90,8 +90,6 @@ class Stage:
         self.grid, self.velocity, self.profile, self.advect = grid, velocity, profile, advect
         self.walls, self.axis, self.begin, self.end = walls, axis, begin, end
         self._before, self.coast = before, coast
-        # Whether the feet say on which side of nodes there is land.
-        self.sided = coast is not None and coast.land is not None
         self.conservative = profile in CONSERVATIVE
         self.carries_slopes = carries_slopes(profile, grid.dim)
         self.moving = (0, 1) if axis is None else (axis,)
@@ -160,7 +158,7 @@ class Stage:
         return made
 
     def stopped(self, feet: StageFeet) -> StageFeet:
-        """The feet of paths that stop at coasts; with land the sides of all blocks follow those."""
+        """The feet of paths that stop at coasts, followed by the sides of all blocks."""
         if self.coast is None or self.axis is None:
             return feet
         data, sides, stops, exits = feet.data.copy(), [], [], list(feet.exits)
@@ -170,9 +168,8 @@ class Stage:
             own = self.coast.stopped(self.axis, block, rows[q], exits[q], mean)
             stops.append(own[0])
             exits[q] = own[1]
-            sides.append(self.coast.sides(self.axis, block))
-        if self.sided:
-            data = np.concatenate([data, *sides])
+            sides.append(own[2])
+        data = np.concatenate([data, *sides])
         return replace(feet, data=data, exits=exits, stops=tuple(stops))
 
     def _components(self, jets: dict[Jet, Array], points: list[Array]) -> list[Array]:

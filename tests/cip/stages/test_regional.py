@@ -36,7 +36,9 @@ def spiral(dim, growth, gusts):
         return (u + 0.3 * np.sin(2 * x[2]) if dim == 3 else u) * shrink**dim
 
     if dim == 2:
-        return Velocity(lambda x, y, t: c((x, y), t), steady=False), lambda x, y, t: field((x, y), t)
+        return Velocity(lambda x, y, t: c((x, y), t), steady=False), lambda x, y, t: field(
+            (x, y), t
+        )
     return (
         Velocity(lambda x, y, z, t: c((x, y, z), t), steady=False),
         lambda x, y, z, t: field((x, y, z), t),
@@ -177,8 +179,9 @@ def test_uniform_inflow_is_what_the_data_say(profile, dim):
     assert np.abs(budget.residual).max() < 1e-13
 
 
-def test_a_thousand_steps_of_a_region_with_land():
-    """All terms at once: the residual stays below 1e-13 of what passed."""
+@pytest.mark.parametrize("steps", [60, pytest.param(1000, marks=pytest.mark.slow)])
+def test_budget_of_a_region_with_land(steps):
+    """All terms at once: the residual stays below 1e-13 of the integral."""
     land = np.zeros((14, 10), bool)
     land[4:7, 3:6] = land[10, 8:] = land[0, :2] = True
     solver = Solver(
@@ -188,10 +191,10 @@ def test_a_thousand_steps_of_a_region_with_land():
         boundary={"x-": "1 + 0.5*sin(x2 + 2*t)", "x+": 0.3, "y-": "closed", "y+": "0.2 + x1"},
         source="0.3*sin(5*x1)**2", decay="0.2 + 0.1*x1",
     )  # fmt: skip
-    run = solver.run(solver.state("1 + x1"), 20.0, dt=0.02, snapshots=4)
+    run = solver.run(solver.state("1 + x1"), 0.02 * steps, dt=0.02, snapshots=4)
     budget = run.budget
     assert np.abs(budget.residual).max() <= 1e-13 * budget.mass[0]
-    assert min(budget.inflow["x-"][-1], budget.outflow["x+"][-1], budget.decayed[-1]) > 1
+    assert min(budget.inflow["x-"][-1], budget.outflow["x+"][-1], budget.decayed[-1]) > 0.3
     assert budget.inflow["y-"][-1] == budget.outflow["y-"][-1] == 0
     assert not run.final.data[-1][:-1, :-1][land].any()
     assert "inflow" in repr(budget)
@@ -211,7 +214,7 @@ def test_a_callback_that_changes_states_is_counted():
 def test_profiles_that_keep_no_integral_have_no_budget():
     solver = Solver(Grid((0, 1), 20, periodic=True), 1.0)
     run = solver.run(solver.state("sin(2*pi*x1)"), 0.5, dt=0.05)
-    with pytest.raises(NotSupported, match="budget: .* take 'csl2'"):
+    with pytest.raises(NotSupported, match=r"budget: .* take 'csl2'"):
         _ = run.budget
 
 
@@ -248,11 +251,9 @@ def channel(n, profile, limiter=None, wind=0.0, gusts=0.0, inflow=1.0, gridded=F
 
     velocity = Velocity(c, steady=False) if gusts else Velocity(lambda x, y: c(x, y, 0.0))
     if gridded:
-        velocity = Velocity([one for one in c(*grid.mesh(), 0.0)])
+        velocity = Velocity(list(c(*grid.mesh(), 0.0)))
     boundary = {"x-": inflow, "y-": "closed", "y+": "closed"}
-    return Solver(
-        grid, velocity, "advection", profile, limiter, "strang", boundary, land=land
-    )  # fmt: skip
+    return Solver(grid, velocity, "advection", profile, limiter, "strang", boundary, land=land)
 
 
 def cells(mean, land, k):
@@ -289,9 +290,10 @@ def test_constants_beside_a_coast_are_kept_to_second_order():
 
 
 @pytest.mark.parametrize(("profile", "limiter"), [("csl2", "bounds"), ("csl4", None)])
-@pytest.mark.parametrize("gusts", [0.0, 0.9])
+@pytest.mark.parametrize("gusts", [0.0, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_wind_against_a_coast_keeps_the_integral(profile, limiter, gusts):
-    """A thousand steps between closed walls: nothing on land, nothing lost, all of it at coasts."""
+    """A thousand steps between closed walls: nothing on land, nothing lost, values finite; what
+    gathers slides along the coasts that the wind does not meet head on, and ends in the corner."""
     land = np.zeros((8, 7), bool)
     land[3:5, 2:4] = land[6, 5] = True
     solver = Solver(
@@ -305,11 +307,8 @@ def test_wind_against_a_coast_keeps_the_integral(profile, limiter, gusts):
         assert not state["mean"][land].any()
         assert np.isfinite(state.data).all()
         assert limiter is None or state.data.min() >= -1e-12
-    if not gusts:  # to the right and up, as far as the coasts let it
-        mean = run.final["mean"]
-        assert mean[2, 2:4].min() > 10
-        assert mean[7, 6] > 10
-        assert np.abs(mean[4, 4:6]).max() < 1e-3
+    if not gusts:
+        assert run.final["mean"][7, 6] / 56 == pytest.approx(run[0].mass, rel=1e-3)
 
 
 @pytest.mark.parametrize("periodic", [False, True])
@@ -360,8 +359,8 @@ def test_gridded_velocities_and_three_directions():
     solver = Solver(
         Grid([(0, 1)] * 3, (6, 5, 4), periodic=(False, True, False)),
         Velocity.from_expression("0.5 + x3", "0.3*sin(2*pi*x2 + t)", "0.2 - 0.3*x3"),
-        "advection", "csl2", splitting="strang", boundary={"x-": "1 + x3", "z-": "closed", "z+": 0.5},
-        land=land,
+        "advection", "csl2", splitting="strang", land=land,
+        boundary={"x-": "1 + x3", "z-": "closed", "z+": 0.5},
     )  # fmt: skip
     run = solver.run(solver.state("1 + x3"), 1.0, dt=0.1)
     assert np.abs(run.budget.residual).max() < 1e-13
@@ -406,7 +405,7 @@ def test_derivatives_stop_at_coasts():
         assert parameter_error(solver, run) < 1e-8
     solver = flow(profile="csl4")
     run = solver.run(solver.state(1.0), 0.1, dt=0.1)
-    with pytest.raises(NotSupported, match="land: .* take 'csl2'"):
+    with pytest.raises(NotSupported, match=r"land: .* take 'csl2'"):
         solver.tangent(run)
 
 
