@@ -20,6 +20,7 @@ from cip.characteristics.feet import FEET, Exits
 from cip.errors import InputError
 from cip.grid import Grid
 from cip.profiles.catalogue import moments
+from skfem_adini.ground.arguments import own_array
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -132,14 +133,12 @@ def coast_of(grid: Grid, land: Any, closed: Collection[tuple[int, int]]) -> Coas
     """The coasts of a solver from its argument `land`, checked; None if there are none."""
     if land is None:
         return Coast(grid, None, closed) if closed else None
-    mask = np.ma.getdata(land) if not np.ma.is_masked(land) else None
-    if mask is None or np.asarray(mask).dtype != bool or np.shape(mask) != grid.cells:
-        found = "masked entries" if mask is None else f"{np.asarray(mask).dtype}"
+    mask = own_array("land", land)
+    if mask.dtype != bool or mask.shape != grid.cells:
         raise InputError(
-            f"land: expected one True or False for each cell, shape {grid.cells}, got {found} of "
-            f"shape {np.shape(land)}"
+            f"land: expected one True or False for each cell, shape {grid.cells}, got {mask.dtype} "
+            f"of shape {mask.shape}"
         )
-    own = np.array(mask)
-    if own.all():
+    if mask.all():
         raise InputError("land: every cell is land; leave at least one to the field")
-    return Coast(grid, own if own.any() else None, closed) if own.any() or closed else None
+    return Coast(grid, mask if mask.any() else None, closed) if mask.any() or closed else None
