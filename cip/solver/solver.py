@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from cip.characteristics.feet import check_step
+from cip.characteristics.feet import signed_step
 from cip.engines.engine import Engine, Setting
 from cip.errors import InputError, NotSupported
 from cip.formulas.formula import Formula
@@ -24,6 +24,7 @@ from cip.output.trajectory import Trajectory
 from cip.profiles.catalogue import CONSERVATIVE, LIMITER_CODES, LIMITERS, LINE, PLANE, moments
 from cip.solver.derivatives import derivative
 from cip.solver.time_loop import checked_callback, run, step_length
+from cip.sources.diffusion import diffusion as spread
 from cip.sources.reaction import HalfStep, Reaction, halves, reacted, reaction
 from cip.stages.coast import Coast, coast_of
 from cip.stages.stage import Stage, StageFeet, stages
@@ -81,6 +82,9 @@ class Solver(Parametrised):
         What is added in each unit of time, s(x, t).
     decay : float, str, callable, array or Source, optional
         Rate k >= 0 at which the field decays, 1 / time, with the same forms as a source.
+    diffusion : float, or one for each direction, optional
+        Constant coefficient >= 0, length^2 / time, on uniform grids: u_t + .. = diffusion lap u,
+        with no diffusive flux through walls.
     land : array of bool, shape ``grid.cells``, optional
         Cells that carry nothing and let nothing through, whatever the velocity there (finite), for
         csl2 and csl4. Where the flow runs against a coast, what it brings gathers in the coastal
@@ -117,7 +121,10 @@ class Solver(Parametrised):
     half a step before and after the transport. The integral then changes by that of the source,
     exact for csl2 and csl4, and falls by exp(-k t) exactly for the same k everywhere. In a
     splitting with slopes (cubic, quintic) a source should vanish on walls with inflow; its error
-    there is of order dt.
+    there is of order dt. Diffusion acts for half a step before and after, too, exactly for any dt
+    and with the same integral; where a flow enters through walls its error there is of order dt.
+    With a limiter it is that of second differences, of order 2 in the spacing, whose values never
+    leave the range.
 
     Raises
     ------
@@ -167,6 +174,7 @@ class Solver(Parametrised):
         store_feet: bool | None = None,
         source: Any = None,
         decay: Any = None,
+        diffusion: Any = None,
         land: Any = None,
     ) -> None:
         if not isinstance(grid, Grid):
@@ -207,7 +215,13 @@ class Solver(Parametrised):
             from cip.engines.cpu_engine import CpuEngine
 
             self._kernels = CpuEngine(setting)
-        self._reaction = reaction(grid, self.profile, self.source, self.decay, self._kernels.xp)
+        xp = self._kernels.xp
+        self._reaction = reaction(grid, self.profile, self.source, self.decay, xp)
+        spreads = spread(grid, self.profile, diffusion, limiter is not None, xp)
+        self.diffusion = None if spreads is None else spreads.rates
+        if spreads is not None and self.land is not None:
+            raise NotSupported("diffusion: it would cross land; leave one of both away")
+        self._reactions = [one for one in (self._reaction, spreads) if one is not None]
         self._inflow = {
             f"{'xyz'[axis]}{'-+'[side]}": formula
             for (axis, side), formula in walls(boundary, grid).items()
@@ -238,7 +252,7 @@ class Solver(Parametrised):
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay, self.land,
+            self.store_feet, self.source, self.decay, self.diffusion, self.land,
         )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
@@ -268,7 +282,7 @@ class Solver(Parametrised):
         state : State
             On this solver's grid, with the moments of its profile.
         dt : float
-            Positive.
+            Negative for a step back in time, along the same characteristics.
 
         Returns
         -------
@@ -278,13 +292,13 @@ class Solver(Parametrised):
         Raises
         ------
         InputError
-            A state of another grid, profile or with NaN; dt that is not positive.
+            A state of another grid, profile or with NaN; dt that is zero.
         LeftDomain
             A characteristic comes in through a wall without data.
         NotFinite
             The velocity, a characteristic or the new field is not finite; names node and time.
         """
-        dt = check_step(dt)
+        dt = signed_step(dt)
         self._accept(state)
         self._check_times(state.t, state.t + dt)
         return self._advance(self._kernels.place(state), dt).require_finite()
@@ -301,13 +315,18 @@ class Solver(Parametrised):
     ) -> Any:
         """Steps to `t_end`, landing exactly on it and on every snapshot's time.
 
+        With `t_end` before the time of `state`, and a negative `dt`, the run leads back in time:
+        the equation is solved for the past, sources and decay included, and what was outflow
+        becomes inflow, for which `boundary` needs data.
+
         Parameters
         ----------
         state : State
         t_end : float
-            After the time of `state`.
+            After the time of `state`, or before it.
         dt : float, optional
-            Length of the steps; the last one before each snapshot may be shorter.
+            Length of the steps; the last one before each snapshot may be shorter. Negative in a
+            run back in time.
         cfl : float, optional
             Instead of `dt`: the largest number of cells that a node moves in a step, by the
             velocity at the start.
@@ -329,7 +348,7 @@ class Solver(Parametrised):
         """
         self._accept(state)
         self._check_times(state.t, real_number("t_end", t_end))
-        length = step_length(dt, cfl, self.grid, self._formulas, state.t)
+        length = step_length(dt, cfl, self.grid, self._formulas, state.t, float(t_end))
 
         tally = Tally(self.grid) if self.profile in CONSERVATIVE else None
 
@@ -441,7 +460,7 @@ class Solver(Parametrised):
         """
         for known in (snapshots_of(self._formulas), self._reaction):
             if known is not None:
-                known.check_times(start, end)
+                known.check_times(min(start, end), max(start, end))
         if self.limiter == "bounds" and np.isfinite(end):
             for name, formula in self._inflow.items():
                 if not formula.steady:
@@ -460,8 +479,8 @@ class Solver(Parametrised):
             check_within(found, self.bounds, self.bounds_tolerance, what, remedy)
 
     def _advance(self, state: State, dt: float, tally: Tally | None = None) -> State:
-        half = halves(self._reaction, state.t, dt, self._sea) if self._reaction else None
-        new = advanced(self._kernels, self._stages, half, state, dt, tally)
+        halfs = halves(self._reactions, state.t, dt, self._sea)
+        new = advanced(self._kernels, self._stages, halfs, state, dt, tally)
         if self.limiter == "bounds":
             new.__dict__["_bounded"] = self.bounds
         return new
@@ -537,19 +556,20 @@ def made_stages(
 def advanced(
     kernels: Engine,
     made: list[Stage],
-    reactions: tuple[HalfStep, HalfStep] | None,
+    reactions: tuple[list[HalfStep], list[HalfStep]],
     state: State,
     dt: float,
     tally: Tally | None,
 ) -> State:
-    """The state after a step: the stages between the halves of sources and decay."""
+    """The state after a step: the stages between the halves of sources, decay and diffusion."""
     data, t = state.data, state.t
-    if reactions is not None:
-        data = reactions[0].applied(data, tally)
+    before, after = reactions
+    for half in before:
+        data = half.applied(data, tally)
     for stage in made:
         data = kernels.apply(stage, data, t, dt, tally=tally)
-    if reactions is not None:
-        data = reactions[1].applied(data, tally)
+    for half in after:
+        data = half.applied(data, tally)
     return state_of(state.grid, state.profile, data, t + dt)
 
 

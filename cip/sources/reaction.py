@@ -464,7 +464,7 @@ class HalfStep:
     z -> D (z + S), after it z -> D z + S. In parameters S has the derivative S_p, D z has -K_p D z.
     """
 
-    reaction: Reaction
+    reaction: Any  # a Reaction, or what is called like one
     t: float  # time at which it begins
     length: float  # duration
     after: bool  # whether it follows the transport
@@ -485,7 +485,7 @@ class HalfStep:
         end = self._decayed(data)
         if self.after:
             end = self._masked(self.reaction.added(end, self.t, self.length))
-        if tally is not None:
+        if tally is not None and isinstance(self.reaction, Reaction):
             added = self._masked(self.reaction.added(0.0 * data, self.t, self.length))
             total = self.reaction.integral(added)
             tally.react(total, total - self.reaction.integral(end - data))
@@ -539,7 +539,10 @@ class HalfStep:
         return data if self.sea is None else data * self.sea
 
 
-def halves(reaction: Reaction, t: float, dt: float, sea: Any = None) -> tuple[HalfStep, HalfStep]:
-    """The half steps before and after the transport of the step [t, t + dt]."""
+def halves(
+    reactions: Sequence[Any], t: float, dt: float, sea: Any = None
+) -> tuple[list[HalfStep], list[HalfStep]]:
+    """The half steps before and after the transport of the step [t, t + dt], in mirror order."""
     half = 0.5 * dt
-    return HalfStep(reaction, t, half, False, sea), HalfStep(reaction, t + half, half, True, sea)
+    before = [HalfStep(one, t, half, False, sea) for one in reactions]
+    return before, [HalfStep(one, t + half, half, True, sea) for one in reversed(reactions)]

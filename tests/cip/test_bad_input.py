@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cip
-from cip import Covariance, Grid, InputError, NotFinite, Sensors, Solver, State, Velocity
+from cip import Covariance, Grid, InputError, NotFinite, Sensors, Solver, State, Velocity, flow_map
 
 LINE, OPEN, PLANE = Grid((0, 1), 8, periodic=True), Grid((0, 1), 8), Grid([(0, 1)] * 2, (8, 8))
 HIDDEN = np.ma.masked_greater(np.linspace(0.1, 0.8, 8), 0.5)
@@ -85,6 +85,7 @@ VELOCITIES = [
     ("'foo'", lambda: text("foo")),
     ("'gamma'", lambda: text("gamma(x1)")),
     ("is not arithmetic", lambda: text("x1.real")),
+    ("is not arithmetic", lambda: text("np.float16(1.0)*x1")),
     ("too large", lambda: text("1" + "0" * 400)),
     *rows("not finite", text, "10**400*x1", "x1**1e999", "(-8)**(1/3)", "x1/(2 - 2)"),
     ("3002 characters", lambda: text("-" * 3000 + "x1")),
@@ -158,8 +159,14 @@ STATES = [
     ("'v' is none of u, u_x", lambda: state()["v"]),
 ]
 RUNS = [
-    *rows("dt: expected a positive", stepped, 0.0, -0.1, np.nan, np.inf, "fast", COMPLEX, TWO),
-    ("dt: expected a positive", lambda: stepped(None)),
+    *rows("dt: expected a", stepped, 0.0, np.nan, np.inf, "fast", COMPLEX, TWO, None),
+    ("cfl: expected a positive", lambda: ran(cfl=-1.0)),
+    *rows("dt: steps of", lambda dt: ran(-dt, dt=dt), 0.1, -0.1),
+    ("snapshots: expected decreasing", lambda: ran(-1.0, dt=-0.1, snapshots=[-0.5, -0.2])),
+    ("grid: expected a Grid", lambda: flow_map(1.0, 3, 0.0, 1.0)),
+    *rows("t_end: expected finite", lambda end: flow_map(1.0, LINE, 0.0, end), 0.0, np.inf),
+    *rows("tolerance", lambda size: flow_map(1.0, LINE, 0.0, 1.0, size), 0.0, np.nan),
+    ("plot: 1 dimensions", lambda: flow_map(1.0, LINE, 0.0, 1.0).plot()),
     ("either dt or cfl", lambda: ran(dt=0.1, cfl=1)),
     ("either dt or cfl", ran),
     *rows("cfl", lambda cfl: ran(cfl=cfl), np.nan, -1.0),
@@ -195,8 +202,8 @@ def early(shape=(2, 8)):
 WEST = np.arange(8) < 3
 
 
-def at_sea(land):
-    return Solver(LINE, 1.0, "advection", "csl2", land=land)
+def at_sea(land, **more):
+    return Solver(LINE, 1.0, "advection", "csl2", land=land, **more)
 
 
 SPLIT = {"profile": "cubic", "splitting": "strang", "boundary": 1.0}
@@ -233,6 +240,7 @@ SOURCES = [
     ("state: it is not zero on land", lambda: at_sea(WEST).step(at_sea(None).state(1.0), 0.1)),
     *rows("land: .* take 'csl2' or 'csl4'", lambda name: line(profile=name, land=WEST),
           "cubic", "linear"),
+    ("diffusion: it would cross land", lambda: at_sea(WEST, diffusion=0.1)),
     ("boundary: closed walls .* take 'csl2'", lambda: Solver(OPEN, 1.0, boundary="closed")),
     ("boundary: with splitting 'cubic' needs constant data on the wall x-",
      lambda: Solver(PLANE, (1.0, 1.0), **{**SPLIT, "boundary": "sin(t)"})),
@@ -555,6 +563,7 @@ TABLES = {
 OTHERS = dict.fromkeys([words for words, _ in NO_DERIVATIVES], cip.NotSupported) | {
     "land: .* take 'csl2' or 'csl4'": cip.NotSupported,
     "boundary: closed walls .* take 'csl2'": cip.NotSupported,
+    "diffusion: it would cross land": cip.NotSupported,
     "boundary: with splitting 'cubic' needs constant data on the wall x-": cip.NotSupported,
     "decay: with splitting the data of the wall x- must": cip.NotSupported,
     "not linear in its moments": cip.NotSupported,

@@ -66,6 +66,7 @@ MAKE = {
     "Analysis": analysis,
     "Budget": lambda: through().budget,
     "Covariance": covariance,
+    "FlowMap": lambda: cip.flow_map(1.0, RING, 0.0, 0.2),
     "Diagnostics": lambda: run().diagnostics,
     "Identifiability": lambda: identified().identifiability,
     "IdentifiedVelocity": identified,
