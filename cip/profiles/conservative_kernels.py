@@ -201,9 +201,10 @@ def node_csl(
             means = Means(value, slope, mean, carried, sides)
             k1, s1 = cell_of(i, feet[at + o], n, periodic)
             f0, f1, left = profile(m, feet, line, means, k1, s1, order, limits)
-            # A limiter bends the profile of the land cell, not that of the sea.
+            # On a coast before land, in whose cell a limiter would bend the profile.
             if sides >= 0 and feet[at + o] == 0.0 and feet[sides + i * line.stride] == 2.0:
-                f0, f1, _mass = profile(m, feet, line, means, i - 1, 1.0, order, limits)
+                f0 = m[value + i * line.stride]
+                f1 = m[slope + i * line.stride]
             J = feet[at + size + o]
             out[pair * size + o] = J * f0
             if carried == 1:

@@ -19,7 +19,7 @@ from cip.characteristics.feet import Exits, time_scale
 from cip.engines.path_kernel import PATH
 from cip.formulas.expression import COORDINATES, Expression, constant, numpy_function, variable
 from cip.stages.stage import Correction, Stage, StageFeet
-from cip.stages.walls import CLOCKS, Spread, WallMoments
+from cip.stages.walls import CLOCKS, GAUSS_TIMES, Spread, WallMoments
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -108,7 +108,8 @@ class _Paths:
         """Evaluate a function from `_Wall.directional` at time t, which changes by `d_time`."""
         units = _units(self.slopes.shape[1])
         moves = [*self.moves, d_time, *self.slopes[:-1], *units]
-        return spread.mean(function, self.point, ..., t, *self.jets, *self.clocks, *moves)
+        more = (t, *self.jets, *self.clocks, *moves)
+        return spread.mean(function, self.point, ..., *more, rank=2)
 
 
 class _Wall:
@@ -129,7 +130,7 @@ class _Wall:
         """Derivatives of the integral of the influx until each path begins."""
         start, d_end = paths.feet.t_start, paths.slopes[-1]
         length = (paths.feet.t_end - paths.ages) - start
-        places, weights = np.polynomial.legendre.leggauss(8)
+        places, weights = GAUSS_TIMES
         total = np.zeros(d_end.shape)
         for place, weight in zip(places, weights, strict=True):
             part = 0.5 * (1.0 + place)

@@ -28,6 +28,7 @@ from cip.stages.coast import Coast, Stops
 from cip.stages.walls import CLOCKS, SplitData, Spread, Wall, WallMoments
 
 Array = NDArray[np.float64]
+_ACROSS = np.polynomial.legendre.leggauss(3)
 
 
 @dataclass(frozen=True)
@@ -244,7 +245,7 @@ class Stage:
         """The points over which data on walls are averaged for a block of feet: Gauss's rule of
         three in each direction of its means, none (a width of 0) where no cell begins."""
         across = [axis for axis in range(self.grid.dim) if block >> axis & 1]
-        index, rule = np.unravel_index(nodes, self.grid.nodes), np.polynomial.legendre.leggauss(3)
+        index, rule = np.unravel_index(nodes, self.grid.nodes), _ACROSS
         places = list(product(rule[0], repeat=len(across)))
         shifts = np.zeros((len(places), 3, nodes.size))
         for q, axis in enumerate(across):

@@ -45,6 +45,7 @@ from cip.grid import Grid
 Array = NDArray[np.float64]
 Wall = tuple[int, int]
 _FIELD = "w"
+GAUSS_TIMES = np.polynomial.legendre.leggauss(8)  # exact to degree 15
 CLOSED = "closed"  # a wall that nothing passes
 # Time variables of data changed by sources and decay or by other sweeps: those of the step.
 CLOCKS = _BEGIN, MIDDLE, _END = "begin", "middle", "end"
@@ -180,16 +181,17 @@ class Spread:
     shifts: Array
     weights: Array
 
-    def mean(self, function: Any, point: Sequence[Array], on: Any, *more: Any) -> list[Any]:
-        """Averages of all results of function(x1, x2, x3, *more) for the paths `on` at `point`."""
-        rows = [
-            function(*(x + own[on] for x, own in zip(point, shift, strict=True)), *more)
-            for shift in self.shifts
-        ]
-        return [
-            sum(weight * value for weight, value in zip(self.weights, column, strict=True))
-            for column in zip(*rows, strict=True)
-        ]
+    def mean(
+        self, function: Any, point: Sequence[Array], on: Any, *more: Any, rank: int = 1
+    ) -> list[Any]:
+        """Averages of all results of function(x1, x2, x3, *more), arrays with `rank` axes, for the
+        paths `on` at `point`."""
+        shifts, each = self.shifts[..., on], (self.weights.size, *([1] * rank))
+        shifts = shifts.reshape(*shifts.shape[:2], *([1] * (rank - 1)), -1)
+        found = function(*(x + shifts[:, axis] for axis, x in enumerate(point)), *more)
+        shapes = (np.broadcast_shapes(np.shape(value), each) for value in found)
+        rows = (np.broadcast_to(value, shape) for value, shape in zip(found, shapes, strict=True))
+        return [np.tensordot(self.weights, row, 1) for row in rows]
 
 
 class WallMoments:
@@ -242,19 +244,19 @@ class WallMoments:
         """Signed integral of c g, normal velocity and data, from `t_start` until each path begins.
         The data are averaged, the velocity is that of the path, as in the interior."""
         result = np.zeros(exits.nodes.size)
-        places, weights = np.polynomial.legendre.leggauss(8)  # exact to degree 15 in time
+        places, weights = GAUSS_TIMES
         for axis, side in self._data:
             on = (exits.axis == axis) & (exits.side == side)
+            node = self._data[axis, side].expression
+            if not on.any() or (node.op == "constant" and node.value == 0.0):
+                continue
             length = (t_end - exits.ages[on]) - t_start
             point = [x[on] for x in exits.points]
             point += [np.zeros(())] * (3 - len(point))
-            c = self._velocity[axis].derivative(ZERO, self._steps)
-            node = self._data[axis, side].expression
-            g = self._on(axis, side, [node])
-            for place, weight in zip(places, weights, strict=True):
-                t = t_start + 0.5 * (1.0 + place) * length
-                (value,) = spread.mean(g, point, on, t, *clocks)
-                result[on] += 0.5 * weight * length * c(*point, t) * value
+            t = t_start + 0.5 * (1.0 + places[:, None]) * length
+            c = self._velocity[axis].derivative(ZERO, self._steps)(*point, t)
+            (g,) = spread.mean(self._on(axis, side, [node]), point, on, t, *clocks, rank=2)
+            result[on] += 0.5 * length * np.tensordot(weights, c * g, 1)
         return result
 
     def formulas(self, axis: int, side: int) -> list[Expression]:
