@@ -109,7 +109,7 @@ class _Paths:
         units = _units(self.slopes.shape[1])
         moves = [*self.moves, d_time, *self.slopes[:-1], *units]
         more = (t, *self.jets, *self.clocks, *moves)
-        return spread.mean(function, self.point, ..., *more, rank=2)
+        return spread.mean(function, self.point, slice(None), *more, rank=2)
 
 
 class _Wall:
@@ -138,7 +138,7 @@ class _Wall:
             # Normal velocity of the path and data, averaged: values and changes.
             ends, spreads = [], (paths.here, paths.spread)
             for (rate, slope), spread in zip(self._influx, spreads, strict=True):
-                ends += spread.mean(rate, paths.point, ..., t, *paths.clocks)
+                ends += spread.mean(rate, paths.point, slice(None), t, *paths.clocks)
                 ends += paths.along(slope, spread, t, part * d_end)
             c, d_c, g, d_g = ends
             total += 0.5 * weight * (d_end * c * g + length * (c * d_g + d_c * g))
