@@ -3,7 +3,8 @@
 Each line of a sweep falls into stretches of open cells. A path that would leave its stretch stops
 at the coast: nothing came from there, so the new value is 0. A node on a coast stays where it is,
 so the integral over each stretch is kept up to rounding whatever the velocity. Where the flow runs
-against the coast, what it brings gathers in the coastal cell, and the coast takes the cell's mean.
+against the coast, what it brings gathers in the coastal cell; where it runs off, the cell empties.
+The value on such a coast is the mean of its cell.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Stops:
-    """Nodes of a block of feet whose paths stop at a coast; those of them that the flow runs
-    against take as new values, at indices `values` of the flat moments, the means at `means`."""
+    """Nodes of a block of feet whose paths stop at a coast; those of them that lie on it take as
+    new values, at indices `values` of the flat moments, the means at `means`."""
 
     nodes: NDArray[np.int64]
     values: NDArray[np.int64]
@@ -90,8 +91,7 @@ class Coast:
         rows[0] = np.clip(rows[0], stretch.low, stretch.high)
         rows[0, coast] = 0.0
         rows[1:, stops] = 0.0
-        against = stretch.open & moves & np.where(stretch.low == 0.0, wanted > 0.0, wanted < 0.0)
-        nodes = np.flatnonzero(against & coast)
+        nodes = np.flatnonzero(stretch.open & moves & coast)
         index = np.arange(size).reshape(self.grid.nodes)
         before, after = (np.roll(index, by, axis).ravel()[nodes] for by in (1, -1))
         first = stretch.low[nodes] == 0.0
@@ -100,7 +100,8 @@ class Coast:
             exits = exits.kept(~stops[exits.nodes])
         # A cell in which the field gathers would bend the profiles beside it and hold them back.
         sides = stretch.sides.copy()
-        free = sides[next_nodes] == 0.0
+        against = (wanted[nodes] > 0.0) == first
+        free = against & (sides[next_nodes] == 0.0)
         sides[next_nodes[free]] = np.where(first, 1.0, 2.0)[free]
         found = Stops(np.flatnonzero(stops), bits * size + nodes, mean * size + cells)
         return found, exits, sides

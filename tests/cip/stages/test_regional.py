@@ -158,6 +158,20 @@ def test_bounds_hold_beside_steep_inflow():
     assert run.final.mass > 0.05
 
 
+@pytest.mark.parametrize("profile", MEANS)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_data_are_averaged_over_the_cells_of_the_wall(profile, dim):
+    """Gauss's rule of three is exact for these powers, which a uniform flow carries through."""
+    grid = Grid([(0, 1), (0, 1), (0, 2)][:dim], (5, 4, 4)[:dim])
+    data = "x2**4" if dim == 2 else "x2**4*(1 + x3**5)"
+    c = (1.0, 0.0, 0.0)[:dim]
+    solver = Solver(grid, c, "advection", profile, splitting="strang", boundary={"x-": data})
+    start = solver.state(data)  # by a rule of four
+    end = solver.run(start, 1.5, dt=0.13).final
+    for name in end.names:
+        np.testing.assert_allclose(end[name], start[name], atol=1e-12 * start.data.max())
+
+
 # Budgets.
 
 
@@ -361,6 +375,21 @@ def test_uniform_flow_along_a_coast_keeps_constants(profile):
         points = np.array([[0.3, 0.3, 0.3], [0.2, 0.45, 0.8]])
         run = solver.run(solver.state(1.0), 0.1, dt=0.05)
         np.testing.assert_allclose(run.sample(points), [0, 1, 1], atol=1e-13)
+
+
+@pytest.mark.parametrize("profile", MEANS)
+def test_a_little_wind_across_a_coast_changes_a_little(profile):
+    """1 along a coast: the coastal cells gain or lose what the wind carries, .4 % of it."""
+    land = np.zeros((8, 8), bool)
+    land[:, :2] = land[:, 6:] = True
+    solver = Solver(
+        Grid([(0, 1)] * 2, (8, 8), periodic=(True, False)), (1.0, 1e-3), "advection", profile,
+        splitting="strang", land=land,
+    )  # fmt: skip
+    end = solver.run(solver.state(1.0), 0.5, dt=0.05).final
+    np.testing.assert_allclose(end["mean"][:, 2], 0.996, rtol=1e-3)
+    np.testing.assert_allclose(end["mean"][:, 5], 1.004, rtol=1e-3)
+    np.testing.assert_allclose(end["u"][:, 2:7], 1.0, rtol=0.01)
 
 
 def test_gridded_velocities_and_three_directions():
