@@ -26,6 +26,7 @@ from cip.grid import Grid
 from cip.inverse.identifiability import Identifiability, IdentifiabilityWarning
 from cip.inverse.identified import IdentifiedVelocity, MisfitWarning
 from cip.inverse.identify import identify_velocity
+from cip.output.budget import Budget
 from cip.output.flow_map import FlowMap, flow_map
 from cip.output.level_set import area, contour, reinitialise
 from cip.output.trajectory import Diagnostics, Trajectory
@@ -34,6 +35,7 @@ from cip.stages.state import State
 
 __all__ = [
     "Analysis",
+    "Budget",
     "CipError",
     "Covariance",
     "Diagnostics",

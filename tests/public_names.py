@@ -74,7 +74,7 @@ _REASONS = {
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
         contact.BodyResult contact.GridResult contact.Surface contact.LoadHistory contact.LoadStep
         contact.Status contact.Slice
-        contact.Uniqueness cip.Diagnostics cip.Sensors
+        contact.Uniqueness cip.Budget cip.Diagnostics cip.Sensors
         cip.Placement
         cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.Source cip.State cip.Trajectory
         cip.Velocity

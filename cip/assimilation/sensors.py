@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 from cip.errors import InputError
 from cip.formulas.velocity import seconds
 from cip.grid import AXES, Grid
-from cip.output.sample import sample, sample_rows
+from cip.output.sample import sample_rows
 from cip.output.stored import read_words, reading, write_words
 from cip.output.trajectory import Trajectory
 from cip.stages.state import State
@@ -212,9 +212,9 @@ class Sensors:
         ndarray
             Shape (k, m), also where no report arrived.
         """
-        states = self.states(run)
-        self._require(states[0].grid)
-        return np.stack([sample(state, self.points) for state in states])
+        seen = replace(run, states=self.states(run))
+        self._require(seen[0].grid)
+        return np.stack([seen.sample(self.points, place) for place in range(len(seen))])
 
     def residuals(self, run: Trajectory) -> Array:
         """Reports minus the values of a run, in units of the deviations.

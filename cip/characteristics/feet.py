@@ -43,6 +43,14 @@ class Exits:
     side: NDArray[np.int64]  # 0 for its lower or 1 for its upper end
     jets: dict[Jet, Array]  # derivatives of the foot at the wall
 
+    def kept(self, keep: NDArray[np.bool_]) -> Exits | None:
+        """Those of the paths that are to be kept; None for none."""
+        if not keep.any():
+            return None
+        points, jets = (x[keep] for x in self.points), self.jets.items()
+        ends = self.nodes[keep], self.ages[keep], tuple(points), self.axis[keep], self.side[keep]
+        return Exits(*ends, {jet: values[keep] for jet, values in jets})
+
 
 @dataclass(frozen=True)
 class Feet:

@@ -63,22 +63,25 @@ class CpuEngine(Engine):
     def _update(self, stage: Stage) -> tuple[list[Any], Any, int]:
         """Arguments of the loops of a stage (lines and `Update`), and the number of rows."""
         lines = [self._lines[axis] for axis in stage.moving]
-        update = tuple(Update(self.grid.size, self.grid.dim, stage.axis or 0, int(stage.advect)))
+        flags = int(stage.advect), int(stage.coast is not None)
+        update = tuple(Update(self.grid.size, self.grid.dim, stage.axis or 0, *flags))
         rows = self.grid.nodes[0] if stage.axis is None else self.grid.size // lines[0][2]
         return lines, update, rows
 
-    def _node(self, stage: Stage) -> Any:
-        """The kernel that updates a node."""
+    def _node(self, stage: Stage, prefix: str = "node_") -> Any:
+        """The kernel that updates a node, or another one."""
         from cip.profiles import conservative_kernels, line_kernels, plane_kernels
 
         module: Any = conservative_kernels if stage.conservative else line_kernels
-        return getattr(plane_kernels if stage.axis is None else module, self.name(stage))
+        module = plane_kernels if stage.axis is None else module
+        return getattr(module, self.name(stage, prefix))
 
     def _limits(self, stage: Stage) -> Any:
         return tuple(Limits(self.limiter, *self.bounds(stage), self.setting.bounds_tolerance))
 
-    def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
-        """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
+    def launch(self, stage: Stage, m: Any, out: Any, feet: Any, prefix: str = "node_") -> None:
+        """Run a stage's kernel over all nodes with stored feet; the arrays are flat. `prefix`
+        chooses another one than the update."""
         from cip.engines import cpu_blocks, cpu_loops
         from skfem_adini.ground.jit import loop_over
 
@@ -98,7 +101,7 @@ class CpuEngine(Engine):
         else:
             name = "run_line" if grid.dim == 1 and not stage.conservative else "run_lines"
             name = "run_plane" if stage.axis is None else name
-            run = loop_over(getattr(cpu_loops, name), node=self._node(stage))
+            run = loop_over(getattr(cpu_loops, name), node=self._node(stage, prefix))
             limits = self._limits(stage)
 
             def work(start: int, stop: int) -> None:

@@ -51,7 +51,8 @@ def device_source(
     parameters += uneven
     body = [place, *widths, lines]
     axis, advect = stage.axis or 0, int(stage.advect)
-    body.append(f"    const Update update = {{size, {grid.dim}, {axis}, {advect}}};")
+    numbers = f"{grid.dim}, {axis}, {advect}, {int(stage.coast is not None)}"
+    body.append(f"    const Update update = {{size, {numbers}}};")
     foot = "feet, size, o"
     if computed:
         foot = "room, 1, 0"
@@ -251,14 +252,15 @@ class CudaEngine(Engine):
         else:
             flat[where] = what
 
-    def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
-        """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
+    def launch(self, stage: Stage, m: Any, out: Any, feet: Any, prefix: str = "node_") -> None:
+        """Run a stage's kernel over all nodes with stored feet; the arrays are flat. `prefix`
+        chooses another one than the update."""
         arguments = [feet, *self._widths]
         if stage.conservative:
             limits = (*self.bounds(stage), self.setting.bounds_tolerance)
             arguments += [self.dtype.type(value) for value in limits]
         for own in self._fields(m):
-            self._start(stage, False, [m[own], out[own], *arguments])
+            self._start(stage, False, [m[own], out[own], *arguments], prefix)
 
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
@@ -320,12 +322,13 @@ class CudaEngine(Engine):
             self._splines = self._cupy.asarray(field.table.astype(self.dtype))
         return [self._splines]
 
-    def _start(self, stage: Stage, computed: bool, arguments: list[Any]) -> None:
-        key = (stage.axis, computed)
+    def _start(
+        self, stage: Stage, computed: bool, arguments: list[Any], prefix: str = "node_"
+    ) -> None:
+        key = (stage.axis, computed, prefix)
         kernel = self._compiled.get(key)
         if kernel is None:
-            source = device_source(
-                stage, self.name(stage), self.limiter, computed, self._real, self._index
-            )
+            name = self.name(stage, prefix)
+            source = device_source(stage, name, self.limiter, computed, self._real, self._index)
             kernel = self._compiled[key] = compiled(source)
         launch(kernel, stage, *arguments)

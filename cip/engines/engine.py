@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -36,6 +36,16 @@ class _Memory(threading.local):
         # number.
         self.counts: dict[Any, tuple[float, int]] = {}
         self.spare: list[Any] = []  # arrays of moments, to be used again
+
+
+class Tally(Protocol):
+    """What counts the integrals that pass the walls."""
+
+    def enter(self, amounts: dict[tuple[int, int], float]) -> None:
+        """Count what came in through walls."""
+
+    def leave(self, axis: int, amounts: Any) -> None:
+        """Count what left by both walls of a direction, at the ends of all lines."""
 
 
 class Engine:
@@ -94,8 +104,9 @@ class Engine:
         """Uninitialized memory for the new moments."""
         raise NotImplementedError
 
-    def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
-        """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
+    def launch(self, stage: Stage, m: Any, out: Any, feet: Any, prefix: str = "node_") -> None:
+        """Run a stage's kernel over all nodes with stored feet; the arrays are flat. `prefix`
+        chooses another one than the update."""
         raise NotImplementedError
 
     def launch_path(
@@ -118,11 +129,12 @@ class Engine:
         homogeneous: bool = False,
         kept: list[StageFeet] | None = None,
         known: StageFeet | None = None,
+        tally: Tally | None = None,
     ) -> Any:
         """The moments after a stage of the step [t, t + dt], of one field or of several along the
         first axis. `homogeneous`: data on walls are zero, which makes it linear. Feet that are not
         cached are added to `kept` (on the CPU); `known` feet are reused, unless the kernel computes
-        them."""
+        them. `tally` counts what of one field passes the walls."""
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
         if self._computes(stage, m.size // self.step):
@@ -152,6 +164,13 @@ class Engine:
                     self.correct(new[own], correction.places, correction.values, correction.add)
                 elif not correction.add:
                     self.correct(new[own], correction.places, 0.0 * correction.values, False)
+            for stops in feet.stops:
+                new[own][self.xp.asarray(stops.values)] = new[own][self.xp.asarray(stops.means)]
+        if tally is not None and stage.axis is not None and not self.grid.periodic[stage.axis]:
+            tally.enter(stage.entered(feet))
+            left = self.xp.empty(self.grid.size, self.dtype)
+            self.launch(stage, m, left, feet.data, "node_leaving_")
+            tally.leave(stage.axis, left.reshape(self.grid.nodes) * self.xp.asarray(stage.areas))
         return out
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
@@ -212,7 +231,8 @@ class Engine:
         count = self._counts[stage.part(dt)][1]
         exits: list[Any] = [None] * len(feet)
         counts = (count,) * len(feet)
-        return StageFeet(feet.reshape(-1), exits, t + stage.begin * dt, t_end, counts)
+        made = StageFeet(feet.reshape(-1), exits, t + stage.begin * dt, t_end, counts)
+        return stage.stopped(made)
 
     def _refine(self, stage: Stage, t: float, dt: float, attempt: Callable[[int], int]) -> bool:
         """Call attempt(count) with more and more sub-steps until no path is too coarse. False if
@@ -235,10 +255,10 @@ class Engine:
             self._paths[key] = cpu_loops.compiled(self.grid, stage)
         return self._paths[key]
 
-    def name(self, stage: Stage) -> str:
+    def name(self, stage: Stage, prefix: str = "node_") -> str:
         """Name of the node function; profiles with and without limiter have one for each."""
         limited = self.limiter != 0 and stage.profile in ("cubic", "adini", "bicubic")
-        return f"node_{stage.profile}" + ("_limited" if limited else "")
+        return f"{prefix}{stage.profile}" + ("_limited" if limited else "")
 
     def bounds(self, stage: Stage) -> tuple[float, float]:
         """The bounds that the limiter imposes in a stage: between the sweeps of a splitting only

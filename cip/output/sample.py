@@ -13,7 +13,7 @@ from scipy.sparse import csr_array, diags_array
 from cip.errors import InputError, NotSupported
 from cip.grid import Grid
 from cip.profiles.catalogue import moments
-from cip.stages.state import State
+from cip.stages.state import State, state_of
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
@@ -33,6 +33,17 @@ def sample(state: State, points: ArrayLike) -> Array:
     data = {name: np.asarray(state.data[q], dtype=float) for q, name in enumerate(state.names)}
     found = profile_value(state.profile, data, state.grid, place.reshape(state.grid.dim, -1))
     return np.asarray(found).reshape(place.shape[1:])
+
+
+def sample_sea(state: State, points: ArrayLike, land: NDArray[np.bool_]) -> Array:
+    """As `sample` beside land, where the field is 0: in several dimensions by the parabolas of
+    csl2, since the slopes of csl4 would be taken across coasts."""
+    grid = state.grid
+    if grid.dim > 1:
+        state = state_of(grid, "csl2", state.data, state.t)
+    found, place = sample(state, points), points_of(points, grid.dim)
+    cells = [_cells(grid, axis, x.ravel())[0] for axis, x in enumerate(place)]
+    return np.where(land[tuple(cells)].reshape(found.shape), 0.0, found)
 
 
 def points_of(points: ArrayLike, dim: int) -> Array:

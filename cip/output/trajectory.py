@@ -11,9 +11,10 @@ from typing import Any, Protocol, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cip.errors import InputError
+from cip.errors import InputError, NotSupported
+from cip.output.budget import Budget
 from cip.output.recorder import HEAD, Gauges, gauges_of, read_run
-from cip.output.sample import sample
+from cip.output.sample import sample, sample_sea
 from cip.profiles.catalogue import moments
 from cip.stages.state import State, by_field, states_in
 from cip.stages.state_dataset import state_dataset
@@ -27,6 +28,7 @@ class Scheme(Protocol):
     """The attributes of a solver that a trajectory reads."""
 
     form: Any
+    land: Any
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,7 @@ class Trajectory:
     dt: float
     interrupted: bool = False
     gauges: Gauges | None = None
+    _budget: Budget | None = None
 
     def __repr__(self) -> str:
         first, last = self.states[0], self.states[-1]
@@ -170,6 +173,23 @@ class Trajectory:
             )
         return Diagnostics(*np.array(rows, dtype=float).T)
 
+    @property
+    def budget(self) -> Budget:
+        """What came in and left by each wall, was added and decayed, up to each snapshot.
+
+        Raises
+        ------
+        NotSupported
+            A profile that does not keep the integral, several fields, or a run that went on from a
+            file or was loaded from one.
+        """
+        if self._budget is None:
+            raise NotSupported(
+                "budget: it is kept for one field of 'csl2' or 'csl4' with form='advection', in a "
+                f"run from its beginning; this one is of {self.states[0].profile!r}"
+            )
+        return self._budget
+
     def sample(self, points: ArrayLike, place: int = -1) -> Any:
         """The field of one snapshot between the nodes, by its profile.
 
@@ -194,6 +214,10 @@ class Trajectory:
         >>> print(f"{run.sample([0.013])[0]:.4f}")  # the exact value is 0.0816
         0.0816
         """
+        if self.solver.land is not None:
+            return by_field(
+                self.states[place], lambda one: sample_sea(one, points, self.solver.land)
+            )
         return by_field(self.states[place], lambda one: sample(one, points))
 
     def to_xarray(self, start: Any = None, units: Mapping[str, str] | None = None) -> Any:

@@ -145,6 +145,7 @@ class Update(NamedTuple):
     dim: Index  # of the grid
     axis: Index  # direction of a sweep, 0 for a plane
     advect: Index  # 1: p_t + div(c p) = 0, 0: u_t + c . grad u = 0
+    coasts: Index = 0  # 1: the feet are followed by the sides of coasts of all blocks
 
 
 class Limits(NamedTuple):
@@ -163,6 +164,7 @@ class Means(NamedTuple):
     slope: Index  # unused if not carried
     mean: Index
     carried: Index  # whether there are slopes
+    sides: Index = -1  # offset among the feet of the sides of coasts; -1: there are none
 
 
 class Cell(NamedTuple):

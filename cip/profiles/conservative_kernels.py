@@ -97,9 +97,36 @@ def slope_of(m: Array, line: Line, value: Index, mean: Index, i: Index) -> Real:
 
 
 @kernel
+def slope_at(m: Array, feet: Array, line: Line, means: Means, i: Index) -> Real:
+    """Slope at node i: by `slope_of`, beside a coast that of the parabola of one cell."""
+    side = 0.0
+    if means.sides >= 0:
+        side = feet[means.sides + i * line.stride]
+    if side == 0.0:
+        return slope_of(m, line, means.value, means.mean, i)
+    if side == 3.0:
+        return 0.0
+    k = i
+    if side == 2.0:
+        k = i - 1
+        if k < 0:
+            k = k + line.n
+    r = k + 1
+    if r == line.n:
+        r = 0
+    a = m[means.value + k * line.stride]
+    b = m[means.value + r * line.stride]
+    six = 6.0 * m[means.mean + k * line.stride]
+    if side == 1.0:
+        return (six - 4.0 * a - 2.0 * b) / line.h[k]
+    return (2.0 * a + 4.0 * b - six) / line.h[k]
+
+
+@kernel
 def profile(
-    m: Array, line: Line, means: Means, cell: Index, s: Real, order: Index, limits: Limits
-) -> tuple[Real, Real, Real]:
+    m: Array, feet: Array, line: Line, means: Means, cell: Index, s: Real, order: Index,
+    limits: Limits,
+) -> tuple[Real, Real, Real]:  # fmt: skip
     """Value, slope (per length) and integral from the left end of a cell, all at s."""
     n = line.n
     stride = line.stride
@@ -121,8 +148,8 @@ def profile(
             va = width * m[means.slope + k * stride]
             vb = width * m[means.slope + r * stride]
         else:
-            va = width * slope_of(m, line, value, mean, k)
-            vb = width * slope_of(m, line, value, mean, r)
+            va = width * slope_at(m, feet, line, means, k)
+            vb = width * slope_at(m, feet, line, means, r)
         f0, f1, mass = csl4(a, b, va, vb, m[mean + k * stride], s, limits)
     return f0, f1 / width, mass * width
 
@@ -168,16 +195,23 @@ def node_csl(
             if carried == 1:
                 slope = size + base
                 mean = 2 * size + base
-            means = Means(value, slope, mean, carried)
+            sides = -1
+            if update.coasts == 1:
+                sides = (count // 2 * (2 + carried) + at // ((2 + carried) * size)) * size + base
+            means = Means(value, slope, mean, carried, sides)
             k1, s1 = cell_of(i, feet[at + o], n, periodic)
-            f0, f1, left = profile(m, line, means, k1, s1, order, limits)
+            f0, f1, left = profile(m, feet, line, means, k1, s1, order, limits)
+            # On a coast before land, in whose cell a limiter would bend the profile.
+            if sides >= 0 and feet[at + o] == 0.0 and feet[sides + i * line.stride] == 2.0:
+                f0 = m[value + i * line.stride]
+                f1 = m[slope + i * line.stride]
             J = feet[at + size + o]
             out[pair * size + o] = J * f0
             if carried == 1:
                 out[size + o] = J * J * f1 + feet[at + 2 * size + o] * f0
             if periodic == 1 or i < n - 1:
                 k2, s2 = cell_of(i + 1, feet[at + base + nxt * line.stride], n, periodic)
-                _value, _slope, right = profile(m, line, means, k2, s2, order, limits)
+                _value, _slope, right = profile(m, feet, line, means, k2, s2, order, limits)
                 if k1 == k2:
                     mass = right - left
                 else:
@@ -204,3 +238,64 @@ def node_csl4(
 ) -> None:
     """Compute new moments of CSL4: values, slopes and means on a line, else values and means."""
     node_csl(m, out, foot, line, update, o, i, limits, 4)
+
+
+@kernel
+def node_leaving(
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index,
+    limits: Limits, order: Index,
+) -> None:  # fmt: skip
+    """Compute what leaves by node i if it is an end of its line: the integral of the old means from
+    there to its foot, per area; 0 for others."""
+    feet = foot.feet
+    n = line.n
+    size = update.size
+    bit = 1
+    for _ in range(update.axis):
+        bit = bit * 2
+    count = 1
+    for _ in range(update.dim):
+        count = count * 2
+    carried = 0
+    if order == 4 and update.dim == 1:
+        carried = 1
+    last = count // 2 - 1
+    at = last * (2 + carried) * size
+    left = 0.0
+    if feet[at + o] != 0.0 and line.periodic == 0 and (i == 0 or i == n - 1):
+        value = (count - 1 - bit) * size + line.first
+        mean = (count - 1) * size + line.first
+        slope = value
+        if carried == 1:
+            slope = size + line.first
+            mean = 2 * size + line.first
+        sides = -1
+        if update.coasts == 1:
+            sides = (count // 2 * (2 + carried) + last) * size + line.first
+        means = Means(value, slope, mean, carried, sides)
+        k1, s1 = cell_of(i, feet[at + o], n, 0)
+        _value, _slope, left = profile(m, feet, line, means, k1, s1, order, limits)
+        if i == 0:
+            for k in range(0, k1):
+                left = left + mass_of(m, line, mean, k)
+        else:
+            left = mass_of(m, line, mean, k1) - left
+            for k in range(k1 + 1, n - 1):
+                left = left + mass_of(m, line, mean, k)
+    out[o] = left
+
+
+@kernel
+def node_leaving_csl2(
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
+) -> None:
+    """Compute what leaves by an end of a line, with the profiles of CSL2."""
+    node_leaving(m, out, foot, line, update, o, i, limits, 2)
+
+
+@kernel
+def node_leaving_csl4(
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limits: Limits
+) -> None:
+    """Compute what leaves by an end of a line, with the profiles of CSL4."""
+    node_leaving(m, out, foot, line, update, o, i, limits, 4)

@@ -56,7 +56,7 @@ def parameter_gradient(stage: Stage, feet: StageFeet, g: Any) -> Any:
     found = np.zeros(len(stage.system.parameters))
     for block in blocks_of(stage):
         points, own = [x.ravel() for x in stage.points(block.bits)], g[block.components]
-        if feet.bounded:  # beyond the wall the velocity need not be defined
+        if feet.bounded or feet.stops:  # beyond the wall the velocity need not be defined
             inside = feet.interior(stage.grid.size, block.number)
             points, own = [x[inside] for x in points], own[:, inside]
         count = feet.substeps[block.number]

@@ -141,7 +141,7 @@ class PathTangent:
                 self._by_kernel(block, feet, values, rows)
             else:
                 rows[:] = self.xp.asarray(self._by_numpy(block, feet, direction))
-            if feet.exits[block.number] is not None:
+            if feet.stops or feet.exits[block.number] is not None:
                 rows[:, self.xp.asarray(~feet.interior(size, block.number))] = 0.0
         return found
 

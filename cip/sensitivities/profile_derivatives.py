@@ -163,7 +163,7 @@ def _conservative(name: str, carried: bool, line: Line) -> list[Expression]:
     quartic, size, foot = name == "csl4", line.n, _Symbols("f")
     means = Means(0, size, (1 + quartic) * size, int(quartic))
     value, slope, mass = plain_kernels()["profile"](
-        _Symbols("m"), line, means, 0, variable("s0"), 4 if quartic else 2, Limits()
+        _Symbols("m"), foot, line, means, 0, variable("s0"), 4 if quartic else 2, Limits()
     )
     J = foot[1]
     slopes = [J * J * slope + foot[2] * value] if carried else []

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 
 from cip.characteristics.feet import Exits, time_scale
-from cip.characteristics.flow_derivatives import System
 from cip.engines.path_kernel import PATH
 from cip.formulas.expression import COORDINATES, Expression, constant, numpy_function, variable
 from cip.stages.stage import Correction, Stage, StageFeet
-from cip.stages.walls import MIDDLE, WallMoments
+from cip.stages.walls import CLOCKS, GAUSS_TIMES, Spread, WallMoments
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -60,7 +59,7 @@ class WallDerivatives:
             if not on.any():
                 continue
             wall = self._wall(axis, side, feet.t_end)
-            paths = _Paths(stage.system, axis, exits, feet, slopes, on)
+            paths = _Paths(stage, block, axis, exits, feet, slopes, on)
             moments = wall.moments(paths)
             if not values.size:
                 values = np.zeros((shape[0], len(moments), shape[1]))
@@ -88,10 +87,13 @@ class _Paths:
     """The paths of a step that begin on one wall, with their derivatives `slopes`."""
 
     def __init__(
-        self, system: System, axis: int, exits: Exits, feet: StageFeet, slopes: Array, on: Any
-    ) -> None:
+        self, stage: Stage, block: int, axis: int, exits: Exits, feet: StageFeet, slopes: Array,
+        on: Any,
+    ) -> None:  # fmt: skip
+        system, nodes = stage.system, exits.nodes[on]
         self.feet, self.ages = feet, exits.ages[on]
-        self.middle = 0.5 * (feet.t_start + feet.t_end)
+        self.clocks, self.spread = stage.clocks(feet), stage.spread(block, nodes)
+        self.here = stage.spread(0, nodes)
         self.point = [x[on] for x in exits.points]
         self.point += [np.zeros(())] * (3 - len(self.point))
         self.jets = [exits.jets[jet][on] for jet in system.jets]
@@ -102,12 +104,12 @@ class _Paths:
             if s != axis:
                 self.moves[s] = self.slopes[q]
 
-    def along(self, function: Any, t: Any, d_time: Any) -> Sequence[Any]:
+    def along(self, function: Any, spread: Spread, t: Any, d_time: Any) -> Sequence[Any]:
         """Evaluate a function from `_Wall.directional` at time t, which changes by `d_time`."""
         units = _units(self.slopes.shape[1])
         moves = [*self.moves, d_time, *self.slopes[:-1], *units]
-        found: Sequence[Any] = function(*self.point, t, *self.jets, self.middle, *moves)
-        return found
+        more = (t, *self.jets, *self.clocks, *moves)
+        return spread.mean(function, self.point, slice(None), *more, rank=2)
 
 
 class _Wall:
@@ -121,22 +123,25 @@ class _Wall:
     def moments(self, paths: _Paths) -> Array:
         """Derivatives of the new moments, shape (moments, parameters, paths)."""
         t = paths.feet.t_end - paths.ages
-        rows = paths.along(self._moments, t, paths.slopes[-1])
+        rows = paths.along(self._moments, paths.spread, t, paths.slopes[-1])
         return _rows(rows, paths.slopes.shape[1:])
 
     def flux(self, paths: _Paths) -> Array:
         """Derivatives of the integral of the influx until each path begins."""
-        rate, slope = self._influx
         start, d_end = paths.feet.t_start, paths.slopes[-1]
         length = (paths.feet.t_end - paths.ages) - start
-        places, weights = np.polynomial.legendre.leggauss(8)
+        places, weights = GAUSS_TIMES
         total = np.zeros(d_end.shape)
         for place, weight in zip(places, weights, strict=True):
             part = 0.5 * (1.0 + place)
             t = start + part * length
-            (value,) = rate(*paths.point, t, paths.middle)
-            (change,) = paths.along(slope, t, part * d_end)
-            total += 0.5 * weight * (d_end * value + length * change)
+            # Normal velocity of the path and data, averaged: values and changes.
+            ends, spreads = [], (paths.here, paths.spread)
+            for (rate, slope), spread in zip(self._influx, spreads, strict=True):
+                ends += spread.mean(rate, paths.point, slice(None), t, *paths.clocks)
+                ends += paths.along(slope, spread, t, part * d_end)
+            c, d_c, g, d_g = ends
+            total += 0.5 * weight * (d_end * c * g + length * (c * d_g + d_c * g))
         return total
 
     @cached_property
@@ -144,17 +149,19 @@ class _Wall:
         return self._directional(self._wall.formulas(*self._place))
 
     @cached_property
-    def _influx(self) -> tuple[Any, Any]:
-        node = self._wall.influx(*self._place)
-        functions = self._wall.functions(*self._place, [node])
-        rate = numpy_function([node], [*COORDINATES, MIDDLE], functions)
-        return rate, self._directional([node])
+    def _influx(self) -> list[tuple[Any, Any]]:
+        found = []
+        for node in self._wall.influx(*self._place):
+            functions = self._wall.functions(*self._place, [node])
+            rate = numpy_function([node], [*COORDINATES, *CLOCKS], functions)
+            found.append((rate, self._directional([node])))
+        return found
 
     def _directional(self, nodes: list[Expression]) -> Any:
         moved = [*self._names, *self._parameters]
         changes = [_along(node, moved) for node in nodes]
         functions = self._wall.functions(*self._place, changes)
-        arguments = [*self._names, MIDDLE, *(f"d_{name}" for name in moved)]
+        arguments = [*self._names, *CLOCKS, *(f"d_{name}" for name in moved)]
         return numpy_function(changes, arguments, functions)
 
 

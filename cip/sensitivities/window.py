@@ -213,6 +213,8 @@ class Window:
         for wall in self._walls(n):
             # Indices are distinct, so the order of additions is fixed.
             xp.add.at(found, xp.asarray(wall.places), xp.asarray(on_walls @ wall.values))
+        for stops in self._feet(n).stops:
+            found[xp.asarray(stops.values)] = found[xp.asarray(stops.means)]
         return found
 
     def _foot_changes(self, n: int, direction: Array) -> Array:
@@ -309,6 +311,10 @@ class Window:
                     found[self._columns[n]] += more
                 continue
             stage, feet, columns = move.stage, self._feet(n), self._wall_columns[n]
+            for stops in feet.stops:
+                values, means = xp.asarray(stops.values), xp.asarray(stops.means)
+                xp.add.at(weight.reshape(-1), means, weight.reshape(-1)[values])
+                weight.reshape(-1)[values] = 0.0
             if columns and feet.bounded and not held:
                 for wall in self._walls(n):
                     own = weight.ravel()[xp.asarray(wall.places)]

@@ -23,6 +23,10 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> 
     if not isinstance(run, Trajectory):
         raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
     check_differentiable(solver.profile, solver.limiter)
+    if solver._coast is not None and solver.profile == "csl4" and solver.grid.dim > 1:
+        raise NotSupported(
+            "land: derivatives of 'csl4' beside land and closed walls are on lines; take 'csl2'"
+        )
     if solver.dtype != np.float64:
         raise InputError("dtype: derivatives need a solver with dtype=float64")
     start, times = run[0], [float(t) for t in run.times[1:]]
@@ -73,7 +77,7 @@ def steps_to(start: State, times: list[float], dt: float) -> list[tuple[float, f
 
 def around(stages: list[Move], solver: Any, t: float, dt: float) -> list[Move | HalfStep]:
     """The moves of the step [t, t + dt]: its stages between the halves of reactions."""
-    before, after = halves(solver._reactions, t, dt)
+    before, after = halves(solver._reactions, t, dt, solver._sea)
     return [*before, *stages, *after]
 
 

@@ -8,16 +8,18 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from cip.engines.engine import Engine
-from cip.errors import InputError
+from cip.errors import InputError, NotSupported
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
 from cip.grid import Grid
-from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
+from cip.output.budget import Tally
+from cip.profiles.catalogue import CONSERVATIVE, LIMITER_CODES, LIMITERS, LINE, PLANE, moments
 from cip.sources.kinetics import Kinetics
 from cip.sources.reaction import HalfStep, halves
+from cip.stages.coast import Coast, coast_of
 from cip.stages.stage import Stage, stages
 from cip.stages.state import State, state_of
-from cip.stages.walls import Wall
+from cip.stages.walls import Wall, closed_walls
 from skfem_adini.ground.arguments import real_array
 
 
@@ -66,7 +68,7 @@ def parts_of(value: Any) -> Iterator[Any]:
 
 def made_scheme(
     grid: Grid, velocity: tuple[Formula, ...], profile: str, advect: bool, rules: list[Rule],
-    own: bool,
+    own: bool, coast: Coast | None,
 ) -> Scheme:  # fmt: skip
     """The stages of one step, which take in data where all fields have some; with `own` a part of
     each stage for every field."""
@@ -75,38 +77,46 @@ def made_scheme(
         for wall, formula in rules[0].data.items()
         if all(wall in rule.data for rule in rules)
     }
-    made = stages(grid, velocity, profile, advect, shared)
+    made = stages(grid, velocity, profile, advect, shared, rules[0].bounds, coast)
     for stage in made if own else []:
         stage.parts = tuple(stage.of_field(rule.data, rule.bounds) for rule in rules)
     return Scheme(made, rules)
 
 
 def advanced(
-    kernels: Engine, scheme: Scheme, kinetics: Kinetics | None, state: State, dt: float
+    kernels: Engine,
+    scheme: Scheme,
+    kinetics: Kinetics | None,
+    state: State,
+    dt: float,
+    sea: Any = None,
+    tally: Tally | None = None,
 ) -> State:
     """The state after a step: the stages between the halves of sources, decay, diffusion and
-    reactions between fields."""
+    reactions between fields. `sea` is the mask of moments that are not on land."""
     data, t = state.data, state.t
-    around = [halves(rule.reactions, t, dt) for rule in scheme.rules]
-    data = _reacted(kernels, state, data, [before for before, _ in around])
+    around = [halves(rule.reactions, t, dt, sea) for rule in scheme.rules]
+    data = _reacted(kernels, state, data, [before for before, _ in around], tally)
     if kinetics is not None:
-        data = kinetics.applied(data, t, 0.5 * dt)
+        data = kinetics.applied(data, t, 0.5 * dt, sea)
     for stage in scheme.stages:
-        data = kernels.apply(stage, data, t, dt)
+        data = kernels.apply(stage, data, t, dt, tally=tally)
     if kinetics is not None:
-        data = kinetics.applied(data, t + 0.5 * dt, 0.5 * dt)
-    data = _reacted(kernels, state, data, [after for _, after in around])
+        data = kinetics.applied(data, t + 0.5 * dt, 0.5 * dt, sea)
+    data = _reacted(kernels, state, data, [after for _, after in around], tally)
     return state_of(state.grid, state.profile, data, t + dt, fields=state.fields)
 
 
-def _reacted(kernels: Engine, state: State, data: Any, steps: list[list[HalfStep]]) -> Any:
+def _reacted(
+    kernels: Engine, state: State, data: Any, steps: list[list[HalfStep]], tally: Tally | None
+) -> Any:
     """The moments after half a step of what acts on each field by itself."""
     if not any(steps):
         return data
     found = []
     for row, halves_of_field in zip(data if state.fields else [data], steps, strict=True):
         for half in halves_of_field:
-            row = half.applied(row)
+            row = half.applied(row, tally)
         found.append(row)
     return kernels.xp.stack(found) if state.fields else found[0]
 
@@ -139,6 +149,22 @@ def with_values(function: Any, values: Mapping[str, float]) -> Any:
         return function
     own = {name: values[name] for name in function.parameters if name in values}
     return function.with_parameters(**own) if own else function
+
+
+def checked_coast(grid: Grid, profile: str, land: Any, boundary: Any) -> Coast | None:
+    """The coasts of land and closed walls; raises unless the profile keeps the integral."""
+    several = list(boundary.values()) if is_by_field(boundary) else [boundary]
+    closed = [closed_walls(one, grid) for one in several]
+    if any(set(one) != set(closed[0]) for one in closed):
+        raise InputError("boundary: a wall is closed for all fields or for none")
+    found = coast_of(grid, land, closed[0])
+    if found is not None and profile not in CONSERVATIVE:
+        argument = "boundary: closed walls" if land is None else "land: it"
+        raise NotSupported(
+            f"{argument} would not keep the integral of {profile!r}; take 'csl2' or 'csl4' with "
+            "form='advection'"
+        )
+    return found
 
 
 Form = Literal["transport", "advection"]

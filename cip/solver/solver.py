@@ -14,16 +14,17 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.characteristics.feet import signed_step
 from cip.engines.engine import Engine, Setting
-from cip.errors import InputError, LeftDomain
+from cip.errors import InputError, LeftDomain, NotSupported
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity, check_periodic
 from cip.grid import Grid
+from cip.output.budget import Tally
 from cip.output.recorder import Recorder
 from cip.output.trajectory import Trajectory
-from cip.profiles.catalogue import LINE
+from cip.profiles.catalogue import CONSERVATIVE, LINE, moments
 from cip.solver.derivatives import derivative
 from cip.solver.scheme import (
     Form,
@@ -35,6 +36,7 @@ from cip.solver.scheme import (
     check_choices,
     check_state,
     check_within,
+    checked_coast,
     form_of,
     is_by_field,
     made_scheme,
@@ -84,7 +86,9 @@ class Solver(Parametrised):
         Inflow data: a number, a formula or a callable ``g(x1, .., t)`` for all walls, or a dict of
         these by wall, ``{"x-": g, "y+": 0.0}``; a `Source` where a formula has named parameters. A
         characteristic that enters through a wall without data raises `LeftDomain`; outflow walls
-        need none.
+        need none. ``"closed"``: nothing passes (csl2 and csl4). In a splitting, csl2, csl4 and
+        linear take all data, best smooth along the wall; other profiles a constant (transport) or
+        0 (advection).
     backend : {"cpu", "cupy"}
     dtype : float64 or float32
     bounds : (low, high)
@@ -108,6 +112,10 @@ class Solver(Parametrised):
     reactions : dict, optional
         Rates of change of fields by name, formulas in all fields, the coordinates and t, as
         ``{"a": "-0.2*a*b", "b": "0.2*a*b"}``, in the unit of the field over time.
+    land : array of bool, shape ``grid.cells``, optional
+        Cells that carry nothing and let nothing through, whatever the velocity there (finite), for
+        csl2 and csl4. Where the flow runs against a coast, what it brings gathers in the coastal
+        cell; where it runs off one, nothing follows.
 
     Notes
     -----
@@ -139,7 +147,8 @@ class Solver(Parametrised):
     adds an error of order dt^2, and so do sources and decay (`cip.sources.reaction`), which act for
     half a step before and after the transport. The integral then changes by that of the source,
     exact for csl2 and csl4, and falls by exp(-k t) exactly for the same k everywhere. In a
-    splitting a source should vanish on walls with inflow; its error there is of order dt. Diffusion
+    splitting with slopes (cubic, quintic) a source should vanish on walls with inflow; its error
+    there is of order dt. Diffusion
     and reactions act for half a step before and after, too. Diffusion is exact for any dt, with the
     same integral; where a flow enters through walls its error there is of order dt. With a limiter
     it is that of second differences, of order 2 in the spacing, whose values never leave the range.
@@ -196,6 +205,7 @@ class Solver(Parametrised):
         decay: Any = None,
         diffusion: Any = None,
         reactions: Mapping[str, Any] | None = None,
+        land: Any = None,
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
@@ -219,6 +229,8 @@ class Solver(Parametrised):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
+        self._coast = checked_coast(grid, self.profile, land, boundary)
+        self.land = None if self._coast is None else self._coast.land
         self.source = mapped(source, lambda one: Source.of(one, "source"))
         self.decay = mapped(decay, lambda one: Source.of(one, "decay"))
         self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
@@ -227,14 +239,10 @@ class Solver(Parametrised):
             of_field(self.bounds, "") or (-np.inf, np.inf), self.bounds_tolerance,
             self.dtype, store_feet, self.steady,
         )  # fmt: skip
-        if backend == "cupy":
-            from cip.engines.cuda_engine import CudaEngine
-
-            self._kernels: Engine = CudaEngine(setting)
-        else:
-            from cip.engines.cpu_engine import CpuEngine
-
-            self._kernels = CpuEngine(setting)
+        self._kernels = engine_of(backend, setting)
+        self._sea: Any = None
+        if self._coast is not None and self._coast.land is not None:
+            self._sea = self._kernels.xp.asarray(self._coast.sea(self.profile))
         # Arguments by names of fields, and the schemes of states by theirs.
         own = {
             "source": source, "decay": decay, "boundary": boundary, "bounds": bounds,
@@ -263,7 +271,8 @@ class Solver(Parametrised):
             rules = [self._rule(name) for name in fields or ("",)]
             own = bool({*self._named} - {"diffusion", "reactions"})
             advect = self.form == "advection"
-            found = made_scheme(self.grid, self._formulas, self.profile, advect, rules, own)
+            given = self.grid, self._formulas, self.profile, advect, rules, own, self._coast
+            found = made_scheme(*given)
         else:
             alike = self._scheme(())
             found = Scheme(alike.stages, alike.rules * len(fields))
@@ -276,15 +285,18 @@ class Solver(Parametrised):
             of_field(one, field) for one in (self.source, self.decay, self._boundary)
         )
         data = walls(boundary, self.grid)
-        bounds = of_field(self.bounds, field) or (-np.inf, np.inf)
+        bounds = (self.limiter == "bounds" and of_field(self.bounds, field)) or (-np.inf, np.inf)
         made = reaction(self.grid, self.profile, source, decay, self._kernels.xp)
-        split = self.grid.dim > 1 and self.profile in LINE
-        if split:
-            check_split(data, self.form == "advection")
+        slopes = any(any(moment.orders) for moment in moments(self.profile, self.grid.dim))
+        fixed = slopes and self.grid.dim > 1 and self.profile in LINE
+        if fixed:
+            check_split(data, self.form == "advection", self.profile)
         inflow = {f"{'xyz'[axis]}{'-+'[side]}": one for (axis, side), one in data.items()}
         both = (made, self._spread(of_field(self.diffusion, field)))
         acting = [one for one in both if one is not None]
-        return Rule(acting, reacted(data, made, split), inflow, bounds)
+        if both[1] is not None and self.land is not None:
+            raise NotSupported("diffusion: it would cross land; leave one of both away")
+        return Rule(acting, reacted(data, made, fixed), inflow, bounds)
 
     def _spread(self, value: Any) -> Any:
         """The diffusion of a field."""
@@ -312,7 +324,7 @@ class Solver(Parametrised):
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay, self.diffusion, self.reactions,
+            self.store_feet, self.source, self.decay, self.diffusion, self.reactions, self.land,
         )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
@@ -329,6 +341,8 @@ class Solver(Parametrised):
             Where the solver works: in host memory, or on the device.
         """
         made = State.from_function(f, self.grid, self.profile, derivatives, t, self.dtype)
+        if self._coast is not None:
+            made.data[...] = np.where(self._coast.sea(self.profile), made.data, 0.0)
         self._accept(made)
         return self._kernels.place(made)
 
@@ -428,13 +442,35 @@ class Solver(Parametrised):
             at = [state.t, 0.5 * (state.t + times[-1]), times[-1]]
             plan = {**first, "times": times, **self._plan(state, at)}
         recorder = Recorder(state, gauges, save, flag("resume", resume), plan)
+        counts = self.profile in CONSERVATIVE and not state.fields and not recorder.states
+        tally = Tally(self.grid) if counts else None
 
         def record(states: Sequence[State], interrupted: bool) -> Trajectory:
-            return Trajectory(tuple(states), self, length, interrupted, recorder.gauges())
+            budget = None
+            if tally is not None:
+                found, mass = np.array([(one.t, one.mass) for one in states]).T
+                budget = tally.budget(found, mass)
+            kept = recorder.gauges()
+            return Trajectory(tuple(states), self, length, interrupted, kept, budget)
 
-        loop = (self._advance, self._begin, record, self._memory_at, recorder)
+        def advance(state: State, dt: float) -> State:
+            new = self._advance(state, dt, tally)
+            if tally is not None:
+                tally.commit()
+            return new
+
         change = checked_callback(callback, self._accept, self._kernels.place)
-        return run(state, t_end, length, snapshots, change, progress, *loop)
+
+        def counted(state: State) -> State:
+            new = state if change is None else change(state)
+            if new is not state and tally is not None:
+                tally.replace(new.mass - state.mass)
+                tally.commit()
+            return new
+
+        loop = (advance, self._begin, record, self._memory_at, recorder)
+        change_all = None if change is None else counted
+        return run(state, t_end, length, snapshots, change_all, progress, *loop)
 
     def _plan(self, state: State, times: Sequence[float]) -> dict[str, Any]:
         """What a run depends on: choices, and values of all functions at some points."""
@@ -467,6 +503,8 @@ class Solver(Parametrised):
             "decay": [values(r.decay_formula) if r and r.decay else None for r in reactions],
             "boundary": [{w: values(one) for w, one in rule.inflow.items()} for rule in rules],
             "diffusion": repr(self.diffusion), "reactions": repr(self.reactions),
+            "land": None if self.land is None else sha256(self.land.tobytes()).hexdigest(),
+            "closed": self._coast is not None,
         }  # fmt: skip
 
     def _memory_at(self, state: State) -> list[Any] | None:
@@ -561,6 +599,8 @@ class Solver(Parametrised):
     def _accept(self, state: State) -> None:
         check_state(state, self.grid, self.profile, self._named)
         self._kinetics_of(state.fields)
+        if self._coast is not None and (state.host().data * ~self._coast.sea(self.profile)).any():
+            raise InputError("state: it is not zero on land; make it with solver.state(f)")
         # A state that this limiter has stepped may exceed them by sources and splitting.
         if self.limiter == "bounds" and state._bounded != self.bounds:
             parts = [state.field(name) for name in state.fields] or [state]
@@ -597,10 +637,11 @@ class Solver(Parametrised):
             what, remedy = f"boundary {name!r}: the field there", "change it, or widen bounds"
             check_within(found, bounds, self.bounds_tolerance, what, remedy)
 
-    def _advance(self, state: State, dt: float) -> State:
+    def _advance(self, state: State, dt: float, tally: Tally | None = None) -> State:
         scheme = self._scheme(state.fields)
         try:
-            new = advanced(self._kernels, scheme, self._kinetics_of(state.fields), state, dt)
+            made = self._kinetics_of(state.fields)
+            new = advanced(self._kernels, scheme, made, state, dt, self._sea, tally)
         except LeftDomain as error:
             most = max(len(rule.inflow) for rule in scheme.rules)
             pairs = zip(state.fields, scheme.rules, strict=False)
@@ -627,3 +668,14 @@ class Solver(Parametrised):
         StageFeet
         """
         return self._kernels.feet(stage, t, dt)
+
+
+def engine_of(backend: str, setting: Setting) -> Engine:
+    """The engine of a backend."""
+    if backend == "cupy":
+        from cip.engines.cuda_engine import CudaEngine
+
+        return CudaEngine(setting)
+    from cip.engines.cpu_engine import CpuEngine
+
+    return CpuEngine(setting)

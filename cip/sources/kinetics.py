@@ -88,13 +88,15 @@ class Kinetics:
         names = [name(field, order) for field in self._fields for order in orders]
         return numpy_function(outputs, [*COORDINATES, *names])
 
-    def applied(self, data: Any, t: float, length: float) -> Any:
-        """The moments of all fields, shape (fields, moments, *nodes), after a time."""
+    def applied(self, data: Any, t: float, length: float, sea: Any = None) -> Any:
+        """The moments of all fields, shape (fields, moments, *nodes), after a time; 0 but at sea,
+        if a mask of moments is given."""
         points = self._xp.stack([self._products.to_points(field) for field in data])
         for rows, point, rates in self._parts:
             points[:, rows] = self._integrated(points[:, rows], point, rates, t, length)
         found = [self._products.to_moments(field) for field in points]
-        return self._xp.stack(found).astype(data.dtype)
+        made = self._xp.stack(found).astype(data.dtype)
+        return made if sea is None else made * sea
 
     def _integrated(self, y: Any, point: list[Any], rates: Any, t: float, length: float) -> Any:
         """Values after a time, by as many steps as their error asks for."""

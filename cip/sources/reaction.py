@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import product
 from math import comb
 from typing import Any
@@ -95,6 +96,12 @@ class Reaction:
         """The derivative of `decayed` in a parameter, from the decayed moments."""
         assert self._decay is not None
         return self._decay.slope(data, t, length, name)
+
+    def integral(self, data: Any) -> float:
+        """The integral of a field, from its means."""
+        volumes = reduce(np.multiply.outer, self._grid.widths)
+        means = data[-1][tuple(slice(0, n) for n in self._grid.cells)]
+        return float((means * self._xp.asarray(volumes)).sum())
 
     def _increment(self, node: Expression, t: float, length: float) -> Any:
         """What a source adds to all moments from t to t + length, in double precision."""
@@ -294,23 +301,23 @@ class ReactedData(Formula):
 
 
 def reacted(
-    data: dict[Wall, Formula], reaction: Reaction | None, split: bool
+    data: dict[Wall, Formula], reaction: Reaction | None, fixed: bool
 ) -> dict[Wall, Formula]:
-    """The data of all walls in the form that the transport of a step needs. In a `split` step they
-    are constant and unchanged; raises `NotSupported` if decay would change them.
+    """The data of all walls in the form that the transport of a step needs. `fixed` ones, of
+    `check_split`, are unchanged; raises `NotSupported` if decay would change them.
     """
     if reaction is None:
         return data
-    if not split:
-        return {wall: ReactedData(formula, reaction) for wall, formula in data.items()}
-    for (axis, side), formula in data.items():
+    for (axis, side), formula in data.items() if fixed else ():
         node = formula.expression
         if reaction.decay is not None and not (node.op == "constant" and node.value == 0.0):
             raise NotSupported(
                 f"decay: with splitting the data of the wall {'xyz'[axis]}{'-+'[side]} must be "
-                "zero; take a direct profile ('adini', 'bicubic') for other data"
+                "zero; take 'csl2' or 'csl4', or a direct profile ('adini', 'bicubic')"
             )
-    return data
+    if fixed:
+        return data
+    return {wall: ReactedData(formula, reaction) for wall, formula in data.items()}
 
 
 Orders = tuple[int, ...]
@@ -469,6 +476,7 @@ class HalfStep:
     t: float  # time at which it begins
     length: float  # duration
     after: bool  # whether it follows the transport
+    sea: Any = None  # mask of the moments that are not on land; None: of all
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -480,14 +488,20 @@ class HalfStep:
         """Whether derivatives in the parameters depend on the moments."""
         return bool(self.reaction.decay_parameters)
 
-    def applied(self, data: Any) -> Any:
-        """The moments after this half."""
+    def applied(self, data: Any, tally: Any = None) -> Any:
+        """The moments after this half; `tally` counts what it adds and what decays."""
         end = self._decayed(data)
-        return self.reaction.added(end, self.t, self.length) if self.after else end
+        if self.after:
+            end = self._masked(self.reaction.added(end, self.t, self.length))
+        if tally is not None and isinstance(self.reaction, Reaction):
+            added = self._masked(self.reaction.added(0.0 * data, self.t, self.length))
+            total = self.reaction.integral(added)
+            tally.react(total, total - self.reaction.integral(end - data))
+        return end
 
     def linear(self, change: Any) -> Any:
         """The change of the moments after it for one before it."""
-        return self.reaction.decayed(change, self.t, self.length)
+        return self._masked(self.reaction.decayed(change, self.t, self.length))
 
     def along(self, data: Any, direction: Any) -> Any:
         """The change of the moments after it for a change of the parameters, in the order of
@@ -501,14 +515,14 @@ class HalfStep:
             if size and name in reaction.decay_parameters:
                 total = total + size * reaction.decay_slope(end, name, self.t, self.length)
         if self.after or isinstance(added, float):
-            return total + added
-        return total + self.linear(added)
+            return self._masked(total + added)
+        return self._masked(total) + self.linear(added)
 
     def pull_back(self, data: Any, weight: Any) -> tuple[Any, list[float]]:
         """The weight of the moments before it, `data`, and the derivatives of weight . (moments
         after it) in the parameters.
         """
-        reaction, found = self.reaction, []
+        reaction, found, weight = self.reaction, [], self._masked(weight)
         end = self._decayed(data) if self.reads_state else None
         before = reaction.decayed(weight, self.t, self.length, transpose=True)
         entering = weight if self.after else before
@@ -529,9 +543,14 @@ class HalfStep:
             data = self.reaction.added(data, self.t, self.length)
         return self.linear(data)
 
+    def _masked(self, data: Any) -> Any:
+        return data if self.sea is None else data * self.sea
 
-def halves(reactions: Sequence[Any], t: float, dt: float) -> tuple[list[HalfStep], list[HalfStep]]:
+
+def halves(
+    reactions: Sequence[Any], t: float, dt: float, sea: Any = None
+) -> tuple[list[HalfStep], list[HalfStep]]:
     """The half steps before and after the transport of the step [t, t + dt], in mirror order."""
     half = 0.5 * dt
-    before = [HalfStep(one, t, half, False) for one in reactions]
-    return before, [HalfStep(one, t + half, half, True) for one in reversed(reactions)]
+    before = [HalfStep(one, t, half, False, sea) for one in reactions]
+    return before, [HalfStep(one, t + half, half, True, sea) for one in reversed(reactions)]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,9 +26,11 @@ from cip.profiles.catalogue import (
     moments,
     plane_jets,
 )
-from cip.stages.walls import Wall, WallMoments
+from cip.stages.coast import Coast, Stops
+from cip.stages.walls import CLOCKS, SplitData, Spread, Wall, WallMoments
 
 Array = NDArray[np.float64]
+_ACROSS = np.polynomial.legendre.leggauss(3)
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,7 @@ class StageFeet:
     t_start: float = 0.0
     t_end: float = 0.0
     substeps: tuple[int, ...] = ()  # of each block
+    stops: tuple[Stops, ...] = ()  # at coasts, of each block; none without coasts
 
     @property
     def bounded(self) -> bool:
@@ -47,8 +52,11 @@ class StageFeet:
         return any(exits is not None for exits in self.exits)
 
     def interior(self, size: int, block: int = 0) -> NDArray[np.bool_]:
-        """For each of the `size` nodes whether its path in a block begins inside the grid."""
+        """For each of the `size` nodes whether its path in a block begins inside the grid, and not
+        on a coast."""
         inside = np.ones(size, bool)
+        if self.stops:
+            inside[self.stops[block].nodes] = False
         exits = self.exits[block]
         if exits is not None:
             inside[exits.nodes] = False
@@ -67,11 +75,12 @@ class Correction:
 class Stage:
     """A sweep along `axis`, or (None) the direct update of a plane, from the fractions `begin` to
     `end` of dt. `before` are the sweeps of the same step before this one, `walls` the data from
-    `cip.stages.walls.walls`."""
+    `cip.stages.walls.walls`, `coast` what stops paths."""
 
     # Of each of several fields, where their walls or bounds differ; this stage has their feet.
     parts: tuple[Stage, ...] = ()
     bounds: tuple[float, float] | None = None  # of a part, for the limiter
+    clocks_of_others: Mapping[int, str] = {}  # how far the sweeps in other directions are
 
     def __init__(
         self,
@@ -84,10 +93,11 @@ class Stage:
         begin: float,
         end: float,
         before: tuple[Stage, ...] = (),
+        coast: Coast | None = None,
     ) -> None:
         self.grid, self.velocity, self.profile, self.advect = grid, velocity, profile, advect
         self.walls, self.axis, self.begin, self.end = walls, axis, begin, end
-        self._before = before
+        self._before, self.coast = before, coast
         self.conservative = profile in CONSERVATIVE
         self.carries_slopes = carries_slopes(profile, grid.dim)
         self.moving = (0, 1) if axis is None else (axis,)
@@ -102,8 +112,28 @@ class Stage:
     def of_field(self, walls: dict[Wall, Formula], bounds: tuple[float, float]) -> Stage:
         """This stage for a field with its own data on walls and bounds of the limiter."""
         found = copy(self)
-        found.walls, found.bounds, found._wall_moments = walls, bounds, None
+        found.bounds, found._wall_moments = bounds, None
+        found.__dict__.pop("wall_parameters", None)
+        found.take(walls, bounds)
         return found
+
+    def take(self, walls: dict[Wall, Formula], bounds: tuple[float, float]) -> None:
+        """Take data on walls as this sweep sees them: in a splitting those of the split flow, kept
+        within `bounds`, or of their sign where sweeps compress."""
+        self.walls = walls
+        if not self.clocks_of_others:
+            return
+        pairs = zip(self.velocity, COORDINATES, strict=False)
+        slopes = [c.expression.derivative(x) for c, x in pairs]
+        if self.advect and any(slope.op != "constant" or slope.value != 0.0 for slope in slopes):
+            bounds = (
+                0.0 if bounds[0] >= 0.0 else -np.inf, 0.0 if bounds[1] <= 0.0 else np.inf
+            )  # fmt: skip
+        self.walls = {
+            wall: SplitData(formula, self.velocity, self.advect, self.clocks_of_others, bounds)
+            for wall, formula in walls.items()
+            if wall[0] == self.axis
+        }
 
     @property
     def parameters(self) -> list[float]:
@@ -152,11 +182,29 @@ class Stage:
         for block in self.blocks:
             points = self.points(block)
             found = integrate(self.grid, self.velocity, self.system, points, t_end, length)
-            check_inside(self.grid, found.exits, set(self.walls), t_end)
             rows.extend(self._components(found.jets, points))
             exits.append(found.exits)
             substeps.append(found.substeps)
-        return StageFeet(np.concatenate(rows), exits, t_start, t_end, tuple(substeps))
+        made = StageFeet(np.concatenate(rows), exits, t_start, t_end, tuple(substeps))
+        made = self.stopped(made)
+        for one in made.exits:
+            check_inside(self.grid, one, set(self.walls), t_end)
+        return made
+
+    def stopped(self, feet: StageFeet) -> StageFeet:
+        """The feet of paths that stop at coasts, followed by the sides of all blocks."""
+        if self.coast is None or self.axis is None:
+            return feet
+        data, sides, stops, exits = feet.data.copy(), [], [], list(feet.exits)
+        rows = data.reshape(len(self.blocks), len(self.jets), self.grid.size)
+        for q, block in enumerate(self.blocks):
+            mean = 2 if self.carries_slopes else block + (1 << self.axis)
+            own = self.coast.stopped(self.axis, block, rows[q], exits[q], mean)
+            stops.append(own[0])
+            exits[q] = own[1]
+            sides.append(own[2])
+        data = np.concatenate([data, *sides])
+        return replace(feet, data=data, exits=exits, stops=tuple(stops))
 
     def _components(self, jets: dict[Jet, Array], points: list[Array]) -> list[Array]:
         """The jets in the order of the kernels, displacements in cells, log det made det."""
@@ -185,10 +233,59 @@ class Stage:
         for block, exits in zip(self.blocks, feet.exits, strict=True):
             if exits is None:
                 continue
-            values = wall.values(exits, feet.t_start, feet.t_end)
-            flux = wall.flux(exits, feet.t_start, feet.t_end) if self.conservative else None
+            where = self.clocks(feet), self.spread(block, exits.nodes)
+            values, flux = wall.values(exits, feet.t_end, *where), None
+            if self.conservative:
+                flux = wall.flux(exits, feet.t_start, feet.t_end, *where)
             found += self.placed(block, exits.nodes, values, flux)
         return found
+
+    def entered(self, feet: StageFeet) -> dict[Wall, float]:
+        """What came in through each wall with data; negative for what also left by another one."""
+        assert self.axis is not None
+        grid, exits, block = self.grid, feet.exits[-1], self.blocks[-1]
+        found: dict[Wall, float] = {}
+        stride = int(np.prod(grid.nodes[self.axis + 1 :]))
+        if exits is None:
+            return found
+        for side in (0, 1):
+            end = grid.cells[self.axis] * side
+            ends = exits.kept(exits.nodes // stride % grid.nodes[self.axis] == end)
+            if ends is None:
+                continue
+            where = self.clocks(feet), self.spread(block, ends.nodes)
+            wall = self.wall_moments(feet.t_end)
+            flux = wall.flux(ends, feet.t_start, feet.t_end, *where)
+            area = self.areas.ravel()[ends.nodes]
+            found[self.axis, side] = (1.0 - 2.0 * side) * float(np.sum(flux * area))
+        return found
+
+    @cached_property
+    def areas(self) -> Array:
+        """Of each node the area of the cells across the sweep that begin there, or 0."""
+        widths = [
+            np.ones(n) if axis == self.axis else np.append(width, 0.0)[:n]
+            for axis, (n, width) in enumerate(zip(self.grid.nodes, self.grid.widths, strict=True))
+        ]
+        return reduce(np.multiply.outer, widths)
+
+    def clocks(self, feet: StageFeet) -> tuple[float, ...]:
+        """Beginning, middle and end of the whole step."""
+        dt = (feet.t_end - feet.t_start) / (self.end - self.begin)
+        return tuple(feet.t_start + (part - self.begin) * dt for part in (0.0, 0.5, 1.0))
+
+    def spread(self, block: int, nodes: NDArray[np.int64]) -> Spread:
+        """The points over which data on walls are averaged for a block of feet: Gauss's rule of
+        three in each direction of its means, none (a width of 0) where no cell begins."""
+        across = [axis for axis in range(self.grid.dim) if block >> axis & 1]
+        index, rule = np.unravel_index(nodes, self.grid.nodes), _ACROSS
+        places = list(product(rule[0], repeat=len(across)))
+        shifts = np.zeros((len(places), 3, nodes.size))
+        for q, axis in enumerate(across):
+            width = np.append(self.grid.widths[axis], 0.0)[index[axis]]
+            shifts[:, axis] = [0.5 * place[q] * width for place in places]
+        weights = [np.prod(one) for one in product(0.5 * rule[1], repeat=len(across))]
+        return Spread(shifts, np.array(weights))
 
     def placed(
         self, block: int, nodes: NDArray[np.int64], values: Array, flux: Array | None
@@ -313,15 +410,23 @@ def stages(
     profile: str,
     advect: bool,
     walls: dict[Wall, Formula],
+    bounds: tuple[float, float] = (-np.inf, np.inf),
+    coast: Coast | None = None,
 ) -> list[Stage]:
-    """The stages of one step: one, or the symmetric sequence of Strang's splitting."""
+    """The stages of one step: one, or the symmetric sequence of Strang's splitting, in which data
+    on walls are kept within `bounds`, or of their sign where sweeps compress."""
     if profile in PLANE:
         return [Stage(grid, velocity, profile, advect, walls, None, 0.0, 1.0)]
     last = grid.dim - 1
     first = [(axis, 0.0, 0.5) for axis in range(last)]
     order = [*first, (last, 0.0, 1.0), *((axis, 0.5, 1.0) for axis, _, _ in reversed(first))]
     found: list[Stage] = []
+    done = [0.0] * grid.dim
     for axis, begin, end in order:
-        part = (axis, begin, end, tuple(found))
-        found.append(Stage(grid, velocity, profile, advect, walls, *part))
+        others = {b: CLOCKS[int(2.0 * part)] for b, part in enumerate(done) if b != axis}
+        part = (axis, begin, end, tuple(found), coast)
+        found.append(Stage(grid, velocity, profile, advect, {}, *part))
+        found[-1].clocks_of_others = others
+        found[-1].take(walls, bounds)
+        done[axis] = end
     return found

@@ -15,7 +15,9 @@ one dimension this is u_x = -g'(t*) / c(x).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,7 @@ from cip.errors import InputError, NotSupported
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
+    apply,
     derived,
     numpy_function,
     opaque,
@@ -42,8 +45,10 @@ from cip.grid import Grid
 Array = NDArray[np.float64]
 Wall = tuple[int, int]
 _FIELD = "w"
-# Time variable of data changed by sources and decay: the time in the middle of the step.
-MIDDLE = "middle"
+GAUSS_TIMES = np.polynomial.legendre.leggauss(8)  # exact to degree 15
+CLOSED = "closed"  # a wall that nothing passes
+# Time variables of data changed by sources and decay or by other sweeps: those of the step.
+CLOCKS = _BEGIN, MIDDLE, _END = "begin", "middle", "end"
 
 
 def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
@@ -69,10 +74,24 @@ def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
         axis, side = known[name]
         if grid.periodic[axis]:
             raise InputError(f"boundary: data for {name!r}, but the grid is periodic there")
-        if value is None or (isinstance(value, str) and value == "outflow"):
+        if value is None or (isinstance(value, str) and value in ("outflow", CLOSED)):
             continue
         found[axis, side] = _formula(value, grid, f"boundary {name!r}")
     return found
+
+
+def closed_walls(boundary: Any, grid: Grid) -> list[Wall]:
+    """The walls that the argument `boundary` of the solver closes; `walls` checks its names."""
+    found = []
+    for axis, side in product(range(grid.dim), (0, 1)):
+        given = boundary.get(_name((axis, side))) if isinstance(boundary, Mapping) else boundary
+        if not grid.periodic[axis] and isinstance(given, str) and given == CLOSED:
+            found.append((axis, side))
+    return found
+
+
+def _name(wall: Wall) -> str:
+    return f"{'xyz'[wall[0]]}{'-+'[wall[1]]}"
 
 
 def _formula(value: Any, grid: Grid, name: str) -> Formula:
@@ -91,7 +110,7 @@ def portable_boundary(boundary: Any, grid: Grid) -> Any:
     """The argument `boundary` of the solver in a picklable form."""
 
     def part(value: Any) -> Any:
-        if isinstance(value, Source):
+        if isinstance(value, Source) or (isinstance(value, str) and value in ("outflow", CLOSED)):
             return value
 
         def trace() -> dict[tuple[str, ...], Any]:
@@ -106,8 +125,9 @@ def portable_boundary(boundary: Any, grid: Grid) -> Any:
     return part(boundary)
 
 
-def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:
-    """Refuse boundary data with a splitting, unless they are exact for one sweep at a time."""
+def check_split(data: Mapping[Wall, Formula], advect: bool, profile: str) -> None:
+    """Refuse data with a splitting for a profile with slopes, unless exact for each sweep: slopes
+    from data with an error of order dt^2 have one of order dt, and spoil the values in the end."""
     for (axis, side), formula in data.items():
         node = formula.expression
         zero = node.op == "constant" and node.value == 0.0
@@ -117,9 +137,61 @@ def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:
         if not (zero if advect else number):
             needed = "zero" if advect else "constant"
             raise NotSupported(
-                f"boundary: with splitting the data of the wall {'xyz'[axis]}{'-+'[side]} must be "
-                f"{needed}; take a direct profile ('adini', 'bicubic') for other data"
+                f"boundary: with splitting {profile!r} needs {needed} data on the wall "
+                f"{'xyz'[axis]}{'-+'[side]}; take 'csl2' or 'csl4' with form='advection', or a "
+                "direct profile ('adini', 'bicubic') for other data"
             )
+
+
+class SplitData(Formula):
+    r"""The data g of a wall as a sweep at the time t takes them. The step has applied the sweeps
+    along other directions b, :math:`L_b g = -(c_b g)_b` or :math:`-c_b g_b`, up to the times
+    :math:`t_b`, variables `clocks` by b; so the split flow has :math:`g + \sum_b (t_b - t) L_b g`
+    there, up to an error of order dt^2. It is clipped to `bounds`, as it may leave those of g."""
+
+    def __init__(
+        self,
+        data: Formula,
+        velocity: Sequence[Formula],
+        advect: bool,
+        clocks: Mapping[int, str],
+        bounds: tuple[float, float],
+    ) -> None:
+        self._data, g = data, data.expression
+        node = g
+        for b, clock in clocks.items():
+            c, x = velocity[b].expression, COORDINATES[b]
+            rate = (c * g).derivative(x) if advect else c * g.derivative(x)
+            node = node - (variable(clock) - variable("t")) * rate
+        for limit, sign in zip(bounds, (1.0, -1.0), strict=True):
+            if node is not g and np.isfinite(limit):
+                node = 0.5 * (node + limit + sign * apply("abs", node - limit))
+        super().__init__(node, data.dim)
+
+    def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
+        """The callables and numbers in `nodes` of the data; `WallMoments` knows the velocity's."""
+        return self._data.functions(nodes, steps)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Points across a sweep, over which data are averaged: `shifts` from each path's place on the
+    wall, shape (points, 3, paths), and their weights."""
+
+    shifts: Array
+    weights: Array
+
+    def mean(
+        self, function: Any, point: Sequence[Array], on: Any, *more: Any, rank: int = 1
+    ) -> list[Any]:
+        """Averages of all results of function(x1, x2, x3, *more), arrays with `rank` axes, for the
+        paths `on` at `point`."""
+        shifts, each = self.shifts[..., on], (self.weights.size, *([1] * rank))
+        shifts = shifts.reshape(*shifts.shape[:2], *([1] * (rank - 1)), -1)
+        found = function(*(x + shifts[:, axis] for axis, x in enumerate(point)), *more)
+        shapes = (np.broadcast_shapes(np.shape(value), each) for value in found)
+        rows = (np.broadcast_to(value, shape) for value, shape in zip(found, shapes, strict=True))
+        return [np.tensordot(self.weights, row, 1) for row in rows]
 
 
 class WallMoments:
@@ -146,9 +218,11 @@ class WallMoments:
         self._jets = sorted(name for name in names if name.startswith("j"))
         self._combine = numpy_function(self._outputs, [*self._fields, *self._jets])
 
-    def values(self, exits: Exits, t_start: float, t_end: float) -> Array:
-        """One row for each moment, one column for each path that begins on a wall."""
-        middle = 0.5 * (t_start + t_end)
+    def values(
+        self, exits: Exits, t_end: float, clocks: tuple[float, ...], spread: Spread
+    ) -> Array:
+        """One row for each moment, one column for each path that begins on a wall. `clocks` are
+        the values of `CLOCKS`."""
         result = np.zeros((len(self._outputs), exits.nodes.size))
         for axis, side in self._data:
             on = (exits.axis == axis) & (exits.side == side)
@@ -158,27 +232,31 @@ class WallMoments:
             point += [np.zeros(())] * (3 - len(point))
             jets = [exits.jets[Jet.named(name)][on] for name in self._jets]
             with np.errstate(all="ignore"):  # `State.require_finite` reports what is not finite
-                fields = self._wall(axis, side)(*point, t_end - exits.ages[on], middle)
+                wall, times = self._wall(axis, side), t_end - exits.ages[on]
+                fields = spread.mean(wall, point, on, times, *clocks)
                 for row, value in zip(result, self._combine(*fields, *jets), strict=True):
                     row[on] = value
         return result
 
-    def flux(self, exits: Exits, t_start: float, t_end: float) -> Array:
-        """Integral of c g (normal velocity, data) from `t_start` until each path begins, signed."""
+    def flux(
+        self, exits: Exits, t_start: float, t_end: float, clocks: tuple[float, ...], spread: Spread
+    ) -> Array:
+        """Signed integral of c g, normal velocity and data, from `t_start` until each path begins.
+        The data are averaged, the velocity is that of the path, as in the interior."""
         result = np.zeros(exits.nodes.size)
-        places, weights = np.polynomial.legendre.leggauss(8)  # exact to degree 15 in time
+        places, weights = GAUSS_TIMES
         for axis, side in self._data:
             on = (exits.axis == axis) & (exits.side == side)
+            node = self._data[axis, side].expression
+            if not on.any() or (node.op == "constant" and node.value == 0.0):
+                continue
             length = (t_end - exits.ages[on]) - t_start
             point = [x[on] for x in exits.points]
             point += [np.zeros(())] * (3 - len(point))
-            c = self._velocity[axis].derivative(ZERO, self._steps)
-            node = self._data[axis, side].expression
-            g = self._on(axis, side, [node])
-            middle = 0.5 * (t_start + t_end)
-            for place, weight in zip(places, weights, strict=True):
-                t = t_start + 0.5 * (1.0 + place) * length
-                result[on] += 0.5 * weight * length * c(*point, t) * g(*point, t, middle)[0]
+            t = t_start + 0.5 * (1.0 + places[:, None]) * length
+            c = self._velocity[axis].derivative(ZERO, self._steps)(*point, t)
+            (g,) = spread.mean(self._on(axis, side, [node]), point, on, t, *clocks, rank=2)
+            result[on] += 0.5 * length * np.tensordot(weights, c * g, 1)
         return result
 
     def formulas(self, axis: int, side: int) -> list[Expression]:
@@ -187,9 +265,9 @@ class WallMoments:
         table = {variable(name): node for name, node in zip(self._fields, fields, strict=True)}
         return [_substitute(output, table) for output in self._outputs]
 
-    def influx(self, axis: int, side: int) -> Expression:
-        """The rate at which the field enters through a wall per area, signed by the direction."""
-        return self._velocity[axis].expression * self._data[axis, side].expression
+    def influx(self, axis: int, side: int) -> list[Expression]:
+        """The normal velocity and the data, whose product enters through a wall per area."""
+        return [self._velocity[axis].expression, self._data[axis, side].expression]
 
     def functions(self, axis: int, side: int, nodes: Sequence[Expression]) -> dict[str, Any]:
         """The callables and the numbers of parameters in these formulas, by names in code."""
@@ -204,9 +282,9 @@ class WallMoments:
         return self._on(axis, side, nodes)
 
     def _on(self, axis: int, side: int, nodes: list[Expression]) -> Any:
-        """Formulas on a wall as a function of x1, x2, x3, t and the middle of the step."""
+        """Formulas on a wall as a function of x1, x2, x3, t and the times of the step."""
         functions = self.functions(axis, side, nodes)
-        return numpy_function(nodes, (*COORDINATES, MIDDLE), functions)
+        return numpy_function(nodes, (*COORDINATES, *CLOCKS), functions)
 
     def _fields_on(self, axis: int, side: int) -> list[Expression]:
         """The field and its derivatives on a wall, in the order of `_fields`."""

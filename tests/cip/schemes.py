@@ -60,6 +60,7 @@ FAMILIES = {
     "sweeps": [
         *[(f, *s) for f in ("uneven", "empty tube", "empty space") for s in (NODAL[1], *MEANS)],
         *[(f, *s) for f in ("uneven", "tube", "space") for s in (NODAL[0], NODAL[2])],
+        *[(f, *s) for f in ("box", "gusty box", "space") for s in MEANS],
     ],
     "reactions": [
         (f, p, "advection" if p[0] == "c" and p[1] == "s" else "transport", kind)
@@ -70,6 +71,7 @@ FAMILIES = {
     "reactions in planes and space": [
         *[("box", *DIRECT[0], "unsteady"), ("box", *DIRECT[2], "unsteady")],
         *[("torus", *DIRECT[2], "unsteady"), ("uneven", *MEANS[1], "unsteady")],
+        ("box", *MEANS[0], "unsteady"),
         *[("knot", *NODAL[0], "unsteady"), ("knot", *MEANS[0], "unsteady")],
     ],
 }

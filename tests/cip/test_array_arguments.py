@@ -127,6 +127,7 @@ def emitted(times, arrays):
 TWO, SIDES = np.array([0.2, 0.3]), np.array([True, False])
 THREE, diffusion = np.array([True, False, True, True]), Covariance.diffusion
 bent = partial(Grid.from_coordinates, TIMES6, TIMES6)
+sea = partial(Solver, LINE, 1.0, "advection", "csl2")
 splines = partial(cip.SplineVelocity, degree=3)
 TAKE = {
     "Covariance root": (ROOT, rooted),
@@ -150,6 +151,7 @@ TAKE = {
     "Solver velocity": (FIELD, lambda v: of_solver("velocity", [v, 1.0])),
     "Solver source": (FIELD, lambda v: of_solver("source", v)),
     "Solver decay": (FIELD, lambda v: of_solver("decay", v)),
+    "Solver land": (NODAL.mean() < NODAL, held(lambda v: sea(land=v), "land")),
     "Solver diffusion": (TWO, held(lambda v: Solver(PLANE, (1.0, 0.5), diffusion=v), "diffusion")),
     "Solver bounds": (np.array([0.0, 2.0]), held(lambda v: Solver(LINE, 1.0, bounds=v), "bounds")),
     "Solver.run snapshots": (np.array([0.3, 0.6]), ran),
@@ -187,7 +189,7 @@ MISSING |= {name for name in TAKE if name.startswith("identify_velocity data")}
 # They take no arrays of numbers, or hold what functions of the package have computed.
 NONE = """
     Covariance.patterns states | Grid.index_displacement .* | IdentifiedVelocity.plot ax
-    | (Analysis|Diagnostics|Identifiability|IdentifiedVelocity|Placement) [a-z0-9_]+
+    | (Analysis|Budget|Diagnostics|Identifiability|IdentifiedVelocity|Placement) [a-z0-9_]+
     | FlowMap [a-z0-9_]+ | FlowMap.plot ax | flow_map velocity
     | Sensors.from_xarray .* | Solver boundary | Solver.run (callback|save)
     | Solver.state derivatives

@@ -199,6 +199,13 @@ def early(shape=(2, 8)):
     return cip.Source.from_snapshots([0, 1], np.ones(shape), LINE)
 
 
+WEST = np.arange(8) < 3
+
+
+def at_sea(land, **more):
+    return Solver(LINE, 1.0, "advection", "csl2", land=land, **more)
+
+
 SPLIT = {"profile": "cubic", "splitting": "strang", "boundary": 1.0}
 SOURCES = [
     ("source: .*, got True", lambda: line(source=True)),
@@ -226,9 +233,19 @@ SOURCES = [
      lambda: line(source=early()).run(state(0.0), 1.5, dt=0.1)),
     ("source: snapshots in 1 directions on a grid of 2",
      lambda: Solver(PLANE, (0.0, 0.0), source=early())),
+    *rows(r"land: expected one True or False for each cell, shape \(8,\)", at_sea,
+          np.zeros(9, bool), np.zeros(8), True),
+    *rows("land: ", at_sea, "sea", np.ma.masked_array(WEST, WEST)),
+    ("land: every cell is land", lambda: at_sea(np.ones(8, bool))),
+    ("state: it is not zero on land", lambda: at_sea(WEST).step(at_sea(None).state(1.0), 0.1)),
+    *rows("land: .* take 'csl2' or 'csl4'", lambda name: line(profile=name, land=WEST),
+          "cubic", "linear"),
+    ("diffusion: it would cross land", lambda: at_sea(WEST, diffusion=0.1)),
+    ("boundary: closed walls .* take 'csl2'", lambda: Solver(OPEN, 1.0, boundary="closed")),
+    ("boundary: with splitting 'cubic' needs constant data on the wall x-",
+     lambda: Solver(PLANE, (1.0, 1.0), **{**SPLIT, "boundary": "sin(t)"})),
     ("decay: with splitting the data of the wall x- must",
      lambda: Solver(PLANE, (1.0, 0.0), decay=1.0, **SPLIT)),
-    ("splitting", lambda: Solver(PLANE, (1.0, 1.0), **{**SPLIT, "boundary": "sin(t)"})),
 ]  # fmt: skip
 
 WIDE = Grid([(0, 1), (0, 2)], (8, 9))
@@ -543,7 +560,10 @@ TABLES = {
 }  # fmt: skip
 # What is no InputError, by the words of the message.
 OTHERS = dict.fromkeys([words for words, _ in NO_DERIVATIVES], cip.NotSupported) | {
-    "splitting": cip.NotSupported,
+    "land: .* take 'csl2' or 'csl4'": cip.NotSupported,
+    "boundary: closed walls .* take 'csl2'": cip.NotSupported,
+    "diffusion: it would cross land": cip.NotSupported,
+    "boundary: with splitting 'cubic' needs constant data on the wall x-": cip.NotSupported,
     "decay: with splitting the data of the wall x- must": cip.NotSupported,
     "not linear in its moments": cip.NotSupported,
     "limiter: ": cip.NotSupported,

@@ -31,6 +31,11 @@ def run():
     return solver.run(solver.state("x1**2"), 0.2, dt=0.1, snapshots=2)
 
 
+def through():
+    solver = Solver(Grid((0, 1), 8), 1.0, "advection", "csl2", boundary={"x-": 2.0})
+    return solver.run(solver.state("x1**2"), 0.2, dt=0.1, snapshots=2)
+
+
 def identified():
     grid = Grid((0, 1), 48, periodic=True)
     solver = Solver(grid, SplineVelocity(grid, 6, 1.0))
@@ -59,6 +64,7 @@ def placement():
 
 MAKE = {
     "Analysis": analysis,
+    "Budget": lambda: through().budget,
     "Covariance": covariance,
     "FlowMap": lambda: cip.flow_map(1.0, RING, 0.0, 0.2),
     "Diagnostics": lambda: run().diagnostics,
@@ -87,7 +93,10 @@ def same(one, other):
         assert len(one) == len(other)
         for pair in zip(one, other, strict=True):
             same(*pair)
-    elif isinstance(one, Grid | State | cip.Diagnostics):
+    elif isinstance(one, dict):
+        assert one.keys() == other.keys()
+        same(list(one.values()), list(other.values()))
+    elif isinstance(one, Grid | State | cip.Budget | cip.Diagnostics):
         assert vars(one).keys() == vars(other).keys()
         for name, value in vars(one).items():
             same(value, vars(other)[name])

@@ -122,3 +122,9 @@ def test_identification(run):
     assert found["lost"] > 0.1
     assert "do not determine" in found["said"][0]
     assert np.max(np.abs(found["z"])) < 4.0
+
+
+def test_regional(run):
+    found = run("cip_regional", says="unaccounted", files=["cip_regional.png"])
+    assert found.inflow["x-"][-1] > found.outflow["x+"][-1] > 0.1
+    assert np.abs(found.residual).max() < 1e-13
