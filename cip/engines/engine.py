@@ -265,7 +265,7 @@ class Engine:
         found = self._counts.get(key)
         if found is None:
             found = self._counts[key] = (t, stage.substeps(t, dt))
-        elif not self.setting.steady and abs(t - found[0]) > LIMITS.renewal * dt:
+        elif not self.setting.steady and abs(t - found[0]) > LIMITS.renewal * abs(dt):
             # A velocity that was steep between the nodes of the sample does not become smooth at
             # once: take at least half of the last number, and an even one.
             found = self._counts[key] = (t, max(stage.substeps(t, dt), 2 * (found[1] // 4)))

@@ -23,6 +23,7 @@ from skfem_adini.ground.arguments import real_array
 class Rule(NamedTuple):
     """What holds for one field."""
 
+    reactions: list[Any]  # sources and decay, diffusion
     reaction: Reaction | None
     data: dict[Wall, Formula]  # on walls, with what the reaction does to them in a step
     inflow: dict[str, Formula]  # the same without it, by names of walls
@@ -81,12 +82,9 @@ def made_scheme(
 
 
 def advanced(kernels: Engine, scheme: Scheme, state: State, dt: float) -> State:
-    """The state after a step: the stages between the halves of sources and decay."""
+    """The state after a step: the stages between the halves of sources, decay and diffusion."""
     data, t = state.data, state.t
-    around = [
-        (None, None) if rule.reaction is None else halves(rule.reaction, t, dt)
-        for rule in scheme.rules
-    ]
+    around = [halves(rule.reactions, t, dt) for rule in scheme.rules]
     data = _reacted(kernels, state, data, [before for before, _ in around])
     for stage in scheme.stages:
         data = kernels.apply(stage, data, t, dt)
@@ -94,14 +92,15 @@ def advanced(kernels: Engine, scheme: Scheme, state: State, dt: float) -> State:
     return state_of(state.grid, state.profile, data, t + dt, fields=state.fields)
 
 
-def _reacted(kernels: Engine, state: State, data: Any, steps: list[HalfStep | None]) -> Any:
-    """The moments after half a step of the sources and decays of all fields."""
-    if all(half is None for half in steps):
+def _reacted(kernels: Engine, state: State, data: Any, steps: list[list[HalfStep]]) -> Any:
+    """The moments after half a step of the sources, decays and diffusions of all fields."""
+    if not any(steps):
         return data
-    rows = data if state.fields else [data]
-    found = [
-        row if half is None else half.applied(row) for row, half in zip(rows, steps, strict=True)
-    ]
+    found = []
+    for row, own in zip(data if state.fields else [data], steps, strict=True):
+        for half in own:
+            row = half.applied(row)
+        found.append(row)
     return kernels.xp.stack(found) if state.fields else found[0]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from cip.characteristics.feet import check_step
+from cip.characteristics.feet import signed_step
 from cip.engines.engine import Engine, Setting
 from cip.errors import InputError, LeftDomain
 from cip.formulas.formula import Formula
@@ -44,6 +44,7 @@ from cip.solver.scheme import (
     with_values,
 )
 from cip.solver.time_loop import checked_callback, output_times, run, step_length
+from cip.sources.diffusion import diffusion as spread
 from cip.sources.reaction import reacted, reaction
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, _real, default_profile
@@ -100,6 +101,9 @@ class Solver(Parametrised):
         Rate k >= 0 at which the field decays, 1 / time, with the same forms as a source. Where a
         state has several fields, `source`, `decay` and `boundary` hold for all, or are dicts by
         their names, ``{"dust": 0.1}``: then a field that is not there has none.
+    diffusion : float, or one for each direction, optional
+        Constant coefficient >= 0, length^2 / time, on uniform grids: u_t + .. = diffusion lap u,
+        with no diffusive flux through walls.
 
     Notes
     -----
@@ -131,7 +135,10 @@ class Solver(Parametrised):
     adds an error of order dt^2, and so do sources and decay (`cip.sources.reaction`), which act for
     half a step before and after the transport. The integral then changes by that of the source,
     exact for csl2 and csl4, and falls by exp(-k t) exactly for the same k everywhere. In a
-    splitting a source should vanish on walls with inflow; its error there is of order dt.
+    splitting a source should vanish on walls with inflow; its error there is of order dt. Diffusion
+    acts for half a step before and after, too, exactly for any dt and with the same integral; where
+    a flow enters through walls its error there is of order dt. With a limiter it is that of second
+    differences, of order 2 in the spacing, whose values never leave the range.
 
     Raises
     ------
@@ -181,6 +188,7 @@ class Solver(Parametrised):
         store_feet: bool | None = None,
         source: Any = None,
         decay: Any = None,
+        diffusion: Any = None,
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
@@ -224,8 +232,10 @@ class Solver(Parametrised):
         own = {"source": source, "decay": decay, "boundary": boundary, "bounds": bounds}
         self._named = {name: tuple(one) for name, one in own.items() if is_by_field(one)}
         self._schemes: dict[tuple[str, ...], Scheme] = {}
+        self._spread = spread(grid, self.profile, diffusion, limiter is not None, self._kernels.xp)
+        self.diffusion = None if self._spread is None else self._spread.rates
         first = self._scheme(tuple(dict.fromkeys(sum(self._named.values(), ()))))
-        self._stages, self._reaction = first.stages, first.rules[0].reaction
+        self._stages, self._reactions = first.stages, first.rules[0].reactions
         if limiter == "bounds":
             for rule in first.rules:
                 for name, formula in rule.inflow.items():
@@ -258,7 +268,8 @@ class Solver(Parametrised):
         if split:
             check_split(data, self.form == "advection")
         inflow = {f"{'xyz'[axis]}{'-+'[side]}": one for (axis, side), one in data.items()}
-        return Rule(made, reacted(data, made, split), inflow, bounds)
+        found = [one for one in (made, self._spread) if one is not None]
+        return Rule(found, made, reacted(data, made, split), inflow, bounds)
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
@@ -274,7 +285,7 @@ class Solver(Parametrised):
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay,
+            self.store_feet, self.source, self.decay, self.diffusion,
         )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
@@ -302,7 +313,7 @@ class Solver(Parametrised):
         state : State
             On this solver's grid, with the moments of its profile.
         dt : float
-            Positive.
+            Negative for a step back in time, along the same characteristics.
 
         Returns
         -------
@@ -312,13 +323,13 @@ class Solver(Parametrised):
         Raises
         ------
         InputError
-            A state of another grid, profile or with NaN; dt that is not positive.
+            A state of another grid, profile or with NaN; dt that is zero.
         LeftDomain
             A characteristic comes in through a wall without data.
         NotFinite
             The velocity, a characteristic or the new field is not finite; names node and time.
         """
-        dt = check_step(dt)
+        dt = signed_step(dt)
         self._accept(state)
         self._check_times(state, state.t + dt)
         return self._advance(self._kernels.place(state), dt).require_finite()
@@ -338,13 +349,18 @@ class Solver(Parametrised):
     ) -> Any:
         """Steps to `t_end`, landing exactly on it and on every snapshot's time.
 
+        With `t_end` before the time of `state`, and a negative `dt`, the run leads back in time:
+        the equation is solved for the past, sources and decay included, and what was outflow
+        becomes inflow, for which `boundary` needs data.
+
         Parameters
         ----------
         state : State
         t_end : float
-            After the time of `state`.
+            After the time of `state`, or before it.
         dt : float, optional
-            Length of the steps; the last one before each snapshot may be shorter.
+            Length of the steps; the last one before each snapshot may be shorter. Negative in a
+            run back in time.
         cfl : float, optional
             Instead of `dt`: the largest number of cells that a node moves in a step, by the
             velocity at the start.
@@ -376,7 +392,7 @@ class Solver(Parametrised):
         """
         self._accept(state)
         self._check_times(state, real_number("t_end", t_end))
-        length = step_length(dt, cfl, self.grid, self._formulas, state.t)
+        length = step_length(dt, cfl, self.grid, self._formulas, state.t, float(t_end))
 
         times = output_times(state.t, t_end, snapshots)
         plan = {}
@@ -416,6 +432,7 @@ class Solver(Parametrised):
             "bounds": repr(self.bounds), "backend": self.backend, "dtype": str(self.dtype),
             "store_feet": self.store_feet, "fields": list(state.fields),
             "periodic": list(self.grid.periodic),
+            "diffusion": self.diffusion,
             "velocity": [values(c) for c in self._formulas],
             "source": [values(r.source_formula) if r and r.source else None for r in reactions],
             "decay": [values(r.decay_formula) if r and r.decay else None for r in reactions],
@@ -526,7 +543,7 @@ class Solver(Parametrised):
         rules = self._scheme(state.fields).rules
         for known in (snapshots_of(self._formulas), *(rule.reaction for rule in rules)):
             if known is not None:
-                known.check_times(state.t, end)
+                known.check_times(min(state.t, end), max(state.t, end))
         if self.limiter == "bounds" and np.isfinite(end):
             for rule in rules:
                 for name, formula in rule.inflow.items():
