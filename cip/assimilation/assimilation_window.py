@@ -20,7 +20,7 @@ from cip.output.trajectory import Trajectory
 from cip.sensitivities.window import Window
 from cip.solver.derivatives import derivative
 from cip.solver.solver import Solver
-from cip.stages.state import State, state_of
+from cip.stages.state import State, one_field, state_of
 from skfem_adini.ground.arguments import real_number
 from skfem_adini.ground.arrays import host
 
@@ -57,6 +57,7 @@ class AssimilationWindow:
         if not isinstance(sensors, Sensors):
             raise InputError(f"sensors: expected Sensors, got {type(sensors).__name__}")
         solver._accept(background)
+        one_field(background, "background: analyses")
         self.solver, self.background, self.dt = solver, background.host(), check_step(dt)
         self.covariance = _fitting(covariance, solver, "covariance")
         self.sensors = sensors

@@ -17,7 +17,7 @@ from cip.grid import AXES, Grid
 from cip.output.sample import sample_rows
 from cip.output.stored import read_words, reading, write_words
 from cip.output.trajectory import Trajectory
-from cip.stages.state import State
+from cip.stages.state import State, one_field
 from cip.stages.state_dataset import xarray_module
 from skfem_adini.ground.arguments import masked_array, real_array, real_number
 
@@ -214,6 +214,7 @@ class Sensors:
         """
         seen = replace(run, states=self.states(run))
         self._require(seen[0].grid)
+        one_field(seen[0], "run: readings")
         return np.stack([seen.sample(self.points, place) for place in range(len(seen))])
 
     def residuals(self, run: Trajectory) -> Array:

@@ -259,7 +259,7 @@ class CudaEngine(Engine):
         if stage.conservative:
             limits = (*self.bounds(stage), self.setting.bounds_tolerance)
             arguments += [self.dtype.type(value) for value in limits]
-        for own in self._fields(m):
+        for own in self.fields(m):
             self._start(stage, False, [m[own], out[own], *arguments], prefix)
 
     def launch_path(
@@ -270,7 +270,7 @@ class CudaEngine(Engine):
         real = self.dtype.type
         clock = [real(t_end), real(dt / count), self._whole(count), said]
         clock += [*self._table(stage), *(real(value) for value in stage.parameters)]
-        for own in self._fields(m):
+        for own in self.fields(m):
             self._start(stage, True, [m[own], out[own], *self._lines, *clock, *self._widths])
         part = (stage.axis, dt, count)
         if part in self._certain:
@@ -286,10 +286,6 @@ class CudaEngine(Engine):
         """As in the base class; several fields share feet that a kernel of their own computes."""
         several = fields > 1 and snapshots_of(stage.velocity) is None
         return not several and super()._computes(stage, fields)
-
-    def _fields(self, m: Any) -> list[slice]:
-        """The parts of the flat moments that belong to each field."""
-        return [slice(start, start + self.step) for start in range(0, m.size, self.step)]
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
         """As in the base class, on the device except for means and velocities from snapshots."""

@@ -104,6 +104,10 @@ class Engine:
         """Uninitialized memory for the new moments."""
         raise NotImplementedError
 
+    def fields(self, m: Any) -> list[slice]:
+        """The parts of the flat moments that belong to each field."""
+        return [slice(start, start + self.step) for start in range(0, m.size, self.step)]
+
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any, prefix: str = "node_") -> None:
         """Run a stage's kernel over all nodes with stored feet; the arrays are flat. `prefix`
         chooses another one than the update."""
@@ -152,7 +156,7 @@ class Engine:
         feet = self.feet(stage, t, dt) if known is None else known
         if kept is not None and not self.setting.steady:
             kept.append(feet)
-        fields = [slice(start, start + self.step) for start in range(0, m.size, self.step)]
+        fields = self.fields(m)
         if stage.parts and stage.conservative:  # bounds of their own
             for part, own in zip(stage.parts, fields, strict=True):
                 self.launch(part, m[own], new[own], feet.data)

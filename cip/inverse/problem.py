@@ -21,7 +21,7 @@ from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.inverse.identifiability import SEEN
 from cip.solver.solver import Solver
-from cip.stages.state import State
+from cip.stages.state import State, one_field
 from skfem_adini.ground.arguments import masked_array, real_array, real_number
 from skfem_adini.ground.arrays import host
 
@@ -84,6 +84,7 @@ def problem_of(
             f"regularization: expected 'auto', 'H1', 'H2' or None, got {regularization!r}"
         )
     solver._accept(start)
+    one_field(start, "start: derivatives")
     checked = Data(data, noise, solver.grid, solver.profile, start.data.shape[0], start.t)
     if checked.size < len(names) and kind is None:
         raise InputError(

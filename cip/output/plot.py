@@ -29,7 +29,9 @@ def plot_states(
     if grid.dim == 3:
         raise InputError("plot: three dimensions; use to_pyvista() or save('run.pvd')")
     if fields:
-        axes = _panels(len(fields), grid) if ax is None else ax
+        axes = _panels(len(fields), grid) if ax is None else np.atleast_1d(ax)
+        if len(axes) != len(fields):
+            raise InputError(f"ax: expected one for each of {len(fields)} fields, got {len(axes)}")
         for name, one in zip(fields, axes, strict=True):
             plot_states([state.field(name) for state in states], one, places, name)
             one.set_title(f"{name}, {one.get_title()}" if grid.dim == 2 else name)

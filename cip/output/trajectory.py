@@ -361,7 +361,7 @@ class Trajectory:
         >>> again.times.tolist() == run.times.tolist(), again.solver is solver
         (True, True)
         """
-        if Path(path).is_dir() and (Path(path) / HEAD).exists():
+        if isinstance(path, str | Path) and (Path(path) / HEAD).exists():
             about, states, gauges = read_run(Path(path))
         else:
             stored = read_states(path)

@@ -411,8 +411,8 @@ def one_field(state: Any, what: str) -> None:
     """Raise `NotSupported` for a state of several fields."""
     if getattr(state, "fields", ()):
         raise NotSupported(
-            f"{what}: states of several fields have none; take a solver and state.field(name) for "
-            "each of them"
+            f"{what} are of one field; take state.field(name), or run[name], for each of "
+            f"{', '.join(state.fields)}"
         )
 
 

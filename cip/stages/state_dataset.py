@@ -34,16 +34,18 @@ def state_dataset(
             coordinates[places[axis]] = grid.edges[axis][:-1] + 0.5 * grid.widths[axis]
         data[name] = (["t", *places], np.stack([state[name] for state in states]))
     found = xarray.Dataset(data, coordinates, {"profile": first.profile})
-    _describe(found, dict(units or {}), first.fields or ("u",))
+    _describe(found, {} if units is None else units, first.fields or ("u",))
     if start is not None:
         unit = (units or {}).get("t", "s")
         found = found.assign_coords(t=("t", _dates(coordinates["t"], start, unit), {"axis": "T"}))
     return found
 
 
-def _describe(dataset: Any, units: dict[str, str], fields: Sequence[str]) -> None:
+def _describe(dataset: Any, units: Mapping[str, str], fields: Sequence[str]) -> None:
     """The attributes of the CF conventions: axes, and units of coordinates and fields."""
     known = {*dataset.coords, *fields}
+    if not isinstance(units, Mapping):
+        raise InputError(f"units: expected units by names, got {units!r}")
     if beyond := sorted(map(str, set(units) - known)):
         raise InputError(f"units: {beyond[0]!r} is none of {', '.join(sorted(map(str, known)))}")
     dataset.attrs["Conventions"] = "CF-1.11"

@@ -158,6 +158,62 @@ STATES = [
     *rows("state", lambda t: of_data(np.zeros((2, 8)), t), None, np.nan),
     ("'v' is none of u, u_x", lambda: state()["v"]),
 ]
+TWO_FIELDS = {"smoke": wave, "dust": 1.0}
+
+
+def both(**more):
+    return line(**more).state(TWO_FIELDS)
+
+
+def of_fields(shape, fields):
+    return line().step(State(LINE, "cubic", np.zeros(shape), 0.0, fields), 0.1)
+
+
+def shown(**more):
+    pytest.importorskip("xarray")
+    return line().run(both(), 0.1, dt=0.1).to_xarray(**more)
+
+
+def kept(call):
+    run = line().run(both(), 0.1, dt=0.1)
+    return call(line(), run)
+
+
+NAMED = [
+    *rows("fields: .* is no name", lambda name: line().state({name: 1.0}), "a b", "u", "x", 3),
+    ("fields: two moments would be called 'a_x'", lambda: line().state({"a": 0.0, "a_x": 1.0})),
+    ("f: expected at least one field", lambda: line().state({})),
+    ("dust: f: NaN", lambda: line().state({"dust": np.full(8, np.nan)})),
+    ("derivatives: 'ash' is no field", lambda: line().state(TWO_FIELDS, {"ash": {}})),
+    ("dust: derivatives", lambda: line().state(TWO_FIELDS, {"dust": {"u_y": wave}})),
+    ("field: 'ash' is no field of the state: smoke, dust", lambda: both().field("ash")),
+    ("field: .* one without a name", lambda: state().field("u")),
+    ("'u' is none of smoke, smoke_x", lambda: both()["u"]),
+    ("state: the moments .* shape", lambda: of_fields((2, 8), ("a", "b"))),
+    ("state: the moments .* shape", lambda: of_fields((2, 2, 8), ("a",))),
+    ("fields: expected a tuple", lambda: of_fields((2, 2, 8), ["a", "b"])),
+    ("source: 'ash' is no field of the state, which has smoke, dust",
+     lambda: both(source={"ash": 1.0})),
+    ("decay: 'dust' .* which has one without", lambda: line(decay={"dust": 1.0}).state(wave)),
+    ("decay: expected a rate >= 0", lambda: line(decay={"dust": -1.0})),
+    ("low must be below high", lambda: line(bounds={"dust": (1, 0)})),
+    ("'dust' is no wall", lambda: Solver(OPEN, 1.0, boundary={"x-": 0.0, "dust": 1.0})),
+    ("run: readings are of one field",
+     lambda: kept(lambda s, run: Sensors([0.3], [0.1]).sample(run))),
+    ("derivatives are of one field", lambda: kept(lambda s, run: s.tangent(run))),
+    ("start: derivatives are of one field",
+     lambda: cip.identify_velocity(
+         Solver(LINE, speed()), both(), {0.1: np.ones(8)}, dt=0.1, noise=0.1)),
+    *rows("points", lambda v: ran(dt=0.5, gauges=v), [np.nan], "here", [2j]),
+    ("resume='yes': expected True or False", lambda: ran(dt=0.5, resume="yes")),
+    ("ax: expected one for each of 2", lambda: kept(lambda s, run: run.plot(ax=[None]))),
+    *rows("start: expected a date", lambda v: shown(start=v), "soon", [1]),
+    ("units: 'q' is none of dust, smoke, t, x", lambda: shown(units={"q": "m"})),
+    ("units: expected units by names", lambda: shown(units=3)),
+    ("units: t of dates", lambda: shown(start="2026-01-01", units={"t": "weeks"})),
+    *rows("path", lambda v: cip.Trajectory.load(v), 3, "run.png", "none.npz"),
+    *rows("path", lambda v: State.load(v), 3, "run.png", "none.npz"),
+]  # fmt: skip
 RUNS = [
     *rows("dt: expected a", stepped, 0.0, np.nan, np.inf, "fast", COMPLEX, TWO, None),
     ("cfl: expected a positive", lambda: ran(cfl=-1.0)),
@@ -556,7 +612,7 @@ TABLES = {
     "source": SOURCES, "splines": SPLINES, "sensors": SENSORS, "assimilation": ASSIMILATION,
     "identification": [(words, partial(identified, **more)) for words, more in IDENTIFICATION],
     "dataset": DATASETS,
-    "derivatives": DERIVATIVES,
+    "derivatives": DERIVATIVES, "fields": NAMED,
 }  # fmt: skip
 # What is no InputError, by the words of the message.
 OTHERS = dict.fromkeys([words for words, _ in NO_DERIVATIVES], cip.NotSupported) | {
@@ -564,6 +620,9 @@ OTHERS = dict.fromkeys([words for words, _ in NO_DERIVATIVES], cip.NotSupported)
     "boundary: closed walls .* take 'csl2'": cip.NotSupported,
     "diffusion: it would cross land": cip.NotSupported,
     "boundary: with splitting 'cubic' needs constant data on the wall x-": cip.NotSupported,
+    "derivatives are of one field": cip.NotSupported,
+    "start: derivatives are of one field": cip.NotSupported,
+    "run: readings are of one field": cip.NotSupported,
     "decay: with splitting the data of the wall x- must": cip.NotSupported,
     "not linear in its moments": cip.NotSupported,
     "limiter: ": cip.NotSupported,

@@ -81,6 +81,46 @@ def test_walls_on_the_device(cupy, stored):
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-12 * np.abs(ends[0]).max())
 
 
+SWIRL = ("0.4 + 0.2*sin(2*pi*x2 + 3*t)", "0.3*cos(2*pi*x1)")
+
+
+@pytest.mark.parametrize(
+    ("profile", "winds"),
+    [
+        ("bicubic", "formula"),
+        ("csl4", "formula"),
+        pytest.param("adini", "snapshots", marks=SLOW),
+        pytest.param("bicubic", "steady", marks=SLOW),
+    ],
+)
+def test_fields_on_the_device(cupy, profile, winds):
+    """Several fields, each by its rules, after feet that are computed once or in their kernels."""
+    means = profile == "csl4"
+    grid = Grid([(0, 1)] * 2, (14, 12), periodic=means)
+    velocity = Velocity.from_expression(*(text.replace("3*t", "0") for text in SWIRL))
+    if winds == "formula":
+        velocity = Velocity.from_expression(*SWIRL)
+    elif winds == "snapshots":
+        (x, y), times = grid.mesh(), np.linspace(0, 0.6, 5)
+        arrays = [[0.4 + 0.2 * np.sin(2 * y + 3 * t), 0.3 * np.cos(2 * x)] for t in times]
+        velocity = Velocity.from_snapshots(times, arrays, grid)
+    rules = {"decay": {"dust": 0.5}, "source": {"dust": "x1*(1 - x1)"}}
+    rules |= (
+        {"bounds": {"smoke": (0, 1)}, "limiter": "bounds", "splitting": "strang"} if means else {}
+    )
+    rules |= {} if means else {"boundary": {"smoke": "1 + t", "dust": 0.5, "ash": 0.0}}
+    ends = []
+    for backend in ("cpu", "cupy"):
+        solver = Solver(grid, velocity, "advection", profile, backend=backend, **rules)
+        start = solver.state({"smoke": "x2*(1 - x2)", "dust": 1.0, "ash": "sin(2*pi*x1)"})
+        run = solver.run(start, 0.5, dt=0.11, gauges=[[0.3], [0.4]])
+        ends.append((run.final.data, run.gauges.values["ash"]))
+        assert run.final.fields == ("smoke", "dust", "ash")
+        assert solver.step(start, 0.1).mass.keys() == {"smoke", "dust", "ash"}
+    for one, other in zip(*ends, strict=True):
+        np.testing.assert_allclose(other, one, rtol=0, atol=1e-10 * np.abs(one).max())
+
+
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("profile", "dim", "degree"),

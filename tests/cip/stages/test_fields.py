@@ -183,3 +183,13 @@ def test_mass_of_each(profile):
     rtol = 1e-13 if profile == "csl4" else 1e-3
     np.testing.assert_allclose(end["smoke"], start.mass["smoke"], rtol=rtol)
     np.testing.assert_allclose(end["dust"], np.exp(-0.5), rtol=rtol)
+
+
+def test_diffusion_and_time_back_are_of_all():
+    solver = Solver(TORUS, [1.0, 0.5], diffusion=0.01, decay={"dust": 0.5})
+    alone = {"smoke": Solver(TORUS, [1.0, 0.5], diffusion=0.01)}
+    alone["dust"] = Solver(TORUS, [1.0, 0.5], diffusion=0.01, decay=0.5)
+    fields = {"smoke": "sin(2*pi*x1)", "dust": "1 + cos(2*pi*x2)"}
+    check_alone(solver, alone.get, fields)
+    plain = Solver(TORUS, [1.0, 0.5])
+    check_alone(plain, lambda name: plain, fields, dt=-0.083, t_end=-0.2)
