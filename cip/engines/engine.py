@@ -10,8 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cip.characteristics.feet import FEET
+from cip.engines.displacements import Displacements, TooCoarse, Unsmooth
 from cip.engines.path_kernel import PATH
+from cip.errors import NotConverged
 from cip.formulas.formula import Formula
+from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
 from cip.profiles.catalogue import LIMITER_CODES
 from cip.stages.stage import Stage, StageFeet
@@ -22,6 +25,7 @@ class _Limits(NamedTuple):  # limits of what is computed, compiled and kept
     renewal: int = 16  # steps after which unsteady velocities get a new number of sub-steps
     compiled: int = 100_000  # nodes from which on compiling a steady velocity saves time
     feet: int = 16  # sets of feet kept for a steady velocity: of full steps and of shorter ones
+    differences: int = 16_384  # nodes from which on feet of formulas are differenced
 
 
 LIMITS = _Limits()
@@ -51,6 +55,7 @@ class Engine:
         self._feet: dict[Any, StageFeet] = {}
         self._lock = threading.Lock()
         self._paths: dict[Any, Any] = {}
+        self._displacements: dict[Stage, Displacements | None] = {}
 
     @property
     def _counts(self) -> dict[Any, tuple[float, int]]:
@@ -121,7 +126,7 @@ class Engine:
         feet are reused, unless the kernel computes them."""
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
-        if self._computes(stage):
+        if self._computes(stage, dt):
             t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
             room = [] if kept is None else [np.empty(len(stage.jets) * self.grid.size)]
 
@@ -161,12 +166,71 @@ class Engine:
 
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
+        moved = self._displaced(stage, dt)
+        if moved is not None:
+            found = self._displaced_feet(moved, t, dt)
+            if found is not None:
+                return found
         large = self.grid.size > LIMITS.compiled or not self.setting.steady
         if large and stage.formula and not self._memory.left:
             found = self._compiled_feet(stage, t, dt)
             if found is not None:
                 return found
         return stage.feet(t, dt)
+
+    def _displaced(self, stage: Stage, dt: float) -> Displacements | None:
+        """The feet of a stage by displacements, None where others serve."""
+        refused = self._counts.get(("displaced", *stage.part(dt)), (0.0, 1))[1] == 0
+        if self.setting.steady or refused:
+            return None
+        if stage not in self._displacements:
+            serves = Displacements.serves(stage, LIMITS.differences)
+            made = Displacements(stage, self._followed) if serves else None
+            self._displacements[stage] = made
+        return self._displacements[stage]
+
+    def _displaced_feet(self, moved: Displacements, t: float, dt: float) -> StageFeet | None:
+        """Feet with the sub-steps of the last step, or with more; None, also for later steps, where
+        differences do not reach the tolerance."""
+        key = ("displaced", *moved.stage.part(dt))
+        first, count = self._counts.get(key, (t, 1))
+        if abs(t - first) > LIMITS.renewal * dt:
+            first, count = t, max(1, count // 2)
+        while count <= FEET.substeps:
+            try:
+                found = moved.feet(t, dt, count)
+            except TooCoarse:
+                count *= 2
+            except Unsmooth:
+                self._counts[key] = (t, 0)
+                return None
+            else:
+                self._counts[key] = (first, count)
+                return found
+        raise NotConverged(
+            f"characteristics: {FEET.substeps} sub-steps over dt = {dt:.6g} from t = {t:.6g} leave "
+            f"an error above foot_tolerance = {moved.stage.foot_error:.1e} cells; take a smaller "
+            "dt, or a larger foot_tolerance of the solver"
+        )
+
+    def _followed(
+        self, stage: Stage, points: list[Any], t_end: float, dt: float, count: int
+    ) -> tuple[Any, Any]:
+        """Components of the feet of some points by the kernel `path`, with more and more sub-steps,
+        and its codes."""
+        from cip.engines import cpu_loops
+        from skfem_adini.ground.jit import loop_over
+
+        path, box = self._path(stage)
+        run_feet, size = loop_over(cpu_loops.run_feet, path=path), points[0].size
+        x, y, z = [np.ascontiguousarray(x) for x in points] + [np.zeros(size)] * (3 - len(points))
+        found, said = np.empty((len(stage.jets), size)), np.empty(size, np.int64)
+        while True:
+            paths = tuple(cpu_loops.Paths(x, y, z, t_end, dt / count, count, box))
+            run_feet(0, size, found.reshape(-1), said, paths, size, len(stage.jets))
+            if count > FEET.substeps or not (said & PATH.coarse).any():
+                return found, said
+            count *= 2
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
         from cip.engines import cpu_loops
@@ -237,8 +301,8 @@ class Engine:
             return low, high
         return (0.0 if low >= 0.0 else -np.inf), (0.0 if high <= 0.0 else np.inf)
 
-    def _computes(self, stage: Stage) -> bool:
-        if self._memory.left or not stage.computable:
+    def _computes(self, stage: Stage, dt: float) -> bool:
+        if self._memory.left or not stage.computable or self._displaced(stage, dt) is not None:
             return False
         return not self.setting.stores_feet
 
@@ -248,12 +312,17 @@ class Engine:
         key = stage.part(dt)
         found = self._counts.get(key)
         if found is None:
-            found = self._counts[key] = (t, stage.substeps(t, dt))
+            found = self._counts[key] = (t, self._first_count(stage, t, dt))
         elif not self.setting.steady and abs(t - found[0]) > LIMITS.renewal * dt:
             # A velocity that was steep between the nodes of the sample does not become smooth at
             # once: take at least half of the last number, and an even one.
-            found = self._counts[key] = (t, max(stage.substeps(t, dt), 2 * (found[1] // 4)))
+            half = 2 * (found[1] // 4)
+            found = self._counts[key] = (t, max(self._first_count(stage, t, dt), half))
         return found[1]
+
+    def _first_count(self, stage: Stage, t: float, dt: float) -> int:
+        # A sample of formulas; that of snapshots would take longer than to try.
+        return 2 if snapshots_of(stage.velocity) is not None else stage.substeps(t, dt)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from cip.grid import Grid
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
+_IN_TIME = {"linear": 1, "cubic": 3}  # degrees
 
 
 class Snapshots:
@@ -31,7 +32,13 @@ class Snapshots:
     direction); `degrees` and `knots` are those in time and in each direction."""
 
     def __init__(
-        self, times: Any, arrays: Any, grid: Any, degree: Any, components: int | None = None
+        self,
+        times: Any,
+        arrays: Any,
+        grid: Any,
+        degree: Any,
+        components: int | None = None,
+        time: Any = "cubic",
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected the Grid of the arrays, got {type(grid).__name__}")
@@ -42,9 +49,11 @@ class Snapshots:
                 f"degree: splines of degree {degree} need {degree + 1} cells in each direction, "
                 f"the grid of the arrays has {grid.cells}"
             )
+        if not isinstance(time, str) or time not in _IN_TIME:
+            raise InputError(f"time: expected 'linear' or 'cubic', got {time!r}")
         self.grid, self.times = grid, _times(times)
         values = _values(arrays, self.times, grid, components or grid.dim)
-        self.degrees = (min(3, self.times.size - 1), *([int(degree)] * grid.dim))
+        self.degrees = (min(_IN_TIME[time], self.times.size - 1), *([int(degree)] * grid.dim))
         self.knots: list[Array] = []
         values = np.moveaxis(values, 1, 0)  # component, time, place
         for axis, k in enumerate(self.degrees):
@@ -98,6 +107,38 @@ class Snapshots:
             return np.asarray(spline(np.stack(places, axis=-1), nu=nu))
 
         return values
+
+    def time_weights(self, t: float) -> tuple[int, Array]:
+        """The B-splines in time that are not zero at t: number of the first, and their values."""
+        from scipy.interpolate import BSpline
+
+        inside = np.clip([t], self.times[0], self.times[-1])
+        row = BSpline.design_matrix(inside, self.knots[0], self.degrees[0])
+        return int(row.indices[0]), np.asarray(row.data)
+
+    def values_at(self, axis: int, points: Array) -> Any:
+        """The sparse matrix that takes coefficients of a direction to values at these points."""
+        return self._applied(axis, points, (1.0,))
+
+    def cardinal(self, axis: int) -> Any:
+        """The sparse matrix that takes coefficients of a uniform direction to those of all uniform
+        B-splines that meet the box, by the dual functionals of de Boor and Fix (1973), for splines
+        at their knots 1 - h^2 D^2 / 6 (cubic) and 1 - h^2 D^2 / 4 + h^4 D^4 / 30 (quintic)."""
+        beyond = (self.degrees[axis + 1] - 1) // 2
+        steps = np.arange(-beyond, self.grid.cells[axis] + beyond + 1)
+        points = self.grid.bounds[axis][0] + self.grid.widths[axis][0] * steps
+        return self._applied(axis, points, (1.0, -1 / 6) if beyond == 1 else (1.0, -1 / 4, 1 / 30))
+
+    def _applied(self, axis: int, points: Array, factors: Sequence[float]) -> Any:
+        """The matrix from coefficients to a sum of even derivatives times powers of the width."""
+        from scipy.interpolate import BSpline
+        from scipy.sparse import csr_array
+
+        knots, k = self.knots[axis + 1], self.degrees[axis + 1]
+        ends: Any = "periodic" if self.grid.periodic[axis] else True
+        one = BSpline(knots, np.eye(knots.size - k - 1), k, extrapolate=ends)
+        h = self.grid.widths[axis][0]
+        return csr_array(sum(f * h ** (2 * q) * one(points, 2 * q) for q, f in enumerate(factors)))
 
     def on(self, grid: Grid) -> tuple[Formula, ...]:
         """One formula for each component; raises unless the data cover the grid."""

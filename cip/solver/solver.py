@@ -77,6 +77,9 @@ class Solver(Parametrised):
         What is added in each unit of time, s(x, t).
     decay : float, str, callable, array or Source, optional
         Rate k >= 0 at which the field decays, 1 / time, with the same forms as a source.
+    foot_tolerance : float, optional
+        Largest error of the feet, in cells; default 1e-5 for velocities from snapshots, whose
+        interpolation in time errs by as much, and for others 1e-10, or 1e-8 if they depend on t.
 
     Notes
     -----
@@ -158,6 +161,7 @@ class Solver(Parametrised):
         store_feet: bool | None = None,
         source: Any = None,
         decay: Any = None,
+        foot_tolerance: float | None = None,
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
@@ -180,6 +184,13 @@ class Solver(Parametrised):
         if store_feet not in (None, True, False):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
+        if foot_tolerance is not None:
+            foot_tolerance = real_number("foot_tolerance", foot_tolerance)
+            if not 1e-12 <= foot_tolerance <= 1.0:
+                raise InputError(
+                    f"foot_tolerance: expected 1e-12 to 1 cells, got {foot_tolerance!r}"
+                )
+        self.foot_tolerance = foot_tolerance
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
         self.source, self.decay = Source.of(source, "source"), Source.of(decay, "decay")
         self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
@@ -207,6 +218,8 @@ class Solver(Parametrised):
         self._stages = made_stages(
             grid, self._formulas, self.profile, self.form == "advection", boundary, self._reaction
         )
+        for stage in self._stages:
+            stage.foot_tolerance = foot_tolerance
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
@@ -222,7 +235,7 @@ class Solver(Parametrised):
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay,
+            self.store_feet, self.source, self.decay, self.foot_tolerance,
         )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
