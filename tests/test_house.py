@@ -124,6 +124,7 @@ def test_modules_hold_one_concept() -> None:
 # Modules below 150 lines that only one other imports, faces not counted, and why they stay alone.
 ALONE = {
     "cip.engines.cpu_engine": "one of two engines, chosen where the solver runs",
+    "cip.engines.cpu_sweeps": "kernels that numba compiles, imported where they run",
     "contact.condensation.bisection": "kernels that numba compiles, imported where they run",
     "gpu.qp.active_set.dual_device": "the door to one CUDA kernel, imported where a device is",
     "skfem_adini.assembly.affine_kernels": "kernels that numba compiles, imported where they run",

@@ -252,9 +252,9 @@ class CudaEngine(Engine):
         else:
             flat[where] = what
 
-    def _displaced(self, stage: Stage, dt: float) -> Displacements | None:
+    def _displaced(self, stage: Stage) -> Displacements | None:
         """Means only: feet of planes are computed on the device."""
-        return super()._displaced(stage, dt) if stage.conservative else None
+        return super()._displaced(stage) if stage.conservative else None
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
         """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""

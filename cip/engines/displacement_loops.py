@@ -15,6 +15,7 @@ import numpy as np
 from numpy import floor
 
 from cip.engines.cpu_loops import address
+from cip.engines.path_kernel import plain
 from cip.engines.snapshot_kernel import with_names
 from cip.formulas.expression import COORDINATES, Expression, ordered, statements, variable
 from skfem_adini.ground.jit import Array, Index, Out, Real, kernel, loop, room
@@ -42,9 +43,7 @@ def without_place(rates: Sequence[Expression]) -> tuple[list[Expression], list[E
             moving.add(node)
     roots = {*rates} | {argument for node in moving for argument in node.args}
     for node in nodes:
-        # Numbers that formulas are simplified by, and signs, stay.
-        plain = node.op == "constant" and abs(node.value) in (0.0, 0.5, 1.0, 2.0)
-        if node in roots and node not in moving and not plain:
+        if node in roots and node not in moving and not plain(node):
             held[node] = variable(f"b{len(held)}")
     return with_names(rates, held), list(held)
 
@@ -224,12 +223,13 @@ def slope(one: Real, two: Real, three: Real, four: Real) -> tuple[Real, Real]:
 @loop
 def run_difference(
     start: Index, stop: Index, a: Array, out: Out, said: Out, n: Index, stride: Index,
-    periodic: Index, factor: Real, plus: Real,
+    periodic: Index, factor: Real, plus: Real, limit: Real,
 ) -> None:  # fmt: skip
     """Write ``plus + factor`` times the difference along lines for rows start..stop, counted as in
-    `cip.engines.cpu_loops.run_lines`; NaN beside walls. ``said[row]``: the largest error of it."""
+    `cip.engines.cpu_loops.run_lines`; NaN beside walls and where its error may exceed the limit.
+    ``said[row]`` is not zero if that occurs."""
     a, out, said = address(a), address(out), address(said)
-    i = start % n
+    i, most = start % n, limit / abs(factor)
     for line in range(start, stop):
         first = line * stride
         worst = 0.0
@@ -241,8 +241,8 @@ def run_difference(
                     a[o + 3 * stride] - a[o - 3 * stride],
                     a[o + 4 * stride] - a[o - 4 * stride],
                 )
-                out[o] = plus + factor * value
                 worst = max(worst, abs(more))
+                out[o] = plus + factor * value if abs(more) <= most else np.nan
         elif periodic == 1:
             base = first - i * stride
             for o in range(stride):
@@ -252,12 +252,15 @@ def run_difference(
                     a[base + (i + 3) % n * stride + o] - a[base + (i - 3) % n * stride + o],
                     a[base + (i + 4) % n * stride + o] - a[base + (i - 4) % n * stride + o],
                 )
-                out[first + o] = plus + factor * value
                 worst = max(worst, abs(more))
+                out[first + o] = plus + factor * value if abs(more) <= most else np.nan
         else:
             for o in range(first, first + stride):
                 out[o] = np.nan
-        said[line] = worst
+            worst = np.inf
+        said[line] = 0.0
+        if worst > most:
+            said[line] = 1.0
         i += 1
         if i == n:
             i = 0

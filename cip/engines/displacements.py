@@ -4,8 +4,9 @@ Positions are followed by the classical Runge-Kutta method. In each row of nodes
 inner stages :math:`k_2, k_3` differ most is followed again with halved steps: the largest
 difference, summed over the steps, estimates the error of all feet (Hairer, Norsett and Wanner,
 Solving Ordinary Differential Equations I, 1993, section II.4). Derivatives are central differences
-of the displacements, of order 8, where the neighbours' paths stay inside; other nodes follow the
-equations of `cip.characteristics.flow_derivatives`.
+of the displacements, of order 8; near walls, and where those of orders 6 and 8 disagree, of paths
+that end within a fraction of a cell around the node. Paths that begin on walls follow the equations
+of `cip.characteristics.flow_derivatives`.
 
 The splines of snapshots are combined in time once for a stage of the method, and on a line also
 across it, so a node reads the coefficients around it in the directions that move.
@@ -139,17 +140,23 @@ class TooCoarse(Exception):
     """The sub-steps are too long."""
 
 
-class Unsmooth(Exception):
-    """Differences do not give the derivatives of the feet to the tolerance."""
+# Nodes whose derivatives the grid does not give take differences of order 4 over these cells.
+_NEAR = np.arange(-2, 3) / 16
+_WEIGHTS = (
+    np.array([[0, 0, 12, 0, 0], [16, -128, 0, 128, -16], [-256, 4096, -7680, 4096, -256]]) / 12
+)
 
 
 class Displacements:
     """The feet of a stage of an unsteady velocity; `serves` tells for which stages."""
 
-    def __init__(self, stage: Stage, path: Any) -> None:
-        self.stage, self.grid, self._path = stage, stage.grid, path
+    def __init__(self, stage: Stage) -> None:
+        self.stage, self.grid = stage, stage.grid
         self._flows: dict[int, _Flow] = {}
-        self._exact = snapshots_of(stage.velocity) is None  # data have no derivatives of their own
+        self._cells = [self.grid.spacing[axis] for axis in stage.moving]
+        # A slope moves a value by a tenth of a cell or so, and data have no slopes of their own.
+        given = snapshots_of(stage.velocity) is not None
+        self._slopes = 100.0 * stage.foot_error if given else stage.limit
 
     @staticmethod
     def serves(stage: Stage, least: int) -> bool:
@@ -167,97 +174,103 @@ class Displacements:
 
     def feet(self, t: float, dt: float, count: int) -> StageFeet:
         """The feet with `count` sub-steps, or more where the velocity has kinks in time. Raises
-        `TooCoarse` or `Unsmooth`."""
-        stage, size = self.stage, self.grid.size
-        t_start, t_end = t + stage.begin * dt, t + stage.end * dt
+        `TooCoarse`."""
+        stage, size, field = self.stage, self.grid.size, snapshots_of(self.stage.velocity)
+        times = t + stage.begin * dt, t + stage.end * dt
         rows = np.empty((len(stage.blocks), len(stage.jets), size))
-        exits = []
+        exits: list[Exits | None] = []
         for row, block in zip(rows, stage.blocks, strict=True):
             if block not in self._flows:
-                field = snapshots_of(stage.velocity)
-                self._flows[block] = (
+                made: Any = (
                     _FormulaFlow(stage) if field is None else _SplineFlow(field, stage, block)
                 )
-            self._follow(self._flows[block], block, row, t_start, t_end, count)
-            self._differentiate(row)
-            exits.append(self._repair(row, block, t_start, t_end, 2 * count))
-        counts = (count,) * len(exits)
-        return StageFeet(rows.reshape(-1), exits, t_start, t_end, counts)
-
-    @cached_property
-    def _others(self) -> list[int]:
-        return [axis for axis in range(3) if axis not in self.stage.moving]
+                self._flows[block] = made
+            flow = self._flows[block]
+            points = self._points(flow, block)
+            bounds, limit = self._bounds(flow), 0.5 * stage.foot_error + self._rounding
+            line = self.grid.nodes[-1]
+            d = self._follow(flow, points, bounds, line, times, count, limit)
+            row[: len(d)] = d
+            flagged = self._differentiate(row)
+            outside = not np.isfinite(row[0].sum())
+            exits.append(None)
+            if flagged or outside:
+                bad = np.flatnonzero(np.isnan(row).any(axis=0))
+                near = [x[bad] for x in points]
+                row[:, bad] = self._closely(flow, near, times, count, np.isnan(row[0, bad]))
+                exits[-1] = self._to_walls(row, block, times, bad)
+        return StageFeet(rows.reshape(-1), exits, *times, (count,) * len(exits))
 
     def _points(self, flow: _Flow, block: int) -> list[Array]:
-        """Coordinates of the points, those that move first, in the units of the flow."""
+        """Coordinates of the points, those that move first, in the units of the flow, and where
+        their lines begin."""
+        moving = self.stage.moving
         points = [x.ravel() for x in self.stage.points(block)]
         points += [np.zeros(self.grid.size)] * (3 - self.grid.dim)
-        found = [
-            (points[axis] - low) / unit
-            for axis, low, unit in zip(self.stage.moving, flow.origin, flow.unit, strict=False)
-        ]
-        return [np.ascontiguousarray(x) for x in (*found, *(points[axis] for axis in self._others))]
+        found = [(points[a] - flow.origin[q]) / flow.unit[q] for q, a in enumerate(moving)]
+        others = [points[axis] for axis in range(3) if axis not in moving]
+        return [np.ascontiguousarray(x) for x in (*found, *others, flow.at)]
 
     def _bounds(self, flow: _Flow) -> Array:
         found = []
-        for axis, origin, unit in zip(self.stage.moving, flow.origin, flow.unit, strict=False):
+        for q, axis in enumerate(self.stage.moving):
+            margin = (FEET.cells if self.grid.periodic[axis] else FEET.wall) * self._cells[q]
             low, high = self.grid.bounds[axis]
-            h = self.grid.spacing[axis]
-            margin = (FEET.cells if self.grid.periodic[axis] else FEET.wall) * h
-            found += [(low - margin - origin) / unit, (high + margin - origin) / unit]
-        return np.array(found)
+            found += [low - margin - flow.origin[q], high + margin - flow.origin[q]]
+        return np.array(found) / np.repeat(flow.unit[: len(self._cells)], 2)
 
     def _follow(
-        self, flow: _Flow, block: int, out: Array, t_start: float, t_end: float, count: int
-    ) -> None:
-        """Write the displacements, in cells, to the first rows of `out`."""
+        self, flow: _Flow, points: list[Array], bounds: Array, row: int,
+        times: tuple[float, float], count: int, limit: float = np.inf,
+    ) -> Array:  # fmt: skip
+        """The displacements of points, in cells, shape (directions, points); NaN beyond `bounds`.
+        Raises `TooCoarse` if their error, estimated in each `row` of points, exceeds a finite
+        `limit`."""
         from cip.engines import displacement_loops
         from cip.engines.cpu_loops import share
         from skfem_adini.ground.jit import loop_over
 
-        size, moving, row = self.grid.size, len(self.stage.moving), self.grid.nodes[-1]
+        size, moving = points[0].size, len(self._cells)
         run = loop_over(displacement_loops.run_substep, flow=flow.kernel)
-        points = [*self._points(flow, block), flow.at]
-        ends = [self._bounds(flow), flow.sizes]
-        cells = [
-            unit / self.grid.spacing[axis]
-            for axis, unit in zip(self.stage.moving, flow.unit, strict=False)
-        ]
+        units = np.array(flow.unit[:moving]) / self._cells
         old, new, error = np.zeros(moving * size), np.empty(moving * size), 0.0
-        begin, last = t_end, flow.box(t_end)
-        for step in _steps(t_start, t_end, flow.breaks(t_start, t_end), count):
-            boxes = [last, *(flow.box(begin - q * step) for q in (0.25, 0.5, 0.75, 1.0))]
-            begin, last = begin - step, boxes[-1]
+        begin, last = times[1], flow.box(times[1])
+        for step in _steps(*times, flow.breaks(*times), count):
+            boxes = [last, *(flow.box(begin - q * step) for q in (0.5, 1.0))]
             chosen = np.full(size // row, -1)
             head = (row, size, moving, step, old, new, chosen)
-            given = (*head, *points, *ends, *boxes[::2])
+            given = (*head, *points, bounds, flow.sizes, *boxes)
             share(lambda a, b, given=given: run(a, b, *given), chosen.size, size)  # type: ignore[misc]
-            some = chosen[chosen >= 0]
-            again = old.reshape(moving, -1)[:, some].reshape(-1)
-            near = [np.ascontiguousarray(x[some]) for x in points]
-            for part in (boxes[:3], boxes[2:]):
-                before, again = again, np.empty_like(again)
-                head = (some.size, some.size, moving, 0.5 * step, before, again, np.array([-1]))
-                run(0, 1, *head, *near, *ends, *part)
-            change = np.abs(again.reshape(moving, -1) - new.reshape(moving, -1)[:, some])
-            worst = np.max(change, axis=1, where=np.isfinite(change), initial=0.0)
-            error += float(np.max(worst * cells))
-            if error > self.stage.foot_error + self._rounding:
-                raise TooCoarse
+            if limit < np.inf:
+                some = chosen[chosen >= 0]
+                again = old.reshape(moving, -1)[:, some].reshape(-1)
+                near = [np.ascontiguousarray(x[some]) for x in points]
+                inner = [flow.box(begin - q * step) for q in (0.25, 0.75)]
+                for part in ((boxes[0], inner[0], boxes[1]), (boxes[1], inner[1], boxes[2])):
+                    before, again = again, np.empty_like(again)
+                    head = (some.size, some.size, moving, 0.5 * step, before, again, np.array([-1]))
+                    run(0, 1, *head, *near, bounds, flow.sizes, *part)
+                change = np.abs(again.reshape(moving, -1) - new.reshape(moving, -1)[:, some])
+                worst = np.max(change, axis=1, where=np.isfinite(change), initial=0.0)
+                error += float(np.max(worst * units))
+                # The limit is below the tolerance: worst nodes of rows are not quite the worst.
+                if error > limit:
+                    raise TooCoarse
+            begin, last = begin - step, boxes[-1]
             old, new = new, old
-        for d, h, to in zip(old.reshape(moving, -1), cells, out, strict=False):
-            np.multiply(d, h, out=to)
+        return old.reshape(moving, -1) * units[:, None]
 
     @cached_property
     def _rounding(self) -> float:
         """Rounding error of feet, in cells."""
-        grid = self.grid
-        far = [max(map(abs, grid.bounds[axis])) / grid.spacing[axis] for axis in self.stage.moving]
+        bounds = [self.grid.bounds[axis] for axis in self.stage.moving]
+        far = [max(map(abs, pair)) / h for pair, h in zip(bounds, self._cells, strict=True)]
         return 256.0 * float(np.finfo(float).eps) * max(far)
 
-    def _differentiate(self, rows: Array) -> None:
-        """Write all derivatives from the displacements in the first rows."""
-        jets = self.stage.jets
+    def _differentiate(self, rows: Array) -> bool:
+        """Write all derivatives from the displacements in the first rows; NaN at nodes near walls
+        or where they are not exact. Returns whether there are such nodes."""
+        jets, flagged = self.stage.jets, False
         place = {jet: q for q, jet in enumerate(jets)}
         for jet, row in zip(jets, rows, strict=True):
             if jet == LOG_DETERMINANT:
@@ -269,54 +282,87 @@ class Displacements:
             axis = max(q for q in range(3) if jet.orders[q])
             i, j, k, _ = (order - (q == axis) for q, order in enumerate(jet.orders))
             lower = Jet(jet.component, (i, j, k, 0))
-            first = jet.component < 3 and not any(lower.orders)
-            h = self.grid.spacing[axis]
-            length = self.grid.spacing[jet.component] if first else 1.0
-            plus = 1.0 if first and jet.component == axis else 0.0
-            worst = self._difference(rows[place[lower]], row, axis, length / h, plus)
-            # Second derivatives are per length, and so compared after multiplication by it.
-            if self._exact and worst * (1.0 if first else h) > self.stage.limit:
-                raise Unsmooth
+            h, limit = self.grid.spacing[axis], self._slopes
+            factor, plus = 1.0 / h, 0.0
+            if jet.component < 3 and not any(lower.orders):
+                factor, plus = self.grid.spacing[jet.component] / h, float(jet.component == axis)
+            else:
+                limit = limit / h  # of derivatives per length
+            flagged |= self._difference(rows[place[lower]], row, axis, factor, plus, limit)
+        return flagged
 
-    def _difference(self, a: Array, out: Array, axis: int, factor: float, plus: float) -> float:
-        """The difference of an array of all nodes; returns the largest error in it."""
+    def _difference(
+        self, a: Array, out: Array, axis: int, factor: float, plus: float, limit: float
+    ) -> bool:
+        """The difference of an array of all nodes; whether its error exceeds the limit anywhere."""
         from cip.engines.cpu_loops import share
         from cip.engines.displacement_loops import run_difference
 
         n, stride = self.grid.nodes[axis], int(np.prod(self.grid.nodes[axis + 1 :]))
         said, periodic = np.empty(self.grid.size // stride), int(self.grid.periodic[axis])
-
-        given = (a, out, said, n, stride, periodic, factor, plus)
+        given = (a, out, said, n, stride, periodic, factor, plus, limit)
         share(lambda a, b: run_difference(a, b, *given), said.size, self.grid.size)
-        return abs(factor) * float(said.max())
+        return bool(said.any())
 
-    def _repair(
-        self, rows: Array, block: int, t_start: float, t_end: float, count: int
+    def _closely(
+        self, flow: _Flow, points: list[Array], times: tuple[float, float], count: int, left: Array
+    ) -> Array:
+        """All components of the feet of some nodes from paths that end within a fraction of a cell
+        around each; NaN where the path of the node has `left` the grid."""
+        moving, size = self.stage.moving, points[0].size
+        offsets = np.array(np.meshgrid(*[_NEAR] * len(moving), indexing="ij"))
+        around, count_of = [], offsets[0].size
+        for q, x in enumerate(points):
+            spread = np.broadcast_to(x, (count_of, size))
+            if q < len(moving):
+                spread = spread + offsets[q].reshape(-1, 1) * (self._cells[q] / flow.unit[q])
+            around.append(np.ascontiguousarray(spread).reshape(-1))
+        bounds = np.tile([-np.inf, np.inf], 2)
+        d = self._follow(flow, around, bounds, size, times, count)
+        d[:, np.tile(left, count_of)] = np.nan
+        d = d.reshape(-1, *offsets[0].shape, size)
+        place = d + offsets[..., None]
+
+        def derivative(c: int, orders: Sequence[int]) -> Array:
+            found, unit = place[moving.index(c)], self.grid.spacing[c]
+            for axis in moving:
+                found = np.tensordot(_WEIGHTS[orders[axis]], found, 1)
+                unit /= self.grid.spacing[axis] ** orders[axis]
+            return found * unit
+
+        rows = np.empty((len(self.stage.jets), size))
+        for jet, row in zip(self.stage.jets, rows, strict=True):
+            i, j, *_ = jet.orders
+            if jet.component == 3:  # the determinant, by the rule of Leibniz
+                row[:] = sum(
+                    derivative(0, (p + 1, q)) * derivative(1, (i - p, j - q + 1))
+                    - derivative(0, (p, q + 1)) * derivative(1, (i - p + 1, j - q))
+                    for p in range(i + 1)
+                    for q in range(j + 1)
+                )
+            elif any(jet.orders):
+                row[:] = derivative(jet.component, jet.orders)
+            else:
+                row[:] = d[moving.index(jet.component)][(2,) * len(moving)]
+        return rows
+
+    def _to_walls(
+        self, rows: Array, block: int, times: tuple[float, float], nodes: Array
     ) -> Exits | None:
-        """Solve the equations of the derivatives at nodes without, and find the paths that begin on
-        walls."""
-        walls = not all(self.grid.periodic[axis] for axis in self.stage.moving)
-        if not walls and np.isfinite(rows[0].sum()):
+        """Replace what is not finite at some nodes by the solution of the equations of the
+        derivatives up to the walls; the paths that begin there."""
+        stage, grid = self.stage, self.grid
+        left = nodes[~np.isfinite(rows[:, nodes]).all(axis=0)]
+        if not left.size:
             return None
-        bad = np.flatnonzero(np.isnan(rows).any(axis=0))
-        if not bad.size:
-            return None
-        stage, points = self.stage, [x.ravel()[bad] for x in self.stage.points(block)]
-        found, said = self._path(stage, points, t_end, t_end - t_start, count)
-        rows[:, bad] = found
-        gone = (said != 0) | ~np.isfinite(found).all(axis=0)
-        if not gone.any():
-            return None
-        left, points = bad[gone], [x[gone] for x in points]
-        more = integrate(
-            self.grid, stage.velocity, stage.system, points, t_end, t_end - t_start,
-            stage.tolerance, places=left,
-        )  # fmt: skip
-        exits = more.exits
+        points, length = [x.ravel()[left] for x in stage.points(block)], times[1] - times[0]
+        given = (points, times[1], length, stage.tolerance)
+        found = integrate(grid, stage.velocity, stage.system, *given, places=left)
+        exits = found.exits
         if exits is not None:
             exits = replace(exits, nodes=left[exits.nodes])
-        check_inside(self.grid, exits, set(stage.walls), t_end)
-        rows[:, left] = stage.components(more.jets, points, left)
+        check_inside(grid, exits, set(stage.walls), times[1])
+        rows[:, left] = stage.components(found.jets, points, left)
         return exits
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cip.characteristics.feet import FEET
-from cip.engines.displacements import Displacements, TooCoarse, Unsmooth
+from cip.engines.displacements import Displacements, TooCoarse
 from cip.engines.path_kernel import PATH
 from cip.errors import NotConverged
 from cip.formulas.formula import Formula
@@ -126,7 +126,7 @@ class Engine:
         feet are reused, unless the kernel computes them."""
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
-        if self._computes(stage, dt):
+        if self._computes(stage):
             t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
             room = [] if kept is None else [np.empty(len(stage.jets) * self.grid.size)]
 
@@ -166,11 +166,9 @@ class Engine:
 
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
-        moved = self._displaced(stage, dt)
+        moved = self._displaced(stage)
         if moved is not None:
-            found = self._displaced_feet(moved, t, dt)
-            if found is not None:
-                return found
+            return self._displaced_feet(moved, t, dt)
         large = self.grid.size > LIMITS.compiled or not self.setting.steady
         if large and stage.formula and not self._memory.left:
             found = self._compiled_feet(stage, t, dt)
@@ -178,20 +176,15 @@ class Engine:
                 return found
         return stage.feet(t, dt)
 
-    def _displaced(self, stage: Stage, dt: float) -> Displacements | None:
+    def _displaced(self, stage: Stage) -> Displacements | None:
         """The feet of a stage by displacements, None where others serve."""
-        refused = self._counts.get(("displaced", *stage.part(dt)), (0.0, 1))[1] == 0
-        if self.setting.steady or refused:
-            return None
         if stage not in self._displacements:
-            serves = Displacements.serves(stage, LIMITS.differences)
-            made = Displacements(stage, self._followed) if serves else None
-            self._displacements[stage] = made
+            serves = not self.setting.steady and Displacements.serves(stage, LIMITS.differences)
+            self._displacements[stage] = Displacements(stage) if serves else None
         return self._displacements[stage]
 
-    def _displaced_feet(self, moved: Displacements, t: float, dt: float) -> StageFeet | None:
-        """Feet with the sub-steps of the last step, or with more; None, also for later steps, where
-        differences do not reach the tolerance."""
+    def _displaced_feet(self, moved: Displacements, t: float, dt: float) -> StageFeet:
+        """Feet with the sub-steps of the last step, at intervals with fewer, or with more."""
         key = ("displaced", *moved.stage.part(dt))
         first, count = self._counts.get(key, (t, 1))
         if abs(t - first) > LIMITS.renewal * dt:
@@ -201,9 +194,6 @@ class Engine:
                 found = moved.feet(t, dt, count)
             except TooCoarse:
                 count *= 2
-            except Unsmooth:
-                self._counts[key] = (t, 0)
-                return None
             else:
                 self._counts[key] = (first, count)
                 return found
@@ -212,25 +202,6 @@ class Engine:
             f"an error above foot_tolerance = {moved.stage.foot_error:.1e} cells; take a smaller "
             "dt, or a larger foot_tolerance of the solver"
         )
-
-    def _followed(
-        self, stage: Stage, points: list[Any], t_end: float, dt: float, count: int
-    ) -> tuple[Any, Any]:
-        """Components of the feet of some points by the kernel `path`, with more and more sub-steps,
-        and its codes."""
-        from cip.engines import cpu_loops
-        from skfem_adini.ground.jit import loop_over
-
-        path, box = self._path(stage)
-        run_feet, size = loop_over(cpu_loops.run_feet, path=path), points[0].size
-        x, y, z = [np.ascontiguousarray(x) for x in points] + [np.zeros(size)] * (3 - len(points))
-        found, said = np.empty((len(stage.jets), size)), np.empty(size, np.int64)
-        while True:
-            paths = tuple(cpu_loops.Paths(x, y, z, t_end, dt / count, count, box))
-            run_feet(0, size, found.reshape(-1), said, paths, size, len(stage.jets))
-            if count > FEET.substeps or not (said & PATH.coarse).any():
-                return found, said
-            count *= 2
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
         from cip.engines import cpu_loops
@@ -301,8 +272,8 @@ class Engine:
             return low, high
         return (0.0 if low >= 0.0 else -np.inf), (0.0 if high <= 0.0 else np.inf)
 
-    def _computes(self, stage: Stage, dt: float) -> bool:
-        if self._memory.left or not stage.computable or self._displaced(stage, dt) is not None:
+    def _computes(self, stage: Stage) -> bool:
+        if self._memory.left or not stage.computable or self._displaced(stage) is not None:
             return False
         return not self.setting.stores_feet
 

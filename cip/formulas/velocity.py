@@ -109,9 +109,10 @@ class Velocity(Parametrised):
             these variables, numbers, pi and e, with sin, cos, tan, arcsin, arccos, arctan, sinh,
             cosh, tanh, exp, log, sqrt, abs and sign.
         parameters : mapping, optional
-            Values of further names in the formulas. They are arguments of the compiled code:
-            `with_parameters` changes them without compiling again, where a number written into the
-            text compiles for about a second. Both forms agree to rounding.
+            Values of further names in the formulas, which `with_parameters` changes, and by which
+            runs are differentiated. They and the numbers in the text are arguments of the compiled
+            code on the CPU: others compile nothing. Feet of an unsteady velocity with parameters
+            take longer, as their derivatives follow the paths.
 
         Returns
         -------
