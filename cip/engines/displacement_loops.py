@@ -120,9 +120,9 @@ def run_substep(
     box0: Array, box1: Array, box2: Array,
 ) -> None:  # fmt: skip
     """A classical Runge-Kutta step of the displacements of the points in rows start..stop; NaN of
-    those that leave the bounds. ``chosen[row]`` is the point where its inner stages differ most."""
+    those that may leave the bounds. ``chosen[row]``: the point where its inner stages differ most."""
     x, y, a, b = numbers(old), numbers(old), numbers(old), numbers(old)
-    sum_a, sum_b, inner = numbers(old), numbers(old), numbers(old)
+    sum_a, sum_b, inner, gone = numbers(old), numbers(old), numbers(old), numbers(old)
     old, new, chosen, at = address(old), address(new), address(chosen), address(at)
     p, q, r, bounds, sizes = address(p), address(q), address(r), address(bounds), address(sizes)
     box0, box1, box2 = address(box0), address(box1), address(box2)
@@ -136,7 +136,7 @@ def run_substep(
                 y[j] = q[first + j]
                 if moving == 2:
                     y[j] = q[first + j] + old[size + first + j]
-                a[j], b[j], sum_a[j], sum_b[j], inner[j] = 0.0, 0.0, 0.0, 0.0, 0.0
+                a[j], b[j], sum_a[j], sum_b[j], inner[j], gone[j] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for stage in range(4):
                 box, shift, weight = box1, 0.5 * step, 2.0
                 if stage == 0:
@@ -145,7 +145,12 @@ def run_substep(
                     box, shift, weight = box2, step, 1.0
                 for j in range(count):
                     o = first + j
-                    u, v = flow(x[j] + shift * a[j], y[j] + shift * b[j], r[o], at[o], box, sizes)
+                    px, py = x[j] + shift * a[j], y[j] + shift * b[j]
+                    if px < bounds[0] or px > bounds[1]:
+                        gone[j] = 1.0
+                    if moving == 2 and (py < bounds[2] or py > bounds[3]):
+                        gone[j] = 1.0
+                    u, v = flow(px, py, r[o], at[o], box, sizes)
                     if stage == 2:
                         inner[j] = abs(u - a[j]) + abs(v - b[j])
                     sum_a[j] += weight * u
@@ -155,7 +160,7 @@ def run_substep(
                 o = first + j
                 u = step * (1.0 / 6.0) * sum_a[j]
                 v = step * (1.0 / 6.0) * sum_b[j]
-                inside = x[j] + u >= bounds[0] and x[j] + u <= bounds[1]
+                inside = gone[j] == 0.0 and x[j] + u >= bounds[0] and x[j] + u <= bounds[1]
                 if moving == 2:
                     inside = inside and y[j] + v >= bounds[2] and y[j] + v <= bounds[3]
                     new[size + o] = old[size + o] + v

@@ -41,7 +41,7 @@ def feet_of(solver, stage, t, dt):
     return found, counts.get(("displaced", *stage.part(dt)), 0) > 0
 
 
-def reference(solver, stage, block, t_end, length, substeps=48):
+def reference(solver, stage, block, t_end, length, substeps=24):
     """Displacements in cells, by Runge-Kutta steps of the velocity as NumPy evaluates it."""
     velocity = [c.derivative((0,) * 4, ONE) for c in solver.velocity.on(solver.grid)]
     start = [x.ravel() for x in stage.points(block)] + [np.zeros(solver.grid.size)] * 3
@@ -82,30 +82,29 @@ def winds(draw):
     degree=st.sampled_from([3, 5]),
     profile=st.sampled_from(["bicubic", "csl4"]),
     periodic=st.sampled_from([True, False, (True, False)]),
-    tolerance=st.sampled_from([1e-3, 1e-5, 1e-7]),
-    cells=st.floats(0.3, 5.0),
+    tolerance=st.sampled_from([1e-3, 1e-5, 1e-6]),
+    cells=st.floats(0.3, 3.0),
 )
 def test_every_foot_is_within_the_tolerance(
     wind, form, degree, profile, periodic, tolerance, cells
 ):
-    grid, data = Grid([(0, 1)] * 2, (20, 24), periodic), Grid([(0, 1)] * 2, (16, 18), periodic)
+    grid, data = Grid([(0, 1)] * 2, (12, 14), periodic), Grid([(0, 1)] * 2, (10, 11), periodic)
     velocity = wind
     if form != "formula":
         arrays = sampled(wind.on(data), data)
         velocity = Velocity.from_snapshots(TIMES, arrays, data, degree, form)
     solver = solver_of(velocity, grid, profile, foot_tolerance=tolerance)
-    dt = min(0.45, cells / 20)
+    dt = cells / 12
     for stage in solver._stages[:2]:
-        feet, _ = feet_of(solver, stage, 0.5, dt)
+        # A kink of linear interpolation is in the middle.
+        feet, _ = feet_of(solver, stage, 0.5 - dt * 0.5 * (stage.begin + stage.end), dt)
         rows = feet.data.reshape(len(stage.blocks), len(stage.jets), -1)
         length = feet.t_end - feet.t_start
         for number, block in enumerate(stage.blocks):
             inside = feet.interior(grid.size, number)
-            exact = reference(solver, stage, block, feet.t_end, length)
+            exact = reference(solver, stage, block, feet.t_end, length, 100)
             for row, one in zip(rows[number], exact, strict=False):
-                # That of the reference with kinks in time is 1e-5 at most, seen by halving it.
-                slack = 2e-5 if form == "linear" else 0.0
-                assert np.abs(row - one)[inside].max(initial=0.0) <= tolerance + slack + 1e-9
+                assert np.abs(row - one)[inside].max(initial=0.0) <= tolerance
 
 
 @pytest.mark.parametrize("profile", ["bicubic", "csl4", pytest.param("csl2", marks=SLOW)])
@@ -174,20 +173,21 @@ def test_paths_have_order_four_and_derivatives_order_eight(kind):
 
 
 def test_data_on_another_grid_in_other_cells():
-    """Two periods of coarser data, elsewhere; a step over the times of linear interpolation."""
-    data, grid = (
-        Grid([(0, 1), (0, 2)], (12, 20), True),
-        Grid([(-0.3, 1.7), (0.4, 2.4)], (40, 36), True),
-    )
-    wind = Velocity.from_expression(WIND[0], WIND[1].replace("x2", "x2/2*2"))
+    """Two periods of coarser data, elsewhere; a step over a time of linear interpolation."""
+    data = Grid([(0, 1), (0, 2)], (12, 20), True)
+    grid = Grid([(-0.3, 1.7), (0.4, 2.4)], (20, 18), True)
+    wind = Velocity.from_expression(*WIND)
     velocity = Velocity.from_snapshots(TIMES, sampled(wind.on(data), data), data, 5, "linear")
     for profile in ("bicubic", "csl4"):
-        solver = solver_of(velocity, grid, profile, foot_tolerance=1e-6)
+        solver = solver_of(velocity, grid, profile, foot_tolerance=1e-7)
         stage = solver._stages[-1]
-        feet, displaced = feet_of(solver, stage, 0.25, 0.2)
-        exact = reference(solver, stage, 0, feet.t_end, feet.t_end - feet.t_start, 600)
+        # The kink at TIMES[2] is in the middle of the part of the step that the stage takes.
+        dt = 0.1
+        start = TIMES[2] - dt * 0.5 * (stage.begin + stage.end)
+        feet, displaced = feet_of(solver, stage, start, dt)
+        exact = reference(solver, stage, 0, feet.t_end, feet.t_end - feet.t_start)
         assert displaced
-        np.testing.assert_allclose(feet.data[: grid.size], exact[0], rtol=0, atol=3e-6)
+        np.testing.assert_allclose(feet.data[: grid.size], exact[0], rtol=0, atol=1e-7)
 
 
 @pytest.mark.parametrize("profile", ["bicubic", "csl4"])
