@@ -120,7 +120,7 @@ def run_substep(
     box0: Array, box1: Array, box2: Array,
 ) -> None:  # fmt: skip
     """A classical Runge-Kutta step of the displacements of the points in rows start..stop; NaN of
-    those that may leave the bounds. ``chosen[row]``: the point where its inner stages differ most."""
+    those that may leave the bounds. ``chosen[row]``: where its inner stages differ most."""
     x, y, a, b = numbers(old), numbers(old), numbers(old), numbers(old)
     sum_a, sum_b, inner, gone = numbers(old), numbers(old), numbers(old), numbers(old)
     old, new, chosen, at = address(old), address(new), address(chosen), address(at)
