@@ -26,6 +26,8 @@ from cip.grid import Grid
 from cip.inverse.identifiability import Identifiability, IdentifiabilityWarning
 from cip.inverse.identified import IdentifiedVelocity, MisfitWarning
 from cip.inverse.identify import identify_velocity
+from cip.output.flow_map import FlowMap, flow_map
+from cip.output.level_set import area, contour, reinitialise
 from cip.output.trajectory import Diagnostics, Trajectory
 from cip.solver.solver import Solver
 from cip.stages.state import State
@@ -35,6 +37,7 @@ __all__ = [
     "CipError",
     "Covariance",
     "Diagnostics",
+    "FlowMap",
     "Grid",
     "Identifiability",
     "IdentifiabilityWarning",
@@ -55,9 +58,13 @@ __all__ = [
     "State",
     "Trajectory",
     "Velocity",
+    "area",
+    "contour",
+    "flow_map",
     "four_d_var",
     "identify_velocity",
     "place_sensors",
+    "reinitialise",
 ]
 
 __version__ = "1.0.0rc1"

@@ -66,7 +66,8 @@ def integrate(
     known: Mapping[str, Any] | None = None,
     places: NDArray[np.int64] | None = None,
 ) -> Feet:
-    """Follow the characteristics through `points` from `t_end` back by `dt`, or to a wall.
+    """Follow the characteristics through `points` from `t_end` back by `dt` (forward where it is
+    negative), or to a wall.
 
     Classical Runge-Kutta with n equal sub-steps: `substeps`, or doubled until the difference of two
     results over 15 is below the tolerance. For a velocity that depends on t, n becomes 2 n + 1:
@@ -174,7 +175,7 @@ class _Run:
                     steepest = max(steepest, float(np.max(np.abs(rate))))
         if not np.isfinite(steepest):
             steepest = 0.0  # `follow` reports the node where the velocity is not finite
-        return int(np.clip(np.ceil(2.0 * steepest * self.dt), 1, FEET.substeps // 4))
+        return int(np.clip(np.ceil(2.0 * steepest * abs(self.dt)), 1, FEET.substeps // 4))
 
     @np.errstate(all="ignore")  # `_check` names what is not finite
     def follow(self, count: int) -> _Result:
@@ -212,8 +213,8 @@ class _Run:
         for row, (_, exits) in zip(aged, (coarse, fine), strict=True):
             if exits is not None:
                 row[exits.nodes] = exits.ages
-        same = (aged[0] > 0) == (aged[1] > 0)
-        worst = float(np.max(np.abs(aged[0] - aged[1])[same], initial=0.0)) / self.dt
+        same = (aged[0] != 0) == (aged[1] != 0)
+        worst = float(np.max(np.abs(aged[0] - aged[1])[same], initial=0.0)) / abs(self.dt)
         for jet in self.system.jets:
             change = np.max(np.abs(coarse[0][jet] - fine[0][jet])[same], initial=0.0)
             if sum(jet.orders) == 0 and jet.component < 3:
@@ -279,7 +280,7 @@ class _Run:
             age = np.where(width > 0, low - f_low * (high - low) / np.where(width > 0, width, 1), 0)
             at = self._advance(y, base, tau, age)
             beyond = outside(at)
-            if np.all((np.abs(beyond) <= close) | (high - low <= 1e-15 * step)):
+            if np.all((np.abs(beyond) <= close) | (abs(high - low) <= 1e-15 * abs(step))):
                 break
             right = beyond > 0.0
             f_low = np.where(right, 0.5 * f_low, beyond)
@@ -347,7 +348,15 @@ def _stack(rates: list[Array], like: Array) -> Array:
 
 def check_step(dt: float, name: str = "dt") -> float:
     """The time step as a float; raises `InputError` unless it is positive and finite."""
-    value = real_number(f"{name}: expected a positive number", dt)
-    if not np.isfinite(value) or value <= 0.0:
+    value = signed_step(dt, name)
+    if value < 0.0:
         raise InputError(f"{name}: expected a positive, finite time, got {dt!r}")
+    return value
+
+
+def signed_step(dt: float, name: str = "dt") -> float:
+    """The same for a step that may lead back in time."""
+    value = real_number(f"{name}: expected a number other than zero", dt)
+    if not np.isfinite(value) or value == 0.0:
+        raise InputError(f"{name}: expected a finite time other than zero, got {dt!r}")
     return value

@@ -132,7 +132,7 @@ class _SplineFlow:
 
     def breaks(self, start: float, end: float) -> list[float]:
         times = self._field.times
-        inside = times[(times > start) & (times < end)]
+        inside = times[(times > min(start, end)) & (times < max(start, end))]
         return [] if self._field.degrees[0] > 1 else [float(t) for t in inside]
 
 
@@ -369,7 +369,7 @@ class Displacements:
 def _steps(start: float, end: float, breaks: Sequence[float], count: int) -> list[float]:
     """Lengths of the sub-steps from `end` back to `start`: equal ones, about `count`, between times
     at which the velocity is not smooth."""
-    times = [end, *reversed(breaks), start]
+    times = [end, *sorted(breaks, reverse=bool(end > start)), start]
     found = []
     for high, low in pairwise(times):
         parts = max(1, int(np.ceil(count * (high - low) / (end - start) - 1e-9)))

@@ -187,7 +187,7 @@ class Engine:
         """Feet with the sub-steps of the last step, at intervals with fewer, or with more."""
         key = ("displaced", *moved.stage.part(dt))
         first, count = self._counts.get(key, (t, 1))
-        if abs(t - first) > LIMITS.renewal * dt:
+        if abs(t - first) > LIMITS.renewal * abs(dt):
             first, count = t, max(1, count // 2)
         while count <= FEET.substeps:
             try:
@@ -284,7 +284,7 @@ class Engine:
         found = self._counts.get(key)
         if found is None:
             found = self._counts[key] = (t, self._first_count(stage, t, dt))
-        elif not self.setting.steady and abs(t - found[0]) > LIMITS.renewal * dt:
+        elif not self.setting.steady and abs(t - found[0]) > LIMITS.renewal * abs(dt):
             # A velocity that was steep between the nodes of the sample does not become smooth at
             # once: take at least half of the last number, and an even one.
             half = 2 * (found[1] // 4)

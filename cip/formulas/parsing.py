@@ -95,4 +95,6 @@ def _parsed(tree: ast.expr, text: str, name: str, parameters: Collection[str]) -
             f"{name}: {tree.func.id!r} in {text!r} is no known function of one argument; "
             f"known are {', '.join(RULES)}"
         )
+    if isinstance(tree, ast.Call) and ast.unparse(tree.func) in ("np.float64", "np.float32"):
+        return _parsed(tree.args[0], text, name, parameters)  # as NumPy writes its numbers
     raise InputError(f"{name}: {ast.unparse(tree)!r} in {text!r} is not arithmetic")

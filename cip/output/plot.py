@@ -98,6 +98,13 @@ def plot_identified(found: Any, ax: Any = None) -> Any:
     return ax
 
 
+def plot_map(grid: Grid, values: NDArray[np.float64], label: str, ax: Any, **style: Any) -> Any:
+    """Draw nodal values in the plane as colours; returns the Axes."""
+    ax = _axes(ax, figsize=(6, 4))
+    _map(ax, grid, values, label, **style)
+    return ax
+
+
 def _axes(ax: Any, **figure: Any) -> Any:
     """The axes given, or those of a new figure."""
     if ax is not None:

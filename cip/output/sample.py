@@ -45,11 +45,16 @@ def points_of(points: ArrayLike, dim: int) -> Array:
     return place
 
 
-def profile_value(profile: str, data: Mapping[str, Any], grid: Grid, points: Array) -> Any:
+def profile_value(
+    profile: str, data: Mapping[str, Any], grid: Grid, points: Array, shift: Any = None
+) -> Any:
     """The profile of these moments at points of shape (dim, n). The moments are arrays, or anything
-    that can be indexed by nodes, added, and multiplied by arrays.
+    that can be indexed by nodes, added, and multiplied by arrays. A `shift` of all points, which
+    may be imaginary, continues the polynomial of their cells.
     """
     cells = [_cells(grid, axis, x) for axis, x in enumerate(points)]
+    if shift is not None:
+        cells = [(k, r, s + d / h, h) for (k, r, s, h), d in zip(cells, shift, strict=True)]
     if profile in ("csl2", "csl4") or (grid.dim == 1 and profile != "linear"):
         evaluate = _line if grid.dim == 1 else _tensor_means
         return evaluate(profile, data, grid, cells)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cip.errors import InputError
+from cip.errors import InputError, NotSupported
 from cip.output.trajectory import Trajectory
 from cip.sensitivities.window import Move, Window, check_differentiable, checkpoint_distance
 from cip.solver.time_loop import run as repeat
@@ -29,6 +29,8 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> 
     solver._accept(start)
     if not times:
         raise InputError("run: it has no steps")
+    if run.dt < 0.0:
+        raise NotSupported("run: it leads back in time; differentiate a run forward in time")
     replay = Replay(solver, steps_to(start, times, run.dt))
     every = checkpoint_distance(len(replay.moves), checkpoints, start.data.nbytes)
     if solver.backend == "cpu":
@@ -69,11 +71,9 @@ def steps_to(start: State, times: list[float], dt: float) -> list[tuple[float, f
 
 
 def around(stages: list[Move], solver: Any, t: float, dt: float) -> list[Move | HalfStep]:
-    """The moves of the step [t, t + dt]: its stages between the halves of sources and decay."""
-    if solver._reaction is None:
-        return list(stages)
-    before, after = halves(solver._reaction, t, dt)
-    return [before, *stages, after]
+    """The moves of the step [t, t + dt]: its stages between the halves of reactions."""
+    before, after = halves(solver._reactions, t, dt)
+    return [*before, *stages, *after]
 
 
 class Replay:

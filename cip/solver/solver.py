@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from cip.characteristics.feet import check_step
+from cip.characteristics.feet import signed_step
 from cip.engines.engine import Engine, Setting
 from cip.errors import InputError
 from cip.formulas.formula import Formula
@@ -23,6 +23,7 @@ from cip.output.trajectory import Trajectory
 from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
 from cip.solver.derivatives import derivative
 from cip.solver.time_loop import checked_callback, run, step_length
+from cip.sources.diffusion import diffusion as spread
 from cip.sources.reaction import Reaction, halves, reacted, reaction
 from cip.stages.stage import Stage, StageFeet, stages
 from cip.stages.state import State, _real, default_profile, state_of
@@ -77,6 +78,9 @@ class Solver(Parametrised):
         What is added in each unit of time, s(x, t).
     decay : float, str, callable, array or Source, optional
         Rate k >= 0 at which the field decays, 1 / time, with the same forms as a source.
+    diffusion : float, or one for each direction, optional
+        Constant coefficient >= 0, length^2 / time, on uniform grids: u_t + .. = diffusion lap u,
+        with no diffusive flux through walls.
     foot_tolerance : float, optional
         Largest error of the feet, in cells; default 1e-5 for velocities from snapshots, whose
         interpolation in time errs by as much, and for others 1e-10, or 1e-8 if they depend on t.
@@ -111,7 +115,10 @@ class Solver(Parametrised):
     adds an error of order dt^2, and so do sources and decay (`cip.sources.reaction`), which act for
     half a step before and after the transport. The integral then changes by that of the source,
     exact for csl2 and csl4, and falls by exp(-k t) exactly for the same k everywhere. In a
-    splitting a source should vanish on walls with inflow; its error there is of order dt.
+    splitting a source should vanish on walls with inflow; its error there is of order dt. Diffusion
+    acts for half a step before and after, too, exactly for any dt and with the same integral; where
+    a flow enters through walls its error there is of order dt. With a limiter it is that of second
+    differences, of order 2 in the spacing, whose values never leave the range.
 
     Raises
     ------
@@ -161,6 +168,7 @@ class Solver(Parametrised):
         store_feet: bool | None = None,
         source: Any = None,
         decay: Any = None,
+        diffusion: Any = None,
         foot_tolerance: float | None = None,
     ) -> None:
         if not isinstance(grid, Grid):
@@ -184,13 +192,7 @@ class Solver(Parametrised):
         if store_feet not in (None, True, False):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
-        if foot_tolerance is not None:
-            foot_tolerance = real_number("foot_tolerance", foot_tolerance)
-            if not 1e-12 <= foot_tolerance <= 1.0:
-                raise InputError(
-                    f"foot_tolerance: expected 1e-12 to 1 cells, got {foot_tolerance!r}"
-                )
-        self.foot_tolerance = foot_tolerance
+        self.foot_tolerance = tolerance_of(foot_tolerance)
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
         self.source, self.decay = Source.of(source, "source"), Source.of(decay, "decay")
         self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
@@ -206,7 +208,11 @@ class Solver(Parametrised):
             from cip.engines.cpu_engine import CpuEngine
 
             self._kernels = CpuEngine(setting)
-        self._reaction = reaction(grid, self.profile, self.source, self.decay, self._kernels.xp)
+        xp = self._kernels.xp
+        self._reaction = reaction(grid, self.profile, self.source, self.decay, xp)
+        spreads = spread(grid, self.profile, diffusion, limiter is not None, xp)
+        self.diffusion = None if spreads is None else spreads.rates
+        self._reactions = [one for one in (self._reaction, spreads) if one is not None]
         self._inflow = {
             f"{'xyz'[axis]}{'-+'[side]}": formula
             for (axis, side), formula in walls(boundary, grid).items()
@@ -219,7 +225,7 @@ class Solver(Parametrised):
             grid, self._formulas, self.profile, self.form == "advection", boundary, self._reaction
         )
         for stage in self._stages:
-            stage.foot_tolerance = foot_tolerance
+            stage.foot_tolerance = self.foot_tolerance
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
@@ -235,7 +241,7 @@ class Solver(Parametrised):
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay, self.foot_tolerance,
+            self.store_feet, self.source, self.decay, self.diffusion, self.foot_tolerance,
         )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
@@ -263,7 +269,7 @@ class Solver(Parametrised):
         state : State
             On this solver's grid, with the moments of its profile.
         dt : float
-            Positive.
+            Negative for a step back in time, along the same characteristics.
 
         Returns
         -------
@@ -273,13 +279,13 @@ class Solver(Parametrised):
         Raises
         ------
         InputError
-            A state of another grid, profile or with NaN; dt that is not positive.
+            A state of another grid, profile or with NaN; dt that is zero.
         LeftDomain
             A characteristic comes in through a wall without data.
         NotFinite
             The velocity, a characteristic or the new field is not finite; names node and time.
         """
-        dt = check_step(dt)
+        dt = signed_step(dt)
         self._accept(state)
         self._check_times(state.t, state.t + dt)
         return self._advance(self._kernels.place(state), dt).require_finite()
@@ -296,13 +302,18 @@ class Solver(Parametrised):
     ) -> Any:
         """Steps to `t_end`, landing exactly on it and on every snapshot's time.
 
+        With `t_end` before the time of `state`, and a negative `dt`, the run leads back in time:
+        the equation is solved for the past, sources and decay included, and what was outflow
+        becomes inflow, for which `boundary` needs data.
+
         Parameters
         ----------
         state : State
         t_end : float
-            After the time of `state`.
+            After the time of `state`, or before it.
         dt : float, optional
-            Length of the steps; the last one before each snapshot may be shorter.
+            Length of the steps; the last one before each snapshot may be shorter. Negative in a
+            run back in time.
         cfl : float, optional
             Instead of `dt`: the largest number of cells that a node moves in a step, by the
             velocity at the start.
@@ -324,7 +335,7 @@ class Solver(Parametrised):
         """
         self._accept(state)
         self._check_times(state.t, real_number("t_end", t_end))
-        length = step_length(dt, cfl, self.grid, self._formulas, state.t)
+        length = step_length(dt, cfl, self.grid, self._formulas, state.t, float(t_end))
 
         def record(states: Sequence[State], interrupted: bool) -> Trajectory:
             return Trajectory(tuple(states), self, length, interrupted)
@@ -413,7 +424,7 @@ class Solver(Parametrised):
         """
         for known in (snapshots_of(self._formulas), self._reaction):
             if known is not None:
-                known.check_times(start, end)
+                known.check_times(min(start, end), max(start, end))
         if self.limiter == "bounds" and np.isfinite(end):
             for name, formula in self._inflow.items():
                 if not formula.steady:
@@ -432,7 +443,7 @@ class Solver(Parametrised):
             check_within(found, self.bounds, self.bounds_tolerance, what, remedy)
 
     def _advance(self, state: State, dt: float) -> State:
-        new = advanced(self._kernels, self._stages, self._reaction, state, dt)
+        new = advanced(self._kernels, self._stages, self._reactions, state, dt)
         if self.limiter == "bounds":
             new.__dict__["_bounded"] = self.bounds
         return new
@@ -503,17 +514,17 @@ def made_stages(
 
 
 def advanced(
-    kernels: Engine, made: list[Stage], reaction: Reaction | None, state: State, dt: float
+    kernels: Engine, made: list[Stage], reactions: Sequence[Any], state: State, dt: float
 ) -> State:
-    """The state after a step: the stages between the halves of sources and decay."""
+    """The state after a step: the stages between the halves of sources, decay and diffusion."""
     data, t = state.data, state.t
-    before, after = halves(reaction, t, dt) if reaction is not None else (None, None)
-    if before is not None:
-        data = before.applied(data)
+    before, after = halves(reactions, t, dt)
+    for half in before:
+        data = half.applied(data)
     for stage in made:
         data = kernels.apply(stage, data, t, dt)
-    if after is not None:
-        data = after.applied(data)
+    for half in after:
+        data = half.applied(data)
     return state_of(state.grid, state.profile, data, t + dt)
 
 
@@ -577,6 +588,16 @@ def bounds_of(bounds: Any) -> tuple[float, float]:
     if not low < high:
         raise InputError(f"bounds: low must be below high, got {bounds!r}")
     return low, high
+
+
+def tolerance_of(given: float | None) -> float | None:
+    """The argument `foot_tolerance`."""
+    if given is None:
+        return None
+    value = real_number("foot_tolerance", given)
+    if not 1e-12 <= value <= 1.0:
+        raise InputError(f"foot_tolerance: expected 1e-12 to 1 cells, got {given!r}")
+    return value
 
 
 def check_within(

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cip.characteristics.feet import check_step, time_scale
+from cip.characteristics.feet import check_step, signed_step, time_scale
 from cip.errors import CipError, InputError
 from cip.formulas.formula import Formula
 from cip.grid import Grid
@@ -38,7 +38,7 @@ def run(
     times = output_times(state.t, t_end, snapshots)
     # Relative to dt: a shorter remainder before an output time joins the last step. The rounding of
     # a million steps is below it; that of the times is added.
-    no_step = 1e-9 + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / dt
+    no_step = 1e-9 + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / abs(dt)
     if no_step > 0.01:
         raise InputError(
             f"dt: {dt:.6g} is lost in the rounding of t = {times[-1]:.6g}; count t from the start"
@@ -53,7 +53,7 @@ def run(
             for k in range(count):
                 last = k == count - 1
                 length = target - (start + k * dt) if last else dt
-                if abs(length - dt) <= no_step * dt:
+                if abs(length - dt) <= no_step * abs(dt):
                     length = dt
                 t = target if last else start + (k + 1) * dt
                 state = advance(state, length)
@@ -65,7 +65,7 @@ def run(
             if progress:
                 _log.info("t = %.6g of %.6g, mass %.12g", state.t, times[-1], kept[-1].mass)
     except (KeyboardInterrupt, StopIteration):
-        if state.t > kept[-1].t:
+        if state.t != kept[-1].t:
             kept.append(state.host().require_finite())
         return record(kept, True)
     except CipError as error:
@@ -104,10 +104,10 @@ def checked_callback(
 
 
 def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None) -> list[float]:
-    """The times after t at which the run stores a snapshot, `t_end` the last."""
+    """The times from t on at which the run stores a snapshot, `t_end` the last."""
     end = real_number("t_end", t_end)
-    if not np.isfinite(end) or end <= t:
-        raise InputError(f"t_end: expected a time after t = {t:.6g}, got {t_end!r}")
+    if not np.isfinite(end) or end == t:
+        raise InputError(f"t_end: expected a time other than t = {t:.6g}, got {t_end!r}")
     if snapshots is None:
         return [end]
     if isinstance(snapshots, int | np.integer) and not isinstance(snapshots, bool):
@@ -115,20 +115,34 @@ def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None
             raise InputError(f"snapshots: expected at least 1 interval, got {snapshots}")
         return [float(time) for time in np.linspace(t, end, int(snapshots) + 1)[1:]]
     times = real_array("snapshots", snapshots).astype(float)
-    if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
-        raise InputError(f"snapshots: expected increasing times, got {snapshots!r}")
-    if times.size and not (t <= times[0] and times[-1] <= end):
+    ahead = 1.0 if end > t else -1.0  # a run may lead back in time
+    if times.ndim != 1 or not np.isfinite(times).all() or np.any(ahead * np.diff(times) <= 0):
+        order = "increasing" if end > t else "decreasing"
+        raise InputError(f"snapshots: expected {order} times, got {snapshots!r}")
+    if times.size and not (ahead * (times[0] - t) >= 0.0 <= ahead * (end - times[-1])):
         raise InputError(f"snapshots: expected times from {t:.6g} to {end:.6g}, got {snapshots!r}")
-    inner = [float(time) for time in times if t < time < end]
+    inner = [float(time) for time in times if time not in (t, end)]
     return [*inner, end]
 
 
 def step_length(
-    dt: float | None, cfl: float | None, grid: Grid, velocity: Sequence[Formula], t: float
+    dt: float | None,
+    cfl: float | None,
+    grid: Grid,
+    velocity: Sequence[Formula],
+    t: float,
+    t_end: float,
 ) -> float:
     """The length of the steps, given itself or by the cells that a node moves; see `Solver.run`."""
     if (dt is None) == (cfl is None):
         raise InputError("dt: pass either dt or cfl")
     if dt is not None:
-        return check_step(dt)
-    return check_step(cfl, "cfl") * time_scale(grid, velocity, t)  # type: ignore[arg-type]
+        found = signed_step(dt)
+        if found * (t_end - t) < 0.0:
+            raise InputError(
+                f"dt: steps of {dt!r} do not lead from t = {t:.6g} to t_end = {t_end:.6g}; runs "
+                "back in time take a negative dt"
+            )
+        return found
+    ahead = 1.0 if t_end >= t else -1.0
+    return ahead * check_step(cfl, "cfl") * time_scale(grid, velocity, t)  # type: ignore[arg-type]

@@ -457,7 +457,7 @@ class HalfStep:
     z -> D (z + S), after it z -> D z + S. In parameters S has the derivative S_p, D z has -K_p D z.
     """
 
-    reaction: Reaction
+    reaction: Any  # a Reaction, or what is called like one
     t: float  # time at which it begins
     length: float  # duration
     after: bool  # whether it follows the transport
@@ -522,7 +522,8 @@ class HalfStep:
         return self.linear(data)
 
 
-def halves(reaction: Reaction, t: float, dt: float) -> tuple[HalfStep, HalfStep]:
-    """The half steps before and after the transport of the step [t, t + dt]."""
+def halves(reactions: Sequence[Any], t: float, dt: float) -> tuple[list[HalfStep], list[HalfStep]]:
+    """The half steps before and after the transport of the step [t, t + dt], in mirror order."""
     half = 0.5 * dt
-    return HalfStep(reaction, t, half, False), HalfStep(reaction, t + half, half, True)
+    before = [HalfStep(one, t, half, False) for one in reactions]
+    return before, [HalfStep(one, t + half, half, True) for one in reversed(reactions)]

@@ -422,13 +422,13 @@ def _together(parts: list[Gradients | None]) -> Gradients:
     if some is None:
         raise InputError("no problem of the batch has a solution: nothing has derivatives")
     xp, fields = namespace(some.q), dict[str, Any]()
-    for name, like in some._asdict().items():
-        values = [
-            like if part is None and like is None
-            else (name == "degenerate" if part is None else getattr(part, name)) + 0 * like
-            for part in parts
-        ] if like is not None else []  # fmt: skip
-        fields[name] = None if like is None else values if is_sparse(like) else xp.stack(values)
+    for name, like in some._replace(degenerate=None)._asdict().items():
+        if like is None:
+            fields[name] = None
+            continue
+        zero = 0.0 * like
+        values = [zero if part is None else getattr(part, name) + zero for part in parts]
+        fields[name] = values if is_sparse(like) else xp.stack(values)
     fields["degenerate"] = xp.asarray([part is None or part.degenerate for part in parts])
     return Gradients(**fields)
 

@@ -144,6 +144,7 @@ TAKE = {
     "Solver velocity": (FIELD, lambda v: of_solver("velocity", [v, 1.0])),
     "Solver source": (FIELD, lambda v: of_solver("source", v)),
     "Solver decay": (FIELD, lambda v: of_solver("decay", v)),
+    "Solver diffusion": (TWO, held(lambda v: Solver(PLANE, (1.0, 0.5), diffusion=v), "diffusion")),
     "Solver.run snapshots": (np.array([0.3, 0.6]), ran),
     "Solver.state f": (NODAL, held(lambda v: Solver(LINE, 1.0).state(v), "data")),
     "Source s": (FIELD, lambda v: values(Source(v))),
@@ -179,6 +180,7 @@ MISSING |= {name for name in TAKE if name.startswith("identify_velocity data")}
 NONE = """
     Covariance.patterns states | Grid.index_displacement .* | IdentifiedVelocity.plot ax
     | (Analysis|Diagnostics|Identifiability|IdentifiedVelocity|Placement) [a-z0-9_]+
+    | FlowMap [a-z0-9_]+ | FlowMap.plot ax | flow_map velocity
     | Sensors.from_xarray .* | Solver boundary | Solver.run callback | Solver.state derivatives
     | Source.of value | SplineVelocity.from_.* | State.from_function derivatives
     | Trajectory.plot .* | Velocity (jacobian|hessian) | Velocity.from_xarray .*

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cip
-from cip import Covariance, Grid, InputError, NotFinite, Sensors, Solver, State, Velocity
+from cip import Covariance, Grid, InputError, NotFinite, Sensors, Solver, State, Velocity, flow_map
 
 LINE, OPEN, PLANE = Grid((0, 1), 8, periodic=True), Grid((0, 1), 8), Grid([(0, 1)] * 2, (8, 8))
 HIDDEN = np.ma.masked_greater(np.linspace(0.1, 0.8, 8), 0.5)
@@ -85,6 +85,7 @@ VELOCITIES = [
     ("'foo'", lambda: text("foo")),
     ("'gamma'", lambda: text("gamma(x1)")),
     ("is not arithmetic", lambda: text("x1.real")),
+    ("is not arithmetic", lambda: text("np.float16(1.0)*x1")),
     ("too large", lambda: text("1" + "0" * 400)),
     *rows("not finite", text, "10**400*x1", "x1**1e999", "(-8)**(1/3)", "x1/(2 - 2)"),
     ("3002 characters", lambda: text("-" * 3000 + "x1")),
@@ -158,8 +159,14 @@ STATES = [
     ("'v' is none of u, u_x", lambda: state()["v"]),
 ]
 RUNS = [
-    *rows("dt: expected a positive", stepped, 0.0, -0.1, np.nan, np.inf, "fast", COMPLEX, TWO),
-    ("dt: expected a positive", lambda: stepped(None)),
+    *rows("dt: expected a", stepped, 0.0, np.nan, np.inf, "fast", COMPLEX, TWO, None),
+    ("cfl: expected a positive", lambda: ran(cfl=-1.0)),
+    *rows("dt: steps of", lambda dt: ran(-dt, dt=dt), 0.1, -0.1),
+    ("snapshots: expected decreasing", lambda: ran(-1.0, dt=-0.1, snapshots=[-0.5, -0.2])),
+    ("grid: expected a Grid", lambda: flow_map(1.0, 3, 0.0, 1.0)),
+    *rows("t_end: expected finite", lambda end: flow_map(1.0, LINE, 0.0, end), 0.0, np.inf),
+    *rows("tolerance", lambda size: flow_map(1.0, LINE, 0.0, 1.0, size), 0.0, np.nan),
+    ("plot: 1 dimensions", lambda: flow_map(1.0, LINE, 0.0, 1.0).plot()),
     ("either dt or cfl", lambda: ran(dt=0.1, cfl=1)),
     ("either dt or cfl", ran),
     *rows("cfl", lambda cfl: ran(cfl=cfl), np.nan, -1.0),
@@ -256,6 +263,10 @@ SPLINES = [
     (r"arrays: NaN or infinity in snapshot 1, component 0, node \(4, 5\)",
      lambda: winds(STEPS, GAP, WIDE)),
     ("grid: expected the Grid", lambda: winds(STEPS, ZERO, (9, 10))),
+    *rows("time: expected 'linear' or 'cubic'", lambda x: winds(STEPS, ZERO, WIDE, 3, x),
+          "quadratic", None, ["linear"]),
+    *rows("foot_tolerance: ", lambda x: Solver(LINE, 1.0, foot_tolerance=x),
+          0.0, 2.0, np.nan, "1e-5", True),
     *rows("degree: expected 3 or 5", partial(winds, STEPS, ZERO, WIDE), 4, np.array([5, 3])),
     ("degree: splines of degree 5 need 6 cells",
      lambda: winds([0, 1], np.zeros((2, 5)), Grid((0, 1), 4), 5)),

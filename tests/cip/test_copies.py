@@ -60,6 +60,7 @@ def placement():
 MAKE = {
     "Analysis": analysis,
     "Covariance": covariance,
+    "FlowMap": lambda: cip.flow_map(1.0, RING, 0.0, 0.2),
     "Diagnostics": lambda: run().diagnostics,
     "Identifiability": lambda: identified().identifiability,
     "IdentifiedVelocity": identified,

@@ -277,3 +277,19 @@ def test_what_cannot_be_followed_names_the_remedy():
     inflow = Solver(box, Velocity.from_snapshots([0, 1], arrays, box), profile="bicubic")
     with pytest.raises(LeftDomain, match="characteristic of node"):
         inflow.step(inflow.state("x1"), 0.1)
+
+
+@pytest.mark.parametrize("form", ["formula", "linear"])
+def test_steps_back_in_time(form):
+    """The same paths from the other end; with a kink of the interpolation in the middle."""
+    grid = Grid([(0, 1)] * 2, (16, 16), periodic=True)
+    velocity = Velocity.from_expression(*WIND)
+    if form == "linear":
+        arrays = sampled(velocity.on(grid), grid)
+        velocity = Velocity.from_snapshots(TIMES, arrays, grid, time=form)
+    solver = solver_of(velocity, grid, foot_tolerance=1e-7)
+    (stage,) = solver._stages
+    feet, displaced = feet_of(solver, stage, TIMES[2] + 0.05, -0.1)
+    exact = reference(solver, stage, 0, TIMES[2] - 0.05, -0.1, 40)
+    assert displaced
+    np.testing.assert_allclose(feet.data[: 2 * grid.size], np.ravel(exact), rtol=0, atol=1e-7)
