@@ -52,6 +52,7 @@ class Snapshots:
         if not isinstance(time, str) or time not in _IN_TIME:
             raise InputError(f"time: expected 'linear' or 'cubic', got {time!r}")
         self.grid, self.times = grid, _times(times)
+        self._last: tuple[list[Any], dict[Any, Any]] = ([np.array(np.nan)], {})
         values = _values(arrays, self.times, grid, components or grid.dim)
         self.degrees = (min(_IN_TIME[time], self.times.size - 1), *([int(degree)] * grid.dim))
         self.knots: list[Array] = []
@@ -91,23 +92,42 @@ class Snapshots:
 
     def derivative(self, component: int, orders: Orders) -> Callable[..., Array]:
         """A partial derivative of a component as a function of (x1, x2, x3, t)."""
-        from scipy.interpolate import NdBSpline
+        from cip.formulas.spline_sums import run_sums
 
-        dim = self.grid.dim
-        spline = NdBSpline(tuple(self.knots), self.coefficients[component], self.degrees)
-        nu = (orders[3], *orders[:dim])
+        dim, nu = self.grid.dim, (orders[3], *orders[: self.grid.dim])
+        data = self.coefficients[component]
+        data = data.reshape((1,) * (3 - dim) + data.shape)  # time, ones and directions
 
         def values(*point: Any) -> Array:
             shape = np.broadcast_shapes(*(np.shape(x) for x in (*point[:dim], point[3])))
-            places = [np.broadcast_to(point[3], shape)]
-            for x, (low, high), periodic in zip(
-                point[:dim], self.grid.bounds, self.grid.periodic, strict=True
-            ):
-                inside = low + (x - low) % (high - low) if periodic else x
-                places.append(np.broadcast_to(inside, shape))
-            return np.asarray(spline(np.stack(places, axis=-1), nu=nu))
+            given = (point[3], *point[:dim])
+            rows = [self._basis(axis, given, shape, order) for axis, order in enumerate(nu)]
+            size = rows[0][0].size
+            none = np.zeros(size, np.int64), np.ones((size, 1))
+            rows = [none] * (3 - dim) + rows
+            found = np.empty(size)
+            first = np.array([row[0] for row in rows])
+            weights: Any = [row[1] for row in rows]
+            run_sums(0, size, data, first, *weights, found)
+            return found.reshape(shape)
 
         return values
+
+    def _basis(self, axis: int, given: Any, shape: Any, order: int) -> Any:
+        """The B-splines of an axis at points; those of the last points are kept, as equations ask
+        for many derivatives at the same ones."""
+        from cip.formulas.spline_sums import basis
+
+        last = self._last  # another thread may replace it
+        if not all(map(np.array_equal, last[0], given)):
+            last = self._last = ([np.array(x) for x in given], {})
+        if (axis, order) not in last[1]:
+            x = np.ravel(np.broadcast_to(np.asarray(given[axis], dtype=float), shape))
+            if axis > 0 and self.grid.periodic[axis - 1]:
+                low, high = self.grid.bounds[axis - 1]
+                x = low + (x - low) % (high - low)
+            last[1][axis, order] = basis(self.knots[axis], self.degrees[axis], x, order)
+        return last[1][axis, order]
 
     def time_weights(self, t: float) -> tuple[int, Array]:
         """The B-splines in time that are not zero at t: number of the first, and their values."""
