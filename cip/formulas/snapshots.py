@@ -107,8 +107,8 @@ class Snapshots:
             rows = [none] * (3 - dim) + rows
             found = np.empty(size)
             first = np.array([row[0] for row in rows])
-            weights: Any = [row[1] for row in rows]
-            run_sums(0, size, data, first, *weights, found)
+            sums: Any = (data, first, *(row[1] for row in rows), found)
+            run_sums(0, size, *sums)
             return found.reshape(shape)
 
         return values
