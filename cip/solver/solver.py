@@ -41,6 +41,7 @@ from cip.solver.scheme import (
     mapped,
     of_field,
     parameters_of,
+    tolerance_of,
     with_values,
 )
 from cip.solver.time_loop import checked_callback, output_times, run, step_length
@@ -104,6 +105,9 @@ class Solver(Parametrised):
     diffusion : float, or one for each direction, optional
         Constant coefficient >= 0, length^2 / time, on uniform grids: u_t + .. = diffusion lap u,
         with no diffusive flux through walls.
+    foot_tolerance : float, optional
+        Largest error of the feet, in cells; default 1e-5 for velocities from snapshots, whose
+        interpolation in time errs by as much, and for others 1e-10, or 1e-8 if they depend on t.
 
     Notes
     -----
@@ -189,6 +193,7 @@ class Solver(Parametrised):
         source: Any = None,
         decay: Any = None,
         diffusion: Any = None,
+        foot_tolerance: float | None = None,
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
@@ -211,6 +216,7 @@ class Solver(Parametrised):
         if store_feet not in (None, True, False):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
+        self.foot_tolerance = tolerance_of(foot_tolerance)
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
         self.source = mapped(source, lambda one: Source.of(one, "source"))
         self.decay = mapped(decay, lambda one: Source.of(one, "decay"))
@@ -250,6 +256,8 @@ class Solver(Parametrised):
             rules = [self._rule(name) for name in fields or ("",)]
             advect, own = self.form == "advection", bool(self._named)
             found = made_scheme(self.grid, self._formulas, self.profile, advect, rules, own)
+            for stage in found.stages:
+                stage.foot_tolerance = self.foot_tolerance
         else:
             alike = self._scheme(())
             found = Scheme(alike.stages, alike.rules * len(fields))
@@ -285,7 +293,7 @@ class Solver(Parametrised):
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay, self.diffusion,
+            self.store_feet, self.source, self.decay, self.diffusion, self.foot_tolerance,
         )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
