@@ -126,6 +126,7 @@ ALONE = {
     "skfem_adini.ground.progress": "the one door to tqdm, for whoever has a loop of steps",
     "cip.engines.cpu_engine": "one of two engines, chosen where the solver runs",
     "cip.sources.diffusion": "another operator of a step than the reactions beside it",
+    "cip.formulas.spline_sums": "sums that numba compiles, imported where they run",
     "contact.condensation.bisection": "kernels that numba compiles, imported where they run",
     "gpu.qp.active_set.dual_device": "the door to one CUDA kernel, imported where a device is",
     "skfem_adini.assembly.affine_kernels": "kernels that numba compiles, imported where they run",

@@ -23,6 +23,7 @@ class _Feet(NamedTuple):  # limits of characteristics
     # rounding of a float64 profile in some hundred steps, above that of the velocity.
     tolerance: float = 1e-10
     unsteady: float = 1e-8  # the same for unsteady velocities, whose feet each step computes
+    data: float = 1e-5  # of snapshots, whose interpolation in time errs by as much
     wall: float = 1e-9  # a foot outside by at most this, in cells, counts as on the wall
     cells: float = 2.0**30  # largest displacement: kernels count cells in 32-bit integers
     substeps: int = 8192  # of a step: with more the velocity is not smooth, or dt far too long
@@ -71,6 +72,7 @@ def integrate(
     tolerance: float = FEET.tolerance,
     substeps: int | None = None,
     known: Mapping[str, Any] | None = None,
+    places: NDArray[np.int64] | None = None,
 ) -> Feet:
     """Follow the characteristics through `points` from `t_end` back by `dt` (forward where it is
     negative), or to a wall.
@@ -78,7 +80,8 @@ def integrate(
     Classical Runge-Kutta with n equal sub-steps: `substeps`, or doubled until the difference of two
     results over 15 is below the tolerance. For a velocity that depends on t, n becomes 2 n + 1:
     with 2 n, both results could sample a periodic velocity at the same phases. `known` holds the
-    numbers and functions in the rates that the velocity does not have, by their names in code.
+    numbers and functions in the rates that the velocity does not have, by their names in code;
+    `places` the nodes of the points for messages, if they are not all nodes.
     """
     # Lengths for difference quotients, which formulas do not need.
     exact = all(formula.exact for formula in formulas)
@@ -89,7 +92,7 @@ def integrate(
         functions.update(formula.functions(system.rates, steps))
     rates = system.evaluator(functions)
     flat = [np.ravel(x) for x in points]
-    run = _Run(grid, system, rates, flat, t_end, dt)
+    run = _Run(grid, system, rates, flat, t_end, dt, places)
     if substeps is not None:
         return Feet(*run.follow(substeps), substeps)
     count = run.first_guess()
@@ -104,7 +107,8 @@ def integrate(
             raise NotConverged(
                 f"characteristics: after {count} sub-steps over dt = {dt:.6g} from t = {t_end:.6g} "
                 f"the error estimate is {run.difference(coarse, fine) / 15.0:.1e} cells, above "
-                f"{tolerance:.1e}; is the velocity smooth? Take a smaller dt"
+                f"{tolerance:.1e}; is the velocity smooth? Take a smaller dt, or a larger "
+                "foot_tolerance of the solver"
             )
         coarse = fine
     return Feet(*fine, count)
@@ -152,13 +156,23 @@ _Result = tuple[dict[Jet, Array], "Exits | None"]
 
 class _Run:
     def __init__(
-        self, grid: Grid, system: System, rates: object, flat: list[Array], t_end: float, dt: float
+        self,
+        grid: Grid,
+        system: System,
+        rates: object,
+        flat: list[Array],
+        t_end: float,
+        dt: float,
+        places: NDArray[np.int64] | None,
     ) -> None:
-        self.grid, self.system, self.flat, self.dt = grid, system, flat, dt
+        self.grid, self.system, self.flat, self.dt, self.places = grid, system, flat, dt, places
         self.t_end = np.float64(t_end)  # Python floats raise on overflow, NumPy's give infinity
         self.rates = rates
         self.size = flat[0].size
         self.walls = [axis for axis in system.moving if not grid.periodic[axis]]
+
+    def _named(self, point: int) -> str:
+        return _place(self.grid, point if self.places is None else int(self.places[point]))
 
     def first_guess(self) -> int:
         y = self._start(np.arange(self.size))
@@ -317,7 +331,7 @@ class _Run:
         if bad.any():
             node = int(index[np.argmax(bad)])
             raise NotFinite(
-                f"velocity: the characteristic of {_place(self.grid, node)} is not finite at t = "
+                f"velocity: the characteristic of {self._named(node)} is not finite at t = "
                 f"{self.t_end - tau:.6g} (from t = {self.t_end:.6g} backward); the velocity or a "
                 "derivative of it overflows or is undefined there"
             )
@@ -326,7 +340,7 @@ class _Run:
             if self.grid.periodic[axis] and far.any():
                 node = int(index[np.argmax(far)])
                 raise NotFinite(
-                    f"velocity: the characteristic of {_place(self.grid, node)} goes more than "
+                    f"velocity: the characteristic of {self._named(node)} goes more than "
                     f"{FEET.cells:.0e} cells from t = {self.t_end:.6g} back to t = "
                     f"{self.t_end - tau:.6g}, too far to tell places in a cell apart; take a "
                     "smaller dt"

@@ -39,7 +39,7 @@ class CpuEngine(Engine):
 
     def place_feet(self, feet: StageFeet) -> StageFeet:
         """Feet in the setting's precision."""
-        return replace(feet, data=feet.data.astype(self.dtype))
+        return replace(feet, data=feet.data.astype(self.dtype, copy=False))
 
     def empty(self, data: Any) -> Any:
         """Uninitialized memory for the new moments: that of a state which no one holds any more.
@@ -82,7 +82,7 @@ class CpuEngine(Engine):
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any, prefix: str = "node_") -> None:
         """Run a stage's kernel over all nodes with stored feet; the arrays are flat. `prefix`
         chooses another one than the update."""
-        from cip.engines import cpu_blocks, cpu_loops
+        from cip.engines import cpu_blocks, cpu_loops, cpu_sweeps
         from skfem_adini.ground.jit import loop_over
 
         grid, profile, step = self.grid, stage.profile, self.step
@@ -97,6 +97,17 @@ class CpuEngine(Engine):
             def work(start: int, stop: int) -> None:
                 near = cpu_blocks.block_room(moments, self.dtype, self.widths)
                 run(start, stop, m, out, feet, *lines, update, uniform, near, step)
+
+        elif stage.conservative and grid.dim > 1:
+            sloped = int(profile == "csl4")
+            limits = self._limits(stage)
+            rows, equal = cpu_sweeps.groups(lines[0], grid.size), int(grid.uniform[update[2]])
+
+            def work(start: int, stop: int) -> None:
+                space = np.empty(3 * cpu_sweeps.WIDTH * lines[0][3], self.dtype)
+                cell = np.empty(cpu_sweeps.WIDTH * lines[0][3], np.int64)
+                given = (*lines, update, limits, sloped, equal, space, cell, step)
+                cpu_sweeps.run_sweep(start, stop, m, out, feet, *given)
 
         else:
             name = "run_line" if grid.dim == 1 and not stage.conservative else "run_lines"

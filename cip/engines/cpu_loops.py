@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cip.engines.path_kernel import PATH, box_of, path_source
+from cip.engines.path_kernel import PATH, box_of, numbers_as_parameters, path_source
 from cip.formulas.expression import RULES
 from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
@@ -153,9 +153,10 @@ def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
     """The compiled kernel `path` of a stage, and the array for its argument `box`."""
     box = box_of(grid, stage.system, stage.limit, float(np.finfo(float).eps))
     field = snapshots_of(stage.velocity)
-    path = kernel_of(path_source(stage.system, stage.jets, box, constant=False, field=field))
+    system, numbers = numbers_as_parameters(stage.system)
+    path = kernel_of(path_source(system, stage.jets, box, constant=False, field=field))
     table = np.empty(0) if field is None else field.table
-    return path, np.concatenate([box, stage.parameters, table])
+    return path, np.concatenate([box, stage.parameters, numbers, table])
 
 
 @cache

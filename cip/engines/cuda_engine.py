@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cip.engines.cuda_source import prelude, translate
+from cip.engines.displacements import Displacements
 from cip.engines.engine import Engine, Setting
 from cip.engines.path_kernel import PATH, box_of, path_source
 from cip.errors import InputError
@@ -251,6 +252,10 @@ class CudaEngine(Engine):
             self._cupy.add.at(flat, where, what)
         else:
             flat[where] = what
+
+    def _displaced(self, stage: Stage) -> Displacements | None:
+        """Means only: feet of planes are computed on the device."""
+        return super()._displaced(stage) if stage.conservative else None
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any, prefix: str = "node_") -> None:
         """Run a stage's kernel over all nodes with stored feet; the arrays are flat. `prefix`

@@ -10,8 +10,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cip.characteristics.feet import FEET
+from cip.engines.displacements import Displacements, TooCoarse
 from cip.engines.path_kernel import PATH
+from cip.errors import NotConverged
 from cip.formulas.formula import Formula
+from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
 from cip.profiles.catalogue import LIMITER_CODES, moments
 from cip.stages.stage import Stage, StageFeet
@@ -22,6 +25,7 @@ class _Limits(NamedTuple):  # limits of what is computed, compiled and kept
     renewal: int = 16  # steps after which unsteady velocities get a new number of sub-steps
     compiled: int = 100_000  # nodes from which on compiling a steady velocity saves time
     feet: int = 16  # sets of feet kept for a steady velocity: of full steps and of shorter ones
+    differences: int = 16_384  # nodes from which on feet of formulas are differenced
 
 
 LIMITS = _Limits()
@@ -64,6 +68,7 @@ class Engine:
         self._feet: dict[Any, StageFeet] = {}
         self._lock = threading.Lock()
         self._paths: dict[Any, Any] = {}
+        self._displacements: dict[Stage, Displacements | None] = {}
 
     @property
     def _counts(self) -> dict[Any, tuple[float, int]]:
@@ -196,12 +201,42 @@ class Engine:
 
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
+        moved = self._displaced(stage)
+        if moved is not None:
+            return self._displaced_feet(moved, t, dt)
         large = self.grid.size > LIMITS.compiled or not self.setting.steady
         if large and stage.formula and (self.setting.steady or not self._memory.left):
             found = self._compiled_feet(stage, t, dt)
             if found is not None:
                 return found
         return stage.feet(t, dt)
+
+    def _displaced(self, stage: Stage) -> Displacements | None:
+        """The feet of a stage by displacements, None where others serve."""
+        if stage not in self._displacements:
+            serves = not self.setting.steady and Displacements.serves(stage, LIMITS.differences)
+            self._displacements[stage] = Displacements(stage) if serves else None
+        return self._displacements[stage]
+
+    def _displaced_feet(self, moved: Displacements, t: float, dt: float) -> StageFeet:
+        """Feet with the sub-steps of the last step, at intervals with fewer, or with more."""
+        key = ("displaced", *moved.stage.part(dt))
+        first, count = self._counts.get(key, (t, 1))
+        if abs(t - first) > LIMITS.renewal * abs(dt):
+            first, count = t, max(1, count // 2)
+        while count <= FEET.substeps:
+            try:
+                found = moved.feet(t, dt, count)
+            except TooCoarse:
+                count *= 2
+            else:
+                self._counts[key] = (first, count)
+                return found
+        raise NotConverged(
+            f"characteristics: {FEET.substeps} sub-steps over dt = {dt:.6g} from t = {t:.6g} leave "
+            f"an error above foot_tolerance = {moved.stage.foot_error:.1e} cells; take a smaller "
+            "dt, or a larger foot_tolerance of the solver"
+        )
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
         from cip.engines import cpu_loops
@@ -274,7 +309,7 @@ class Engine:
         return (0.0 if low >= 0.0 else -np.inf), (0.0 if high <= 0.0 else np.inf)
 
     def _computes(self, stage: Stage, fields: int) -> bool:
-        if self._memory.left or not stage.computable:
+        if self._memory.left or not stage.computable or self._displaced(stage) is not None:
             return False
         return not self.setting.stores_feet
 
@@ -284,12 +319,17 @@ class Engine:
         key = stage.part(dt)
         found = self._counts.get(key)
         if found is None:
-            found = self._counts[key] = (t, stage.substeps(t, dt))
+            found = self._counts[key] = (t, self._first_count(stage, t, dt))
         elif not self.setting.steady and abs(t - found[0]) > LIMITS.renewal * abs(dt):
             # A velocity that was steep between the nodes of the sample does not become smooth at
             # once: take at least half of the last number, and an even one.
-            found = self._counts[key] = (t, max(stage.substeps(t, dt), 2 * (found[1] // 4)))
+            half = 2 * (found[1] // 4)
+            found = self._counts[key] = (t, max(self._first_count(stage, t, dt), half))
         return found[1]
+
+    def _first_count(self, stage: Stage, t: float, dt: float) -> int:
+        # A sample of formulas; that of snapshots would take longer than to try.
+        return 2 if snapshots_of(stage.velocity) is not None else stage.substeps(t, dt)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ for the device.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import NamedTuple
 
 from cip.characteristics.feet import FEET
@@ -22,7 +23,7 @@ from cip.engines.snapshot_kernel import (
     with_names,
 )
 from cip.errors import NotSupported
-from cip.formulas.expression import COORDINATES, Expression, statements, variable
+from cip.formulas.expression import COORDINATES, Expression, ordered, statements, variable
 from cip.formulas.snapshots import Snapshots
 from cip.grid import Grid
 
@@ -54,6 +55,23 @@ def box_of(grid: Grid, system: System, limit: float, rounding: float) -> list[fl
         found += [1.0 / float(grid.widths[axis][0]), low - margin, high + margin]
         found += [limit * h + noise * max(abs(low), abs(high)), noise]
     return found
+
+
+def plain(node: Expression) -> bool:
+    """Whether a node is a number that code may hold: one by which formulas are simplified."""
+    return node.op == "constant" and abs(node.value) in (0.0, 0.5, 1.0, 2.0)
+
+
+def numbers_as_parameters(system: System) -> tuple[System, list[float]]:
+    """The system with further parameters in place of the numbers in its rates, and their values:
+    its code is the same for other numbers."""
+    nodes = [node for node in ordered(list(system.rates)) if node.op == "constant"]
+    found = [node for node in nodes if not plain(node)]
+    names = [f"p_{q}" for q in range(len(found))]  # no name of a user begins with a digit
+    new = copy(system)
+    new.rates = tuple(with_names(system.rates, dict(zip(found, map(variable, names), strict=True))))
+    new.parameters = [*system.parameters, *names]
+    return new, [node.value for node in found]
 
 
 def path_source(

@@ -23,6 +23,7 @@ from cip.grid import Grid
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
+_IN_TIME = {"linear": 1, "cubic": 3}  # degrees
 
 
 class Snapshots:
@@ -31,7 +32,13 @@ class Snapshots:
     direction); `degrees` and `knots` are those in time and in each direction."""
 
     def __init__(
-        self, times: Any, arrays: Any, grid: Any, degree: Any, components: int | None = None
+        self,
+        times: Any,
+        arrays: Any,
+        grid: Any,
+        degree: Any,
+        components: int | None = None,
+        time: Any = "cubic",
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected the Grid of the arrays, got {type(grid).__name__}")
@@ -42,9 +49,12 @@ class Snapshots:
                 f"degree: splines of degree {degree} need {degree + 1} cells in each direction, "
                 f"the grid of the arrays has {grid.cells}"
             )
+        if not isinstance(time, str) or time not in _IN_TIME:
+            raise InputError(f"time: expected 'linear' or 'cubic', got {time!r}")
         self.grid, self.times = grid, _times(times)
+        self._last: tuple[list[Any], dict[Any, Any]] = ([np.array(np.nan)], {})
         values = _values(arrays, self.times, grid, components or grid.dim)
-        self.degrees = (min(3, self.times.size - 1), *([int(degree)] * grid.dim))
+        self.degrees = (min(_IN_TIME[time], self.times.size - 1), *([int(degree)] * grid.dim))
         self.knots: list[Array] = []
         values = np.moveaxis(values, 1, 0)  # component, time, place
         for axis, k in enumerate(self.degrees):
@@ -57,14 +67,15 @@ class Snapshots:
 
         periodic = axis > 0 and self.grid.periodic[axis - 1]
         line = self.times if axis == 0 else self.grid.edges[axis - 1]
+        unit = np.eye(values.shape[axis + 1])
         if periodic:
-            first = np.take(values, [0], axis=axis + 1)
-            values = np.concatenate([values, first], axis=axis + 1)
-        one = make_interp_spline(
-            line, values, k=k, axis=axis + 1, bc_type="periodic" if periodic else None
-        )
+            unit = np.concatenate([unit, unit[:1]])
+        # A product of matrices is several times faster than the solution for so many lines.
+        one = make_interp_spline(line, unit, k=k, bc_type="periodic" if periodic else None)
         self.knots.append(np.asarray(one.t, dtype=float))
-        return np.moveaxis(np.asarray(one.c), 0, axis + 1)
+        moved = np.moveaxis(values, axis + 1, 0)
+        product = np.asarray(one.c) @ moved.reshape(len(moved), -1)
+        return np.moveaxis(product.reshape(-1, *moved.shape[1:]), 0, axis + 1)
 
     @cached_property
     def table(self) -> Array:
@@ -81,23 +92,74 @@ class Snapshots:
 
     def derivative(self, component: int, orders: Orders) -> Callable[..., Array]:
         """A partial derivative of a component as a function of (x1, x2, x3, t)."""
-        from scipy.interpolate import NdBSpline
+        from cip.formulas.spline_sums import run_sums
 
-        dim = self.grid.dim
-        spline = NdBSpline(tuple(self.knots), self.coefficients[component], self.degrees)
-        nu = (orders[3], *orders[:dim])
+        dim, nu = self.grid.dim, (orders[3], *orders[: self.grid.dim])
+        data = self.coefficients[component]
+        data = data.reshape((1,) * (3 - dim) + data.shape)  # time, ones and directions
 
         def values(*point: Any) -> Array:
             shape = np.broadcast_shapes(*(np.shape(x) for x in (*point[:dim], point[3])))
-            places = [np.broadcast_to(point[3], shape)]
-            for x, (low, high), periodic in zip(
-                point[:dim], self.grid.bounds, self.grid.periodic, strict=True
-            ):
-                inside = low + (x - low) % (high - low) if periodic else x
-                places.append(np.broadcast_to(inside, shape))
-            return np.asarray(spline(np.stack(places, axis=-1), nu=nu))
+            given = (point[3], *point[:dim])
+            rows = [self._basis(axis, given, shape, order) for axis, order in enumerate(nu)]
+            size = rows[0][0].size
+            none = np.zeros(size, np.int64), np.ones((size, 1))
+            rows = [none] * (3 - dim) + rows
+            found = np.empty(size)
+            first = np.array([row[0] for row in rows])
+            sums: Any = (data, first, *(row[1] for row in rows), found)
+            run_sums(0, size, *sums)
+            return found.reshape(shape)
 
         return values
+
+    def _basis(self, axis: int, given: Any, shape: Any, order: int) -> Any:
+        """The B-splines of an axis at points; those of the last points are kept, as equations ask
+        for many derivatives at the same ones."""
+        from cip.formulas.spline_sums import basis
+
+        last = self._last  # another thread may replace it
+        if not all(map(np.array_equal, last[0], given)):
+            last = self._last = ([np.array(x) for x in given], {})
+        if (axis, order) not in last[1]:
+            x = np.ravel(np.broadcast_to(np.asarray(given[axis], dtype=float), shape))
+            if axis > 0 and self.grid.periodic[axis - 1]:
+                low, high = self.grid.bounds[axis - 1]
+                x = low + (x - low) % (high - low)
+            last[1][axis, order] = basis(self.knots[axis], self.degrees[axis], x, order)
+        return last[1][axis, order]
+
+    def time_weights(self, t: float) -> tuple[int, Array]:
+        """The B-splines in time that are not zero at t: number of the first, and their values."""
+        from scipy.interpolate import BSpline
+
+        inside = np.clip([t], self.times[0], self.times[-1])
+        row = BSpline.design_matrix(inside, self.knots[0], self.degrees[0])
+        return int(row.indices[0]), np.asarray(row.data)
+
+    def values_at(self, axis: int, points: Array) -> Any:
+        """The sparse matrix that takes coefficients of a direction to values at these points."""
+        return self._applied(axis, points, (1.0,))
+
+    def cardinal(self, axis: int) -> Any:
+        """The sparse matrix that takes coefficients of a uniform direction to those of all uniform
+        B-splines that meet the box, by the dual functionals of de Boor and Fix (1973), for splines
+        at their knots 1 - h^2 D^2 / 6 (cubic) and 1 - h^2 D^2 / 4 + h^4 D^4 / 30 (quintic)."""
+        beyond = (self.degrees[axis + 1] - 1) // 2
+        steps = np.arange(-beyond, self.grid.cells[axis] + beyond + 1)
+        points = self.grid.bounds[axis][0] + self.grid.widths[axis][0] * steps
+        return self._applied(axis, points, (1.0, -1 / 6) if beyond == 1 else (1.0, -1 / 4, 1 / 30))
+
+    def _applied(self, axis: int, points: Array, factors: Sequence[float]) -> Any:
+        """The matrix from coefficients to a sum of even derivatives times powers of the width."""
+        from scipy.interpolate import BSpline
+        from scipy.sparse import csr_array
+
+        knots, k = self.knots[axis + 1], self.degrees[axis + 1]
+        ends: Any = "periodic" if self.grid.periodic[axis] else True
+        one = BSpline(knots, np.eye(knots.size - k - 1), k, extrapolate=ends)
+        h = self.grid.widths[axis][0]
+        return csr_array(sum(f * h ** (2 * q) * one(points, 2 * q) for q, f in enumerate(factors)))
 
     def on(self, grid: Grid) -> tuple[Formula, ...]:
         """One formula for each component; raises unless the data cover the grid."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,9 +109,10 @@ class Velocity(Parametrised):
             these variables, numbers, pi and e, with sin, cos, tan, arcsin, arccos, arctan, sinh,
             cosh, tanh, exp, log, sqrt, abs and sign.
         parameters : mapping, optional
-            Values of further names in the formulas. They are arguments of the compiled code:
-            `with_parameters` changes them without compiling again, where a number written into the
-            text compiles for about a second. Both forms agree to rounding.
+            Values of further names in the formulas, which `with_parameters` changes, and by which
+            runs are differentiated. They and the numbers in the text are arguments of the compiled
+            code on the CPU: others compile nothing. Feet of an unsteady velocity with parameters
+            take longer, as their derivatives follow the paths.
 
         Returns
         -------
@@ -156,11 +157,19 @@ class Velocity(Parametrised):
         return self
 
     @classmethod
-    def from_snapshots(cls, times: Any, arrays: Any, grid: Grid, degree: int = 5) -> Velocity:
+    def from_snapshots(
+        cls,
+        times: Any,
+        arrays: Any,
+        grid: Grid,
+        degree: int = 5,
+        time: Literal["cubic", "linear"] = "cubic",
+    ) -> Velocity:
         """The velocity with given values at the nodes of a grid at several times.
 
         Between them it is the tensor-product spline through all values (de Boor, A Practical Guide
-        to Splines, 1978, chapters IX and XIII), cubic in time (of lower degree for 2 and 3 times).
+        to Splines, 1978, chapters IX and XIII), by default cubic in time (of lower degree for 2 and
+        3 times).
         Its derivatives, which the schemes need, are those of the spline, and with four or more
         times it is twice differentiable also at these: steps may cross them. It is compiled for
         CPU and GPU; new data of the same degree and dimension compile nothing.
@@ -177,6 +186,8 @@ class Velocity(Parametrised):
         degree : {5, 3}
             In space: values are of order `degree` + 1 in the spacing, derivatives one less each.
             Kinks in the second derivatives of cubic splines cost the characteristics sub-steps.
+        time : {"cubic", "linear"}
+            A step over a time of linear interpolation is divided there.
 
         Returns
         -------
@@ -199,7 +210,7 @@ class Velocity(Parametrised):
         >>> velocity.dim, velocity.steady, velocity.exact
         (1, False, True)
         """
-        field = Snapshots(times, arrays, grid, degree)
+        field = Snapshots(times, arrays, grid, degree, time=time)
         self = cls([0.0] * grid.dim)
         self._snapshots, self.steady = field, False
         return self

@@ -20,7 +20,7 @@ from cip.stages.coast import Coast, coast_of
 from cip.stages.stage import Stage, stages
 from cip.stages.state import State, state_of
 from cip.stages.walls import Wall, closed_walls
-from skfem_adini.ground.arguments import real_array
+from skfem_adini.ground.arguments import real_array, real_number
 
 
 class Rule(NamedTuple):
@@ -227,6 +227,16 @@ def bounds_of(bounds: Any) -> tuple[float, float]:
     if not low < high:
         raise InputError(f"bounds: low must be below high, got {bounds!r}")
     return low, high
+
+
+def tolerance_of(given: float | None) -> float | None:
+    """The argument `foot_tolerance`."""
+    if given is None:
+        return None
+    value = real_number("foot_tolerance", given)
+    if not 1e-12 <= value <= 1.0:
+        raise InputError(f"foot_tolerance: expected 1e-12 to 1 cells, got {given!r}")
+    return value
 
 
 def check_within(

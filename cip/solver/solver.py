@@ -43,6 +43,7 @@ from cip.solver.scheme import (
     mapped,
     of_field,
     parameters_of,
+    tolerance_of,
     with_values,
 )
 from cip.solver.time_loop import checked_callback, output_times, run, step_length
@@ -116,6 +117,9 @@ class Solver(Parametrised):
         Cells that carry nothing and let nothing through, whatever the velocity there (finite), for
         csl2 and csl4. Where the flow runs against a coast, what it brings gathers in the coastal
         cell; where it runs off one, nothing follows.
+    foot_tolerance : float, optional
+        Largest error of the feet, in cells; default 1e-5 for velocities from snapshots, whose
+        interpolation in time errs by as much, and for others 1e-10, or 1e-8 if they depend on t.
 
     Notes
     -----
@@ -206,6 +210,7 @@ class Solver(Parametrised):
         diffusion: Any = None,
         reactions: Mapping[str, Any] | None = None,
         land: Any = None,
+        foot_tolerance: float | None = None,
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
@@ -228,6 +233,7 @@ class Solver(Parametrised):
         if store_feet not in (None, True, False):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
+        self.foot_tolerance = tolerance_of(foot_tolerance)
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
         self._coast = checked_coast(grid, self.profile, land, boundary)
         self.land = None if self._coast is None else self._coast.land
@@ -273,6 +279,8 @@ class Solver(Parametrised):
             advect = self.form == "advection"
             given = self.grid, self._formulas, self.profile, advect, rules, own, self._coast
             found = made_scheme(*given)
+            for stage in found.stages:
+                stage.foot_tolerance = self.foot_tolerance
         else:
             alike = self._scheme(())
             found = Scheme(alike.stages, alike.rules * len(fields))
@@ -325,6 +333,7 @@ class Solver(Parametrised):
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
             self.store_feet, self.source, self.decay, self.diffusion, self.reactions, self.land,
+            self.foot_tolerance,
         )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
@@ -504,7 +513,8 @@ class Solver(Parametrised):
             "boundary": [{w: values(one) for w, one in rule.inflow.items()} for rule in rules],
             "diffusion": repr(self.diffusion), "reactions": repr(self.reactions),
             "land": None if self.land is None else sha256(self.land.tobytes()).hexdigest(),
-            "closed": self._coast is not None,
+            "closed": None if self._coast is None else sorted(self._coast.closed),
+            "foot_tolerance": self.foot_tolerance,
         }  # fmt: skip
 
     def _memory_at(self, state: State) -> list[Any] | None:

@@ -17,6 +17,7 @@ from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.formulas.expression import COORDINATES, ordered
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import parameters_in
+from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
 from cip.profiles.catalogue import (
     CONSERVATIVE,
@@ -81,6 +82,7 @@ class Stage:
     parts: tuple[Stage, ...] = ()
     bounds: tuple[float, float] | None = None  # of a part, for the limiter
     clocks_of_others: Mapping[int, str] = {}  # how far the sweeps in other directions are
+    foot_tolerance: float | None = None  # in cells, if given
 
     def __init__(
         self,
@@ -181,8 +183,10 @@ class Stage:
         rows, exits, substeps = [], [], []
         for block in self.blocks:
             points = self.points(block)
-            found = integrate(self.grid, self.velocity, self.system, points, t_end, length)
-            rows.extend(self._components(found.jets, points))
+            found = integrate(
+                self.grid, self.velocity, self.system, points, t_end, length, self.tolerance
+            )
+            rows.extend(self.components(found.jets, points))
             exits.append(found.exits)
             substeps.append(found.substeps)
         made = StageFeet(np.concatenate(rows), exits, t_start, t_end, tuple(substeps))
@@ -206,9 +210,13 @@ class Stage:
         data = np.concatenate([data, *sides])
         return replace(feet, data=data, exits=exits, stops=tuple(stops))
 
-    def _components(self, jets: dict[Jet, Array], points: list[Array]) -> list[Array]:
-        """The jets in the order of the kernels, displacements in cells, log det made det."""
-        index = np.indices(self.grid.nodes)
+    def components(
+        self, jets: dict[Jet, Array], points: list[Array], nodes: Any = None
+    ) -> list[Array]:
+        """The jets of all or of some nodes in the order of the kernels, displacements in cells, log
+        det made det."""
+        nodes = np.arange(self.grid.size) if nodes is None else nodes
+        index = np.unravel_index(nodes, self.grid.nodes)
         determinant = None
         if LOG_DETERMINANT in self.jets:
             determinant = np.exp(jets[LOG_DETERMINANT])
@@ -217,9 +225,7 @@ class Stage:
             row = jets[jet]
             if jet.component < 3 and not any(jet.orders):
                 axis = jet.component
-                row = self.grid.index_displacement(
-                    axis, points[axis].ravel(), row, index[axis].ravel()
-                )
+                row = self.grid.index_displacement(axis, points[axis].ravel(), row, index[axis])
             elif jet.component == 3 and determinant is not None:
                 row = determinant * _exponential(jet, jets)
             rows.append(row)
@@ -327,7 +333,7 @@ class Stage:
         between them: the kernels check every path, and the engine then takes more sub-steps."""
         t_end, length = t + self.end * dt, (self.end - self.begin) * dt
         found = integrate(
-            self.grid, self.velocity, self.system, self._sample, t_end, length, self._tolerance
+            self.grid, self.velocity, self.system, self._sample, t_end, length, self.foot_error
         )
         # Even, as the kernels' check of a path requires.
         return found.substeps // 2 * 2
@@ -342,14 +348,27 @@ class Stage:
         return [x.ravel()[::every] for x in self.points(0)]
 
     @property
-    def _tolerance(self) -> float:
-        return FEET.tolerance if all(c.steady for c in self.velocity) else FEET.unsteady
+    def _given(self) -> float | None:
+        from_data = snapshots_of(self.velocity) is not None
+        return FEET.data if from_data and self.foot_tolerance is None else self.foot_tolerance
+
+    @property
+    def tolerance(self) -> float:
+        """Error of feet by `integrate`, in cells."""
+        return FEET.tolerance if self._given is None else self._given
+
+    @property
+    def foot_error(self) -> float:
+        """Error of feet that each step computes, in cells."""
+        if self._given is not None or all(c.steady for c in self.velocity):
+            return self.tolerance
+        return FEET.unsteady
 
     @property
     def limit(self) -> float:
         """Largest defect of a path that a kernel computes (`cip.engines.path_kernel`), in cells."""
-        # For unsteady velocities the defect can be 15 times the error that `substeps` allows.
-        return self._tolerance * (1.0 if self._tolerance == FEET.tolerance else 16.0)
+        # For unsteady formulas the defect can be 15 times the error that `substeps` allows.
+        return self.foot_error * (1.0 if self.foot_error == self.tolerance else 16.0)
 
     @cached_property
     def compresses(self) -> bool:

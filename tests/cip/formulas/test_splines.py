@@ -115,7 +115,9 @@ def test_the_run_is_that_of_the_polynomials_formula(dim, profile, form, degree):
     splitting = "strang" if dim > 1 and profile not in ("adini", "bicubic") else None
     ends = []
     for velocity in (found, exact):
-        solver = Solver(grid, velocity, form, profile, splitting=splitting, boundary=0.0)
+        solver = Solver(
+            grid, velocity, form, profile, splitting=splitting, boundary=0.0, foot_tolerance=1e-8
+        )
         run = solver.run(solver.state("exp(-9*(x1-0.5)**2)"), 0.6, dt=0.15)
         ends.append(run.final.data)
     # Both feet have errors up to 1e-8 cells, their second derivatives more.
@@ -133,7 +135,9 @@ def test_steps_across_snapshots_against_an_ode_solver(store, degree):
     spline = RectBivariateSpline(times, data.coordinates[0], wind, kx=3, ky=degree)
     grid = Grid((0, 1), 32)
     velocity = Velocity.from_snapshots(times, wind, data, degree)
-    solver = Solver(grid, velocity, boundary=0.0, store_feet=store, profile="quintic")
+    solver = Solver(
+        grid, velocity, boundary=0.0, store_feet=store, profile="quintic", foot_tolerance=1e-8
+    )
     start = solver.state("sin(x1)")
     after = solver.step(start.__class__(grid, "quintic", start.data, 0.1), 0.45)
     x = grid.coordinates[0]

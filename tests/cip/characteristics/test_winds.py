@@ -1,0 +1,295 @@
+"""Feet of unsteady winds by displacements: against paths of many sub-steps, DOP853 and orders."""
+
+from unittest import mock
+
+import numpy as np
+import pytest
+from compilations import compilations
+from convergence import order
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from cip import Grid, LeftDomain, NotConverged, Solver, Velocity
+from cip.characteristics.feet import integrate
+from cip.engines import engine
+from skfem_adini.ground.jit import loop
+
+SLOW = pytest.mark.slow
+ONE = (1.0,) * 4
+WIND = "0.2 + sin(2*pi*x1)*cos(2*pi*x2 + t)", "-cos(2*pi*x1 + 1.5*t)*sin(2*pi*x2) + 0.1*cos(t)"
+TIMES = np.linspace(0, 1, 7)
+
+
+def sampled(formulas, grid, times=TIMES):
+    point = [*grid.mesh(), *([0.0] * (3 - grid.dim))]
+    values = [c.derivative((0,) * 4, ONE) for c in formulas]
+    return np.array([[value(*point, t) for value in values] for t in times])
+
+
+def solver_of(velocity, grid, profile="bicubic", **more):
+    split = {} if profile == "bicubic" else {"form": "advection", "splitting": "strang"}
+    boundary = None if all(grid.periodic) else 0.0
+    return Solver(grid, velocity, profile=profile, boundary=boundary, **split, **more)
+
+
+def feet_of(solver, stage, t, dt):
+    """Feet by the solver, shape (blocks, jets, nodes), and whether displacements gave them."""
+    with mock.patch.object(engine, "LIMITS", engine.LIMITS._replace(differences=1)):
+        found = solver.feet(stage, t, dt)
+    counts = {key: n for key, (_, n) in solver._kernels.substep_counts.items()}
+    return found, counts.get(("displaced", *stage.part(dt)), 0) > 0
+
+
+def reference(solver, stage, block, t_end, length, substeps=24):
+    """Displacements in cells, by Runge-Kutta steps of the velocity as NumPy evaluates it."""
+    velocity = [c.derivative((0,) * 4, ONE) for c in solver.velocity.on(solver.grid)]
+    start = [x.ravel() for x in stage.points(block)] + [np.zeros(solver.grid.size)] * 3
+    h = length / substeps
+
+    def back(place, t):
+        rate = np.zeros_like(place)
+        for axis in stage.moving:
+            rate[axis] = -velocity[axis](*place, t)
+        return rate
+
+    y, t = np.array(start[:3]), t_end
+    for _ in range(substeps):
+        a = back(y, t)
+        b = back(y + h / 2 * a, t - h / 2)
+        c = back(y + h / 2 * b, t - h / 2)
+        d = back(y + h * c, t - h)
+        y, t = y + h / 6 * (a + 2 * b + 2 * c + d), t - h
+    return [(y[axis] - start[axis]) / solver.grid.spacing[axis] for axis in stage.moving]
+
+
+@st.composite
+def winds(draw):
+    """Two waves of random length, direction, phase and frequency; one code for all numbers."""
+    waves = []
+    for _ in range(2):
+        k, l = (6.283185307179586 * draw(st.sampled_from([-2, -1, 1, 2])) for _ in "xy")
+        a, phase, w = (draw(st.floats(0.1, 0.9)) for _ in range(3))
+        waves.append(f"{a!r}*sin({k!r}*x1 + {l!r}*x2 + {5 * phase!r} + {4 * w!r}*t)")
+    shift = draw(st.floats(0.1, 0.4))
+    return Velocity.from_expression(f"{shift!r} + " + " + ".join(waves), " - ".join(waves))
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    wind=winds(),
+    form=st.sampled_from(["formula", "cubic", "linear"]),
+    degree=st.sampled_from([3, 5]),
+    profile=st.sampled_from(["bicubic", "csl4"]),
+    periodic=st.sampled_from([True, False, (True, False)]),
+    tolerance=st.sampled_from([1e-3, 1e-5, 1e-6]),
+    cells=st.floats(0.3, 3.0),
+)
+def test_every_foot_is_within_the_tolerance(
+    wind, form, degree, profile, periodic, tolerance, cells
+):
+    grid, data = Grid([(0, 1)] * 2, (12, 14), periodic), Grid([(0, 1)] * 2, (10, 11), periodic)
+    velocity = wind
+    if form != "formula":
+        arrays = sampled(wind.on(data), data)
+        velocity = Velocity.from_snapshots(TIMES, arrays, data, degree, form)
+    solver = solver_of(velocity, grid, profile, foot_tolerance=tolerance)
+    dt = cells / 12
+    for stage in solver._stages[:2]:
+        # A kink of linear interpolation is in the middle.
+        feet, _ = feet_of(solver, stage, 0.5 - dt * 0.5 * (stage.begin + stage.end), dt)
+        rows = feet.data.reshape(len(stage.blocks), len(stage.jets), -1)
+        length = feet.t_end - feet.t_start
+        for number, block in enumerate(stage.blocks):
+            inside = feet.interior(grid.size, number)
+            exact = reference(solver, stage, block, feet.t_end, length, 100)
+            for row, one in zip(rows[number], exact, strict=False):
+                assert np.abs(row - one)[inside].max(initial=0.0) <= tolerance
+
+
+@pytest.mark.parametrize("profile", ["bicubic", "csl4", pytest.param("csl2", marks=SLOW)])
+@pytest.mark.parametrize("form", ["transport", "advection"])
+def test_feet_of_a_formula_against_an_ode_solver(profile, form):
+    """And derivatives against those of the equations."""
+    if profile != "bicubic" and form == "transport":
+        pytest.skip("conservative")
+    grid = Grid([(0, 1)] * 2, (64, 64), periodic=True)
+    more = {"form": form} if profile == "bicubic" else {}
+    solver = solver_of(Velocity.from_expression(*WIND), grid, profile, foot_tolerance=1e-5, **more)
+    stage, dt = solver._stages[1 % len(solver._stages)], 2 / 64
+    feet, displaced = feet_of(solver, stage, 0.3, dt)
+    assert displaced
+    some = np.arange(0, grid.size, 97)
+    block = stage.blocks[-1]
+    points = [x.ravel()[some] for x in stage.points(block)]
+    own = feet.data.reshape(len(stage.blocks), len(stage.jets), -1)[-1][:, some]
+    exact = integrate(
+        grid, solver.velocity.on(grid), stage.system, points, feet.t_end, feet.t_end - feet.t_start
+    )
+    expected = stage.components(exact.jets, points, some)
+    for jet, one, other in zip(stage.jets, own, expected, strict=True):
+        unit = 64.0 ** max(sum(jet.orders) - (jet.component < 3), 0)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-5 * unit)
+    if profile == "bicubic":
+        rates = [c.derivative((0,) * 4, ONE) for c in solver.velocity.on(grid)]
+
+        def back(t, y):
+            x1, x2 = y.reshape(2, -1)
+            return np.concatenate([c(x1, x2, 0 * x1, t) for c in rates])
+
+        start = np.concatenate(points)
+        end = solve_ivp(back, (0.3 + dt, 0.3), start, method="DOP853", rtol=1e-11, atol=1e-12)
+        moved = 64 * (end.y[:, -1] - start).reshape(2, -1)
+        np.testing.assert_allclose(own[:2], moved, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["formula", "snapshots"])
+def test_paths_have_order_four_and_derivatives_order_eight(kind):
+    """Sub-steps are fixed by a tolerance that nothing exceeds."""
+    velocity, sizes, errors, slopes = Velocity.from_expression(*WIND), (1, 2, 4), [], []
+    grid = Grid([(0, 1)] * 2, (24, 24), periodic=True)
+    if kind == "snapshots":
+        velocity = Velocity.from_snapshots(TIMES, sampled(velocity.on(grid), grid), grid)
+    for count in sizes:
+        solver = solver_of(velocity, grid, foot_tolerance=1.0)
+        (stage,) = solver._stages
+        feet_of(solver, stage, 0.2, 0.1)
+        found = solver._kernels._displacements[stage].feet(0.2, 0.1, count)
+        exact = reference(solver, stage, 0, 0.3, 0.1)
+        errors.append(np.abs(found.data.reshape(len(stage.jets), -1)[:2] - exact).max())
+    assert 3.7 <= order(sizes, errors) <= 5.0
+    if kind == "snapshots":
+        return
+    for n in (16, 24, 32):
+        grid = Grid([(0, 1)] * 2, (n, n), periodic=True)
+        solver = solver_of(velocity, grid, foot_tolerance=1.0)
+        (stage,) = solver._stages
+        feet_of(solver, stage, 0.2, 0.02)
+        found = solver._kernels._displacements[stage].feet(0.2, 0.02, 8).data.reshape(8, -1)
+        exact = integrate(grid, velocity.on(grid), stage.system, grid.mesh(), 0.22, 0.02)
+        rows = stage.components(exact.jets, list(grid.mesh()))
+        slopes.append(np.abs(found[2:6] - rows[2:6]).max())
+    assert 7.5 <= order((16, 24, 32), slopes) <= 8.5
+
+
+def test_data_on_another_grid_in_other_cells():
+    """Two periods of coarser data, elsewhere; a step over a time of linear interpolation."""
+    data = Grid([(0, 1), (0, 2)], (12, 20), True)
+    grid = Grid([(-0.3, 1.7), (0.4, 2.4)], (20, 18), True)
+    wind = Velocity.from_expression(*WIND)
+    velocity = Velocity.from_snapshots(TIMES, sampled(wind.on(data), data), data, 5, "linear")
+    for profile in ("bicubic", "csl4"):
+        solver = solver_of(velocity, grid, profile, foot_tolerance=1e-7)
+        stage = solver._stages[-1]
+        # The kink at TIMES[2] is in the middle of the part of the step that the stage takes.
+        dt = 0.1
+        start = TIMES[2] - dt * 0.5 * (stage.begin + stage.end)
+        feet, displaced = feet_of(solver, stage, start, dt)
+        exact = reference(solver, stage, 0, feet.t_end, feet.t_end - feet.t_start)
+        assert displaced
+        np.testing.assert_allclose(feet.data[: grid.size], exact[0], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("profile", ["bicubic", "csl4"])
+@pytest.mark.parametrize("periodic", [True, (True, False)])
+def test_the_derivative_in_the_state_is_that_of_the_run(profile, periodic):
+    """The scheme is linear in the moments at the feet of the run."""
+    grid = Grid([(0, 1)] * 2, (18, 16), periodic)
+    wind = Velocity.from_expression(*WIND)
+    velocity = Velocity.from_snapshots(TIMES, sampled(wind.on(grid), grid), grid)
+    solver = solver_of(velocity, grid, profile)
+    first, other = solver.state("sin(2*pi*x1)"), solver.state("cos(2*pi*x2) + 0.3*x2")
+    ends = [solver.run(state, 0.4, dt=0.1) for state in (first, other)]
+    change = other.data.ravel() - first.data.ravel()
+    moved = solver.tangent(ends[0]) @ change
+    expected = ends[1].final.data.ravel() - ends[0].final.data.ravel()
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    weight = np.random.default_rng(0).standard_normal(change.size)
+    back = solver.tangent(ends[0]).rmatvec(weight)
+    assert abs(back @ change - weight @ moved) <= 1e-12 * np.abs(weight).sum() * np.abs(moved).max()
+
+
+@pytest.mark.parametrize("kind", ["formula", "snapshots"])
+def test_csl4_keeps_the_mass_and_repeats_bit_by_bit(kind):
+    grid = Grid([(0, 1)] * 2, (32, 40), periodic=True)
+    velocity = Velocity.from_expression(*WIND)
+    if kind == "snapshots":
+        velocity = Velocity.from_snapshots(TIMES, sampled(velocity.on(grid), grid), grid)
+    solver = solver_of(velocity, grid, "csl4")
+    start = solver.state("2 + sin(2*pi*x1)*cos(2*pi*x2)")
+    with mock.patch.object(engine, "LIMITS", engine.LIMITS._replace(differences=1)):
+        one, two = (solver.run(start, 1.0, dt=0.04).final for _ in range(2))
+    assert abs(one.mass - start.mass) <= 1e-14 * start.mass
+    assert np.abs(one.data - start.data).max() > 0.1
+    assert (one.data == two.data).all()
+
+
+def test_vector_code_of_sine_and_cosine():
+    from cip.engines.displacement_loops import address, fast_cos, fast_sin
+
+    @loop
+    def run(start, stop, x, a, b):
+        x, a, b = address(x), address(a), address(b)
+        for o in range(start, stop):
+            a[o] = fast_sin(x[o])
+            b[o] = fast_cos(x[o])
+
+    rng = np.random.default_rng(0)
+    x = np.concatenate([rng.uniform(-s, s, 5000) for s in (1e-9, 1, 10, 1e3, 1e6)])
+    x = np.append(x, np.pi / 4 * np.arange(-99, 100))
+    a, b = np.empty_like(x), np.empty_like(x)
+    run(0, x.size, x, a, b)
+    np.testing.assert_allclose(a, np.sin(x), rtol=3e-16, atol=3e-16)
+    np.testing.assert_allclose(b, np.cos(x), rtol=3e-16, atol=3e-16)
+    run(0, 2, np.array([np.nan, np.inf]), a, b)
+    assert np.isnan([a[:2], b[:2]]).all()
+
+
+@pytest.mark.parametrize("size", [16, 130])
+def test_new_numbers_in_the_text_compile_nothing(size):
+    """By the equations of derivatives on small grids, by displacements on large ones."""
+    grid = Grid([(0, 1)] * 2, (size, size), periodic=True)
+
+    def end(a, b):
+        text = f"{a}*sin(2*pi*x1 + {b}*t)", f"0.1 + {b}*cos(2*pi*x2)*exp(-{a}*t)"
+        solver = solver_of(Velocity.from_expression(*text), grid)
+        return solver.step(solver.state("sin(2*pi*x1)"), 0.3 / size).data
+
+    first = end(0.3, 0.45)
+    with compilations() as names:
+        others = [end(a, b) for a, b in ((0.7, 0.11), (-1.3, 4.5))]
+    assert names == []
+    assert all(np.abs(other - first).max() > 1e-4 for other in others)
+
+
+def test_what_cannot_be_followed_names_the_remedy():
+    grid = Grid([(0, 1)] * 2, (16, 16), periodic=True)
+    noise = np.random.default_rng(0).standard_normal((2, 2, 16, 16))
+    velocity = Velocity.from_snapshots([0, 1], 1e3 * noise, grid)
+    solver = solver_of(velocity, grid, foot_tolerance=1e-9)
+    with (
+        mock.patch.object(engine, "FEET", engine.FEET._replace(substeps=64)),
+        pytest.raises(NotConverged, match="smaller dt, or a larger foot_tolerance"),
+    ):
+        solver.step(solver.state("x1*0"), 0.5)
+    box = Grid([(0, 1)] * 2, (16, 16))
+    arrays = np.ones((2, 2, 17, 17))
+    inflow = Solver(box, Velocity.from_snapshots([0, 1], arrays, box), profile="bicubic")
+    with pytest.raises(LeftDomain, match="characteristic of node"):
+        inflow.step(inflow.state("x1"), 0.1)
+
+
+@pytest.mark.parametrize("form", ["formula", "linear"])
+def test_steps_back_in_time(form):
+    """The same paths from the other end; with a kink of the interpolation in the middle."""
+    grid = Grid([(0, 1)] * 2, (16, 16), periodic=True)
+    velocity = Velocity.from_expression(*WIND)
+    if form == "linear":
+        arrays = sampled(velocity.on(grid), grid)
+        velocity = Velocity.from_snapshots(TIMES, arrays, grid, time=form)
+    solver = solver_of(velocity, grid, foot_tolerance=1e-7)
+    (stage,) = solver._stages
+    feet, displaced = feet_of(solver, stage, TIMES[2] + 0.05, -0.1)
+    exact = reference(solver, stage, 0, TIMES[2] - 0.05, -0.1, 40)
+    assert displaced
+    np.testing.assert_allclose(feet.data[: 2 * grid.size], np.ravel(exact), rtol=0, atol=1e-7)
