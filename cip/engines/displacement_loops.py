@@ -89,13 +89,23 @@ def spline_source(degree: int, axes: int) -> str:
         lines.append("    first = at + k0 * sizes[2]")
         total = " + ".join(f"w0_{j} * box[first + {j} * sizes[2]]" for j in terms)
         return "\n".join([*lines, f"    return -({total}), 0.0", ""])
-    lines += ["    first = k0 * sizes[4] + 2 * k1", "    o0 = 0.0", "    o1 = 0.0"]
-    for i in terms:
-        for c in range(2):
-            row = " + ".join(f"w1_{j} * box[first + {2 * j + c}]" for j in terms)
-            lines.append(f"    o{c} = o{c} + w0_{i} * ({row})")
-        lines.append("    first = first + sizes[4]")
-    return "\n".join([*lines, "    return -o0, -o1", ""])
+    rows = [" + ".join(f"w1_{j} * box[first + {2 * j + c}]" for j in terms) for c in range(2)]
+    lines += [
+        "    weights = numbers(box)",
+        *(f"    weights[{i}] = w0_{i}" for i in terms),
+        "    first = k0 * sizes[4] + 2 * k1",
+        "    o0 = 0.0",
+        "    o1 = 0.0",
+        # A loop whose length is no constant: else nodes side by side gather their coefficients,
+        # which are contiguous for one node.
+        "    for i in range(sizes[5]):",
+        f"        o0 = o0 + weights[i] * ({rows[0]})",
+        f"        o1 = o1 + weights[i] * ({rows[1]})",
+        "        first = first + sizes[4]",
+        "    return -o0, -o1",
+        "",
+    ]
+    return "\n".join(lines)
 
 
 def _weights(degree: int, s: str) -> list[str]:

@@ -75,11 +75,11 @@ class _FormulaFlow:
 class _SplineFlow:
     def __init__(self, field: Snapshots, stage: Stage, block: int) -> None:
         from cip.engines.cpu_loops import kernel_of
-        from cip.engines.displacement_loops import spline_source
+        from cip.engines.displacement_loops import numbers, spline_source
 
         self._field, self._components = field, list(stage.moving)
         moving, data, lines = stage.moving, field.grid, stage.lines(block)
-        self.kernel = kernel_of(spline_source(field.degrees[1], len(moving)))
+        self.kernel = kernel_of(spline_source(field.degrees[1], len(moving)), numbers=numbers)
         self._matrices = [
             field.cardinal(axis) if axis in moving else field.values_at(axis, line)
             for axis, line in enumerate(lines)
@@ -96,7 +96,7 @@ class _SplineFlow:
             o = np.arange(stage.grid.size)
             self.at = o // block_size * (counts[stage.axis] * row) + o % row
         flags = [(data.cells[axis], int(data.periodic[axis])) for axis in moving]
-        self.sizes = np.array([*(n for pair in flags for n in pair), row])
+        self.sizes = np.array([*(n for pair in flags for n in pair), row, field.degrees[1] + 1])
 
     def _table(self, m: int) -> Array:
         """The coefficients of the time's B-spline m as the kernel reads them."""
