@@ -98,7 +98,7 @@ class CpuEngine(Engine):
                 near = cpu_blocks.block_room(moments, self.dtype, self.widths)
                 run(start, stop, m, out, feet, *lines, update, uniform, near, step)
 
-        elif stage.conservative and grid.dim > 1:
+        elif stage.conservative and grid.dim > 1 and stage.coast is None and prefix == "node_":
             sloped = int(profile == "csl4")
             limits = self._limits(stage)
             rows, equal = cpu_sweeps.groups(lines[0], grid.size), int(grid.uniform[update[2]])

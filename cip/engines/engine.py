@@ -214,7 +214,9 @@ class Engine:
     def _displaced(self, stage: Stage) -> Displacements | None:
         """The feet of a stage by displacements, None where others serve."""
         if stage not in self._displacements:
-            serves = not self.setting.steady and Displacements.serves(stage, LIMITS.differences)
+            # At coasts derivatives are not those of displacements.
+            serves = not self.setting.steady and stage.coast is None
+            serves = serves and Displacements.serves(stage, LIMITS.differences)
             self._displacements[stage] = Displacements(stage) if serves else None
         return self._displacements[stage]
 

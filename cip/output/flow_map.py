@@ -40,6 +40,20 @@ class FlowMap:
         Entry [i, k] is d positions[i] / dx_k; NaN for points that left.
     left : ndarray of bool, shape nodes
         Whether a point left the box through a wall.
+
+    References
+    ----------
+    S. C. Shadden, F. Lekien and J. E. Marsden, Definition and properties of Lagrangian coherent
+    structures from finite-time Lyapunov exponents, Physica D 212 (2005), 271-304.
+
+    Examples
+    --------
+    A turn neither stretches nor moves the centre:
+
+    >>> from cip import Grid, flow_map
+    >>> found = flow_map(lambda x, y: (-y, x), Grid([(-1, 1)] * 2, (8, 8)), 0.0, 0.1)
+    >>> float(found.stretch[4, 4].round(9)), float(abs(found.positions[:, 4, 4]).max())
+    (1.0, 0.0)
     """
 
     grid: Grid
@@ -64,9 +78,8 @@ class FlowMap:
 
     @property
     def lyapunov(self) -> Array:
-        """Finite-time Lyapunov exponents ln(stretch) / |t_end - t_start|, 1 / time, shape nodes
-        (Shadden, Lekien and Marsden, Physica D 212, 2005, 271-304). Ridges repel over the time of
-        a map forward, and attract over that of a map backward."""
+        """Finite-time Lyapunov exponents ln(stretch) / |t_end - t_start|, 1 / time, shape nodes.
+        Ridges repel over the time of a map forward, attract over that of a map backward."""
         exponents: Array = np.log(self.stretch) / abs(self.t_end - self.t_start)
         return exponents
 
@@ -124,6 +137,11 @@ def flow_map(
         Equal or infinite times, or times that snapshots of the velocity do not cover.
     NotConverged
         The velocity is not smooth enough for the tolerance.
+
+    References
+    ----------
+    S. C. Shadden, F. Lekien and J. E. Marsden, Definition and properties of Lagrangian coherent
+    structures from finite-time Lyapunov exponents, Physica D 212 (2005), 271-304.
 
     Examples
     --------

@@ -56,6 +56,11 @@ def contour(state: State, level: float = 0.0) -> list[Array]:
     NotSupported
         Another profile.
 
+    References
+    ----------
+    J.-C. Nave, R. R. Rosales and B. Seibold, A gradient-augmented level set method with an
+    optimally local, coherent advection scheme, J. Comput. Phys. 229 (2010), 3802-3827.
+
     Examples
     --------
     >>> import numpy as np
@@ -83,6 +88,11 @@ def area(state: State, level: float = 0.0) -> float:
         That of the profile, up to the fourth power of a quarter of a cell over the radius of
         curvature: arcs through three points of the contour.
 
+    References
+    ----------
+    J.-C. Nave, R. R. Rosales and B. Seibold, A gradient-augmented level set method with an
+    optimally local, coherent advection scheme, J. Comput. Phys. 229 (2010), 3802-3827.
+
     Examples
     --------
     >>> import numpy as np
@@ -103,8 +113,8 @@ def reinitialise(state: State, level: float = 0.0) -> State:
 
     After a long transport the gradient of a level set function is small in some places and large in
     others. Its distance function has the same contour and gradients of length one: each node's
-    closest point on the contour is found by Newton's method (Chopp, SIAM J. Sci. Comput. 23, 2001,
-    230-244), and the mixed derivative follows from the curvature there.
+    closest point on the contour is found by Newton's method, and the mixed derivative follows from
+    the curvature there.
 
     Parameters
     ----------
@@ -120,6 +130,11 @@ def reinitialise(state: State, level: float = 0.0) -> State:
     ------
     InputError
         The field does not take the value.
+
+    References
+    ----------
+    D. L. Chopp, Some improvements of the fast marching method, SIAM J. Sci. Comput. 23 (2001),
+    230-244.
 
     Examples
     --------
