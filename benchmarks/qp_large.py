@@ -7,10 +7,10 @@
   them bounded; and one from whose first state no inputs lead back into the bounds.
 
 Ours with its checks and its certificate, beside PIQP, Clarabel, OSQP and, dense only (sparse it
-takes 11 s for the obstacle and minutes for others), ProxQP, all asked for 1e-9; setting up counts.
-Times are the least of some repeats by turns in one process, of processor seconds. `violation` is
-that of the rows and bounds over the largest entry of x, `excess` the distance of the objective from
-ours over its size.
+takes 11 s for the obstacle, minutes for the portfolio), ProxQP, all asked for 1e-9; setting up
+counts. Times are the least of some repeats by turns in one process, of processor seconds.
+`violation` is that of the rows and bounds over the largest entry of x, `excess` the distance of the
+objective from ours over its size.
 
     OMP_NUM_THREADS=1 python benchmarks/qp_large.py
 """

@@ -15,6 +15,7 @@ from gpu.errors import Infeasible, NotConverged, Unbounded
 from gpu.qp.data.budget import Budget
 from gpu.qp.data.equilibrate import Scaling, equilibrate, largest_side, with_rounding
 from gpu.qp.data.standard_qp import (
+    ROUNDING,
     Array,
     Matrix,
     Residuals,
@@ -90,18 +91,26 @@ class Point:
 def certified(p: StandardQP, x: Array, y: Array) -> Point:
     """The point next to (x, y) whose bounds and signs hold, and its residuals. Zero multipliers (if
     q = 0) and x = 0 (if feasible) are tried too: residuals relative to a sequence that converges to
-    zero are never small."""
+    zero are never small, and of a ray of solutions with no objective x = 0 is the one to take."""
     point = _certified(p, x, y)
-    if point.residuals.sharp <= LIMITS.clean:
+    if point.residuals.sharp <= LIMITS.clean and not (p.holds_at_origin and _cancels(p, point.x)):
         return point
     if not bool(p.q.any()):
         free = _certified(p, x, p.xp.zeros_like(y))
         return min(point, free, key=lambda found: found.residuals.worst)
     if p.holds_at_origin:
         origin = _certified(p, p.xp.zeros_like(x), p.sided(y))
-        if origin.residuals.worst <= min(LIMITS.near_origin, point.residuals.worst):
+        allowed = max(ROUNDING.sharp, point.residuals.worst)
+        if origin.residuals.worst <= min(LIMITS.near_origin, allowed):
             return origin
     return point
+
+
+def _cancels(p: StandardQP, x: Array) -> bool:
+    """Whether the objective at x is rounding: along a ray of solutions x may be anywhere."""
+    length = p.xp.abs(x)
+    terms = float(p.xp.abs(p.q) @ length + length @ (p.moduli[0] @ length))
+    return terms > 0.0 and abs(float(p.q @ x) + float(x @ (p.P @ x))) <= LIMITS.lost * terms
 
 
 def _certified(p: StandardQP, x: Array, y: Array) -> Point:
