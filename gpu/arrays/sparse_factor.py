@@ -42,32 +42,45 @@ def quasidefinite(upper: sparse.csc_array, solver: str = "auto") -> Any:
 
 
 class SuperLUFactor:
-    """SuperLU in a minimum-degree order, with pivots on the diagonal where they reach `threshold`
-    times the largest in their column."""
+    """SuperLU in a minimum-degree order, found once, with pivots on the diagonal where they reach
+    `threshold` times the largest in their column."""
 
     def __init__(self, K: sparse.csc_array, threshold: float = 0.0) -> None:
         self.size, self.threshold = K.shape[0], threshold
+        self._order: Vector | None = None
+        self._lu: Any = None
+        self._take(K)
+
+    def _take(self, K: sparse.csc_array) -> None:
         self._matrix = _with_sorted_indices(K)
         self._place = _diagonal_places(self._matrix)
 
     def factor(self, diagonal: Vector) -> None:
         """Factor the matrix with this diagonal; raises `LinAlgError`."""
-        self._matrix.data[self._place] = diagonal
         if not np.isfinite(diagonal).all():
             raise np.linalg.LinAlgError("the matrix has entries that are not finite")
+        if self._lu is not None and self._order is None:
+            self._order = np.argsort(self._lu.perm_c)
+            self._take(self._matrix[self._order][:, self._order])
+        self._matrix.data[self._place] = diagonal if self._order is None else diagonal[self._order]
         try:
             self._lu = splu(
                 self._matrix,
-                permc_spec="MMD_AT_PLUS_A",
+                permc_spec="MMD_AT_PLUS_A" if self._order is None else "NATURAL",
                 diag_pivot_thresh=self.threshold,
                 options={"SymmetricMode": not self.threshold},
             )
         except (RuntimeError, MemoryError) as error:
             raise np.linalg.LinAlgError(str(error)) from None
+        self._own = self._order  # of the factors at hand
 
     def solve(self, r: Vector) -> Vector:
         """Solve with the last factor."""
-        u: Vector = self._lu.solve(r)
+        found: Vector = self._lu.solve(r if self._own is None else r[self._own])
+        if self._own is None:
+            return found
+        u = np.empty_like(found)
+        u[self._own] = found
         return u
 
     def pivots(self) -> Vector:

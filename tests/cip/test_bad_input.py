@@ -565,7 +565,7 @@ IDENTIFICATION = [
 ]
 LON, LAT = np.arange(16) / 16, np.linspace(1, 0, 13)
 SECONDS = np.arange(4).astype("datetime64[s]").astype("datetime64[ns]")
-PLACES, NO_TIME = np.ones((13, 16)), np.datetime64("NaT")
+PLACES, NO_TIME = np.ones((13, 16)), np.datetime64("NaT", "s")
 
 
 def blown(change=lambda d: d, **more):

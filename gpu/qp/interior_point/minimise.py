@@ -56,6 +56,7 @@ class _Limits(NamedTuple):  # residuals and sizes that decide what is tried
     attempts: tuple[tuple[bool, float], ...] = (
         (True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0)
     )  # fmt: skip
+    early: int = 4_000  # most unknowns and rows for which pivots by size are tried at once
     dropped: float = 1e-3  # forces over all: more of them off the sides are no rounding
     near_origin: float = 1e-6  # residual of x = 0, which may replace a point that tends to it
     target: float = 1e-14  # residual that the polish aims at: the accuracy of the arithmetic
@@ -65,7 +66,7 @@ class _Limits(NamedTuple):  # residuals and sizes that decide what is tried
     lost: float = 1e-13  # objective over the terms of x'Px: less is rounding of P
     drowned: float = 1e-12  # forces over those of the multipliers: three digits are left
     runaway: float = 1e20  # over the data: no condition number in double precision takes x so far
-    extended: int = 30_000  # most unknowns and rows for which extended precision is worth it
+    extended: int = 100_000  # most unknowns and rows for which extended precision is worth it
     linear: float = 1e-4  # q beside P of one: below, it has lost four of sixteen digits
     unknowns: int = 500  # most for which all eigenvectors of P are computed
     eigenvalue: float = 4 * float(np.finfo(float).eps)  # over the largest, an unknown
@@ -224,10 +225,10 @@ class _Search:
         system = kkt_system(self.scaled)
         small_enough = p.q.size + p.row_low.size <= LIMITS.extended
         sharpen = proofs and p.xp is np and p.is_sparse and small_enough
-        best, steps = None, 0
-        for attempt in range(len(LIMITS.attempts) if proofs else 2):
-            if attempt == 1:
-                system = safe_system(self.scaled) or system
+        best, steps, changed = None, 0, False
+        for attempt, safe in self._attempts():
+            if safe and not changed:
+                system, changed = safe_system(self.scaled) or system, True
             found, count = self._attempt(attempt, system, sharpen)
             if not found:
                 continue
@@ -259,6 +260,15 @@ class _Search:
                 "drop rows that are almost dependent, or accept a larger tol"
             )
         return best, steps
+
+    def _attempts(self) -> list[tuple[int, bool]]:
+        """Numbers of the attempts, and whether they take pivots by size: at once where these cost
+        little, after all others where their factors fill."""
+        count = len(LIMITS.attempts) if self.proofs else 2
+        again = [(attempt, True) for attempt in range(1, count)]
+        if self.p.q.size + self.p.row_low.size <= LIMITS.early or not self.p.is_sparse:
+            return [(0, False), *again]
+        return [*((attempt, False) for attempt in range(count)), *again]
 
     def _attempt(self, attempt: int, system: System, hurried: bool) -> tuple[list[Point], int]:
         """The points where the interior point and the polish end, and the steps. No points if even
