@@ -95,6 +95,12 @@ def _parsed(tree: ast.expr, text: str, name: str, parameters: Collection[str]) -
             f"{name}: {tree.func.id!r} in {text!r} is no known function of one argument; "
             f"known are {', '.join(RULES)}"
         )
-    if isinstance(tree, ast.Call) and ast.unparse(tree.func) in ("np.float64", "np.float32"):
-        return _parsed(tree.args[0], text, name, parameters)  # as NumPy writes its numbers
+    numbers = ("np.float64(", "np.float32(")  # as NumPy writes them
+    if (
+        isinstance(tree, ast.Call)
+        and ast.unparse(tree).startswith(numbers)
+        and len(tree.args) == 1
+        and not tree.keywords
+    ):
+        return _parsed(tree.args[0], text, name, parameters)
     raise InputError(f"{name}: {ast.unparse(tree)!r} in {text!r} is not arithmetic")

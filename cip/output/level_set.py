@@ -161,7 +161,7 @@ def reinitialise(state: State, level: float = 0.0) -> State:
     below = np.where(np.ravel(state["u"]) - level < 0.0, -1.0, 1.0)
     distance = below * np.hypot(*gap)
     slope, bend = field.gradient(foot), field.hessian(foot)
-    steepness = np.hypot(*slope)
+    steepness = np.maximum(np.hypot(*slope), 1e-300)  # 0 where lines of the contour cross
     normal = slope / steepness
     # Nodes on the contour have no direction to it of their own.
     apart = np.abs(distance) > 1e-6 * min(state.grid.spacing)

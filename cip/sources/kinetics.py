@@ -132,7 +132,8 @@ class Kinetics:
                 coarse, count = fine, 2 * count
         raise NotConverged(
             f"reactions: not resolved by {SUBSTEPS} sub-steps in {length:.3g} from t = {t:.6g}; "
-            "rates that are this stiff, or a field that grows without bound: take a smaller dt"
+            "rates that are this stiff or not finite (a root of a negative value), or a field that "
+            "grows without bound: take a smaller dt, or other rates"
         )
 
 

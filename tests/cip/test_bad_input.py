@@ -85,7 +85,7 @@ VELOCITIES = [
     ("'foo'", lambda: text("foo")),
     ("'gamma'", lambda: text("gamma(x1)")),
     ("is not arithmetic", lambda: text("x1.real")),
-    ("is not arithmetic", lambda: text("np.float16(1.0)*x1")),
+    *rows("is not arithmetic", text, "np.float16(1.0)*x1", "np.float64()", "np.float64(1, 2)*x1"),
     ("too large", lambda: text("1" + "0" * 400)),
     *rows("not finite", text, "10**400*x1", "x1**1e999", "(-8)**(1/3)", "x1/(2 - 2)"),
     ("3002 characters", lambda: text("-" * 3000 + "x1")),

@@ -74,6 +74,15 @@ def test_distances_reach_across_periodic_sides():
     np.testing.assert_allclose(found["u"], 0.25 - np.abs((x + 0.5) % 1 - 0.5), atol=1e-9)
 
 
+def test_lines_that_cross():
+    """At a saddle on the contour there is no normal; elsewhere the nearer line counts."""
+    grid = Grid([(0, 1)] * 2, (20, 20), periodic=True)
+    found = reinitialise(State.from_function("sin(2*pi*x1)*sin(2*pi*x2)", grid, "bicubic"))
+    near = [np.abs((x + 0.25) % 0.5 - 0.25) for x in grid.mesh()]
+    assert np.isfinite(found.data).all()
+    np.testing.assert_allclose(np.abs(found["u"]), np.minimum(*near), atol=1e-9)
+
+
 def test_a_translated_circle_keeps_its_area():
     solver = Solver(Grid([(0, 1)] * 2, (40, 40), periodic=True), [1.0, 0.5], profile="bicubic")
     start = solver.state("cos(2*pi*x1) + cos(2*pi*x2) + 1")

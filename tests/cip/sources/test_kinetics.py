@@ -117,6 +117,9 @@ def test_refused():
     blow = made(ring, ("1",), "cubic", reactions={"a": "a**2"})
     with pytest.raises(NotConverged, match="take a smaller dt"):
         blow.step(blow.state({"a": 5.0}), 1.0)
+    root = made(ring, ("1",), "cubic", reactions={"a": "sqrt(a)"})
+    with pytest.raises(NotConverged, match="not finite"):
+        root.step(root.state({"a": -1.0}), 0.1)
     run = solver.run(solver.state({"a": 1.0, "b": 1.0}), 0.1, dt=0.1)
     with pytest.raises(NotSupported, match="one field"):
         solver.adjoint(run)
