@@ -81,9 +81,9 @@ STRANG = {"splitting": "strang", "form": "advection"}
 CASES = {
     "bicubic": (PERIODIC, FLOW, BACK, {}, {}),
     "csl4": (PERIODIC, FLOW, BACK, STRANG | {"profile": "csl4"}, {}),
-    "walls": (OPEN, ("0.5 + 0.2*t",), ("-0.6 + 0.2*t",),
-              {"form": "advection", "profile": "csl2", "boundary": "0.3 + 0*t"},
-              {"form": "advection", "profile": "csl2", "boundary": "0.3 + 0*t"}),
+    "walls": (OPEN, ("0.5 + 2*x1",), ("-0.5 - 2*x1",),
+              {"form": "advection", "profile": "csl2", "boundary": "0.3 + sin(9*t)"},
+              {"boundary": "0.3 + sin(9*(0.5 - t))"}),
     "source": (PERIODIC, FLOW, BACK, {"source": "sin(2*pi*x1)*cos(t)"},
                {"source": "-sin(2*pi*x1)*cos(0.5 - t)"}),
 }  # fmt: skip
@@ -99,7 +99,9 @@ def test_a_run_back_in_time_is_one_of_the_reversed_velocity(case):
     assert run.times.tolist() == [0.5, 0.25, 0.0]
     other = Solver(grid, text(*back), **{**options, **reversed_options})
     expected = other.run(other.state(wave), 0.5, dt=0.05).final
-    np.testing.assert_allclose(run.final.data, expected.data, rtol=0, atol=2e-8)
+    # Steady feet, and the places and times where they meet walls, are the same numbers.
+    atol = 1e-12 if case == "walls" else 2e-8
+    np.testing.assert_allclose(run.final.data, expected.data, rtol=0, atol=atol)
     if case == "bicubic":
         same = solver.run(start, 0.0, cfl=0.5)
         assert same.dt < 0 < len(same.states)
