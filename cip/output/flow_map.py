@@ -33,10 +33,10 @@ class FlowMap:
     grid : Grid
         Its nodes are the points at `t_start`.
     t_start, t_end : float
-    positions : ndarray, shape (dim, *nodes)
+    positions : ndarray, shape (dim,) + nodes
         Their places at `t_end`, in periodic directions not reduced to the box; of points that left
         the box, where they left it.
-    gradient : ndarray, shape (dim, dim, *nodes)
+    gradient : ndarray, shape (dim, dim) + nodes
         Entry [i, k] is d positions[i] / dx_k; NaN for points that left.
     left : ndarray of bool, shape nodes
         Whether a point left the box through a wall.
@@ -78,7 +78,7 @@ class FlowMap:
 
     @property
     def lyapunov(self) -> Array:
-        """Finite-time Lyapunov exponents ln(stretch) / |t_end - t_start|, 1 / time, shape nodes.
+        """Finite-time Lyapunov exponents, `ln(stretch)` over the length of time; shape nodes.
         Ridges repel over the time of a map forward, attract over that of a map backward."""
         exponents: Array = np.log(self.stretch) / abs(self.t_end - self.t_start)
         return exponents
