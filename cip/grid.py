@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError
-from skfem_adini.ground.arguments import real_array
+from skfem_adini.ground.arguments import keywords_named, real_array
 
 Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
@@ -56,6 +56,7 @@ class Grid:
     (10, 20)
     """
 
+    @keywords_named
     def __init__(
         self, bounds: ArrayLike, shape: int | Sequence[int], periodic: bool | Sequence[bool] = False
     ) -> None:

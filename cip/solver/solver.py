@@ -53,7 +53,7 @@ from cip.sources.reaction import Reaction, reacted, reaction
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, _real, default_profile
 from cip.stages.walls import check_split, portable_boundary, walls
-from skfem_adini.ground.arguments import flag, real_number
+from skfem_adini.ground.arguments import flag, keywords_named, real_number
 
 
 class Solver(Parametrised):
@@ -191,6 +191,7 @@ class Solver(Parametrised):
 
     _kind = "solver"
 
+    @keywords_named
     def __init__(
         self,
         grid: Grid,
@@ -384,6 +385,7 @@ class Solver(Parametrised):
         self._check_times(state, state.t + dt)
         return self._advance(self._kernels.place(state), dt).require_finite()
 
+    @keywords_named
     def run(
         self,
         state: State,

@@ -40,7 +40,7 @@ from contact.facet_basis import facet_basis
 from contact.portable import PortableBasis
 from contact.settled import settled
 from skfem_adini import essential_constraints
-from skfem_adini.ground.arguments import evaluated, function_of_places, numbers
+from skfem_adini.ground.arguments import evaluated, function_of_places, keywords_named, numbers
 
 _OF_RADII = 2  # degrees added to the quadrature order for the factors r and 1 / r
 Array = NDArray[np.float64]
@@ -109,6 +109,7 @@ class ElasticBody(BasisSolid):
     dilatation = _property("dilatation", '"pointwise" or "mean".')
     _COUPLES: ClassVar[bool] = True
 
+    @keywords_named
     def __init__(
         self,
         basis: Basis,
@@ -141,6 +142,7 @@ class ElasticBody(BasisSolid):
             self._supports.append((axis, 0, _constant(0.0), True))
 
     @classmethod
+    @keywords_named
     def from_mesh(
         cls,
         mesh: Mesh | str | Path,

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError
 from contact.histories.history_folder import HistoryFolder
+from contact.output.tables import steps_frame
 from contact.output.vtk import block_sets, body_grid, boundary_grids
+from contact.result.contact_result import as_html, facts
 from skfem_adini.ground.arguments import numbers
 from skfem_adini.ground.vtk_files import write_series
 
@@ -142,6 +144,27 @@ class LoadHistory:
     def resultant(self) -> Array:
         """Force of the obstacle on the body in each step, shape (n, dim)."""
         return np.array([result.resultant for result in self.results])
+
+    def _repr_html_(self) -> str:
+        if not len(self):
+            return "<p>LoadHistory(no step)</p>"
+        span = f"{len(self)} steps from t = {self.times[0]:.6g} to {self.times[-1]:.6g}"
+        return as_html({"history": span, **facts(self.results[-1])}, "LoadHistory, its last step")
+
+    def to_frame(self) -> Any:
+        """The steps as a table: time, forces, numbers of points by status, largest residual.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a step. `ContactResult.to_frame` has the points of one.
+
+        Raises
+        ------
+        MissingDependency
+            pandas is not installed.
+        """
+        return steps_frame(self)
 
     def to_pvd(self, path: str | Path, subdivide: int | None = None) -> Path:
         """Write the body, and beside it the contact boundary, as series that ParaView animates.

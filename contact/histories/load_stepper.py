@@ -23,7 +23,7 @@ from contact.problem.large_motion import check_motion
 from contact.problem.sagitta import warn_of_sagitta
 from contact.result.contact_result import ContactResult
 from contact.settled import settled
-from skfem_adini.ground.arguments import choice, finite_number, integer
+from skfem_adini.ground.arguments import choice, finite_number, integer, keywords_named
 
 if TYPE_CHECKING:
     from contact.problem.contact_problem import ContactProblem
@@ -98,6 +98,7 @@ class LoadStepper(LoadProgram):
     True
     """
 
+    @keywords_named
     def __init__(
         self,
         problem: ContactProblem,

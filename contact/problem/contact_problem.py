@@ -34,6 +34,7 @@ from contact.rows.contact_rows import ContactRows, refuse_other_points
 from contact.rows.interfaces import Interfaces
 from contact.rows.pairs import Pair, between, given_pairs
 from contact.settled import settled
+from skfem_adini.ground.arguments import keywords_named
 
 Array = NDArray[np.float64]
 FrictionLike = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
@@ -112,6 +113,7 @@ class ContactProblem(Portable):
     _ANEW, _FUNCTIONS = ("_condensed",), ("_laws",)
     _condensed: tuple[Device, bool, Any, CondensedContact] | None = None
 
+    @keywords_named
     def __init__(
         self,
         body: Solid | Sequence[Solid],
@@ -348,6 +350,7 @@ class ContactProblem(Portable):
             kept = self._condensed = *where, material, made
         return kept[3]
 
+    @keywords_named
     def solve(
         self,
         method: str = "newton",

@@ -16,6 +16,7 @@ from contact.errors import ContactError, InputError
 from contact.laws.status import Status
 from contact.output.drawn import pair_name
 from contact.output.pictures import draw_outlines, have_outlines
+from contact.output.tables import points_frame
 from contact.output.vtk import block_sets, body_grid, boundary_grid
 from contact.plot import plot_tractions
 from contact.result.body_result import BodyFields, BodyResult
@@ -402,6 +403,31 @@ class ContactResult(BodyFields, ContactState):
             certified as well.
         """
         return cls(**vars(read(path)))
+
+    def to_frame(self) -> Any:
+        """The contact points as a table: place, boundary, status, gap, pressure, shear and slip.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a point, in the order of `pressure`. Bonded points have the tractions of ties.
+
+        Raises
+        ------
+        MissingDependency
+            pandas is not installed.
+
+        Examples
+        --------
+        >>> from skfem import MeshQuad
+        >>> from contact import ContactProblem, ElasticBody
+        >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+        >>> body = body.fix("top", "xy").fix("top", "y", -0.1)
+        >>> frame = ContactProblem(body, "bottom", 0.05, friction=0.3).solve().to_frame()
+        >>> print(list(frame.columns), len(frame))
+        ['x', 'y', 'boundary', 'status', 'gap', 'pressure', 'shear', 'slip'] 9
+        """
+        return points_frame(self)
 
     def to_pyvista(self, subdivide: int | None = None) -> Any:
         """The body as a pyvista grid: displacement and stress; for several bodies all fields.

@@ -24,6 +24,7 @@ from contact.output.archive import (
     to_arrays,
     unproved,
 )
+from contact.output.tables import grid_dataset
 from contact.spectral.contact_edge import ContactEdge, contact_edge
 from contact.spectral.grid_case import GridCase
 from contact.spectral.grid_compliance import GridCompliance
@@ -310,6 +311,21 @@ class GridResult(FieldsInside):
             self.pressure[loaded], bins=int(bins), range=(0.0, top), weights=weights[loaded]
         )
         return area / (np.diff(edges) * weights.sum()), edges
+
+    def to_xarray(self) -> Any:
+        """The surface as a dataset with pressure, gap, status, shear, slip and displacement.
+
+        Returns
+        -------
+        xarray.Dataset
+            Over the coordinates of the surface; the residuals are its attributes.
+
+        Raises
+        ------
+        MissingDependency
+            xarray is not installed.
+        """
+        return grid_dataset(self)
 
     def to_pyvista(self) -> Any:
         """The surface as image data, with pressure, shear, status, displacement and gap.

@@ -11,7 +11,7 @@ import scipy
 from contact.errors import InputError
 from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.real_symbol import RealSymbol
-from skfem_adini.ground.arguments import array_of, numbers
+from skfem_adini.ground.arguments import array_of, keywords_named, numbers
 
 
 class HalfSpace(FilteredCompliance):
@@ -74,6 +74,7 @@ class HalfSpace(FilteredCompliance):
     0.289662 0.289662
     """
 
+    @keywords_named
     def __init__(
         self,
         lengths: float | Sequence[float],

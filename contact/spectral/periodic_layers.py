@@ -31,7 +31,7 @@ from contact.spectral.layer_arguments import (
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import cell
 from contact.spectral.wave_cells import parities
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import keywords_named, numbers
 from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
@@ -125,6 +125,7 @@ class PeriodicLayers(FilteredCompliance):
     [0.005 0.005 0.005 0.005 0.005 0.005 0.005 0.005]
     """
 
+    @keywords_named
     def __init__(
         self,
         lengths: ArrayLike,

@@ -28,7 +28,15 @@ from gpu.eigenvalues.operator import (
 )
 from gpu.eigenvalues.schur import ORDERS, Rank, best_first, edge_of, rank_of
 from gpu.errors import GpuError, InputError, NotConverged
-from skfem_adini.ground.arguments import choice, flag, integer, is_finite_number, shown, unmasked
+from skfem_adini.ground.arguments import (
+    choice,
+    flag,
+    integer,
+    is_finite_number,
+    keywords_named,
+    shown,
+    unmasked,
+)
 from skfem_adini.ground.arrays import namespace, to_host
 from skfem_adini.ground.errors import warn
 
@@ -50,6 +58,7 @@ LIMITS = _Limits()
 logger = logging.getLogger(__name__)
 
 
+@keywords_named
 def eigs(
     A: Any,
     k: int = 6,

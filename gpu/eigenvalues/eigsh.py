@@ -9,7 +9,7 @@ import numpy as np
 from gpu.eigenvalues.eigs import Effort, Task, drawn, prepared, product, solved, stored
 from gpu.eigenvalues.operator import Matrix
 from gpu.errors import InputError, NotConverged
-from skfem_adini.ground.arguments import choice, flag
+from skfem_adini.ground.arguments import choice, flag, keywords_named
 
 
 class _Limits(NamedTuple):  # tolerances of what is symmetric and orthonormal
@@ -24,6 +24,7 @@ LIMITS = _Limits()
 ORDERS = {"LM": "LM", "SM": "SM", "LA": "LR", "SA": "SR"}
 
 
+@keywords_named
 def eigsh(
     A: Any,
     k: int = 6,

@@ -50,7 +50,7 @@ from gpu.qp.interior_point.minimise import (
 from gpu.qp.interior_point.polish import PrimalDual, Sides
 from gpu.qp.interior_point.presolve import PRESOLVE, nonempty
 from gpu.qp.last_digits import last_digits
-from skfem_adini.ground.arguments import integer, unmasked
+from skfem_adini.ground.arguments import integer, keywords_named, unmasked
 from skfem_adini.ground.arrays import namespace, to_host
 
 
@@ -68,6 +68,7 @@ LIMITS = _Limits()
 logger = logging.getLogger(__name__)
 
 
+@keywords_named
 def solve_qp(
     P: ArrayLike | FactoredMatrix,
     q: ArrayLike,

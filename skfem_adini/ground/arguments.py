@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from difflib import get_close_matches
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +18,60 @@ from skfem_adini.ground.errors import InputError
 Array = NDArray[Any]
 Numbers = NDArray[np.float64]
 Hidden = NDArray[np.bool_] | None
+Function = TypeVar("Function", bound=Callable[..., Any])
+# What others call an argument: the first of these names that a function has is meant.
+_OTHER_NAMES = {
+    ("young", "youngs", "youngs_modulus", "young_modulus", "modulus", "e"): ("E",),
+    ("poisson", "poisson_ratio", "poissons_ratio", "v"): ("nu",),
+    ("mu", "mue", "cof", "friction_coefficient", "coefficient"): ("friction",),
+    ("tolerance", "eps", "rtol", "atol", "eps_abs"): ("tol",),
+    ("max_iter", "maxiter", "maxit", "iterations"): ("max_iterations",),
+    ("solver", "algorithm"): ("method", "backend"),
+    ("scheme", "order"): ("profile",),
+    ("bc", "boundary_conditions"): ("boundary",),
+    ("time_step", "delta_t"): ("dt",),
+    ("n", "size", "resolution", "points"): ("cells", "shape"),
+    ("box", "extent", "domain"): ("bounds", "lengths"),
+    ("aeq", "a_eq"): ("A",),
+    ("beq", "b_eq"): ("b",),
+    ("aub", "a_ub"): ("G",),
+    ("bub", "b_ub"): ("h",),
+    ("c", "f", "linear"): ("q",),
+    ("h", "quadratic"): ("P",),
+    ("lower", "bounds"): ("lb",),
+    ("upper",): ("ub",),
+    ("x0", "initvals", "guess", "initial"): ("start",),
+}
+_LAME = "E = mu (3 lam + 2 mu) / (lam + mu) and nu = lam / (2 (lam + mu))"
+
+
+def keywords_named(function: Function) -> Function:
+    """The function, whose `TypeError` for an unknown keyword names the one that is meant."""
+    known = inspect.getfullargspec(function).args + inspect.getfullargspec(function).kwonlyargs
+    known = [name for name in known if name not in ("self", "cls")]
+
+    @wraps(function)
+    def checked(*given: Any, **named: Any) -> Any:
+        for name in named:
+            if name not in known and (hint := _meant(name, known)):
+                whole = re.sub(r"\.__\w+__$", "", function.__qualname__)
+                raise TypeError(f"{whole}: there is no argument {name!r}; {hint}")
+        return function(*given, **named)
+
+    return checked  # type: ignore[return-value]
+
+
+def _meant(name: str, known: Sequence[str]) -> str:
+    """What to write instead of an unknown argument, or nothing."""
+    if {"E", "nu"} <= set(known) and name.lower() in ("lam", "lame", "lmbda", "mu", "g"):
+        return f"it takes E and nu; of Lame's constants lam and mu, {_LAME}"
+    for others, ours in _OTHER_NAMES.items():
+        meant = [own for own in ours if own in known]
+        if name.lower() in others and meant:
+            return f"do you mean {meant[0]!r}?"
+    lower = {own.lower(): own for own in known}
+    near = get_close_matches(name.lower(), lower, 1, 0.7)
+    return f"do you mean {lower[near[0]]!r}?" if near else f"it takes {', '.join(known)}"
 
 
 def shown(value: Any) -> str:

@@ -38,6 +38,7 @@ from contact.body.supports import unconstrained_rows
 from contact.errors import InputError
 from contact.settled import settled
 from skfem_adini import ElementQuadAdini
+from skfem_adini.ground.arguments import keywords_named
 
 SIDES = ("left", "right", "top")
 
@@ -158,6 +159,7 @@ class LayeredBlock(BlockVectors):
     _ANEW, _KEPT = ("stiffness", "_edges", "arrays"), ("prescribed", "trace")
     _IDENTITY = "cell_bodies"
 
+    @keywords_named
     def __new__(
         cls, lengths: Any = None, layers: Any = None, sides: Any = None, top: str | None = None, *,
         columns: Any = None, plane: str | None = "strain", cells: Any = None, element: Any = None,
