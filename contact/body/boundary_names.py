@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -62,8 +64,8 @@ def select_components(dim: int, components: str | int | Sequence[int] | None) ->
 
 
 def read_mesh(path: str | Path) -> Mesh:
-    """Read a mesh by meshio; physical groups of Gmsh become named boundaries and subdomains.
-    All cells have one shape and order, first or second."""
+    """Read a mesh by meshio; physical groups of Gmsh become named boundaries and subdomains, and
+    sets of nodes of Abaqus boundaries. All cells have one shape and order, first or second."""
     import meshio
     from skfem.io.meshio import from_meshio
 
@@ -75,8 +77,8 @@ def read_mesh(path: str | Path) -> Mesh:
         with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
             if path.suffix == ".msh":
                 _check_gmsh_nodes(path.read_bytes())
-            file = meshio.read(path)
-        mesh = from_meshio(_named(file), ignore_orientation=True)
+            file = _named(_abaqus(path) if path.suffix.lower() == ".inp" else meshio.read(path))
+        mesh = _with_node_sets(from_meshio(file, ignore_orientation=True), file.point_sets)
     except (Exception, SystemExit) as error:  # meshio's readers raise errors of any type
         raise InputError(f"mesh file {path} cannot be read: {error or 'bad format'}") from error
     if mesh.dim() not in (2, 3):
@@ -131,6 +133,30 @@ def _check_gmsh_nodes(data: bytes) -> None:
         raise InputError(f"a node has the number {max(numbers, key=abs)}; renumber them from 1")
 
 
+def _abaqus(path: Path) -> Any:
+    """An Abaqus input. meshio knows few names of plane and axisymmetric cells: all variants get
+    that of one with the same nodes."""
+    import meshio
+
+    known = {"3": "CPS3", "4": "CPS4", "6": "CPE6"}
+    cells = r"(?i)(\btype\s*=\s*)(?:CPE|CPS|CAX|CGAX)([346])\w*"
+    text = re.sub(cells, lambda found: found[1] + known[found[2]], path.read_text())
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / "mesh.inp"
+        copy.write_text(text)
+        return meshio.read(copy)
+
+
+def _with_node_sets(mesh: Mesh, sets: Any) -> Mesh:
+    """The mesh, with the outer facets whose vertices all lie in a set of nodes under its name."""
+    facets, found = mesh.boundary_facets(), {}
+    for name, nodes in sets.items():
+        own = facets[np.isin(mesh.facets[:, facets], nodes).all(axis=0)]
+        if own.size and name not in (mesh.boundaries or {}):
+            found[name] = own
+    return mesh.with_boundaries(found) if found else mesh
+
+
 def _named(file: Any) -> Any:
     """The same mesh in scikit-fem's order: boundary cells by their corners, corners numbered first.
     scikit-fem numbers the vertices of a mesh of second order anew, and looks boundary cells up
@@ -163,17 +189,21 @@ def _named(file: Any) -> Any:
             cells.append((block.type, block.data))
     corners_of = {"triangle6": 3, "quad9": 4, "tetra10": 4, "hexahedron27": 8}
     numbered = [data[:, : corners_of[kind]].ravel() for kind, data in cells if kind in corners_of]
-    points = file.points
+    points, of_points = file.points, file.point_sets
     if numbered:
         vertices = np.unique(np.concatenate(numbered))
         order = np.concatenate((vertices, np.setdiff1d(np.arange(len(points)), vertices)))
         place = np.empty_like(order)
         place[order] = np.arange(order.size)
         points, cells = points[order], [(kind, place[data]) for kind, data in cells]
+        of_points = {name: place[nodes] for name, nodes in of_points.items()}
+    # Gmsh's own sets, such as gmsh:bounding_entities, name no part of the body.
+    sets = {n: s for n, s in file.cell_sets.items() if not n.startswith("gmsh:")}
     return meshio.Mesh(
         points,
         cells,
         cell_data=file.cell_data,
         field_data=file.field_data,
-        cell_sets=file.cell_sets,
+        point_sets=of_points,
+        cell_sets=sets,
     )

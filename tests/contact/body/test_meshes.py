@@ -499,3 +499,19 @@ def test_points_in_curved_cells(kind):
     np.testing.assert_allclose(found, np.repeat(A[:, :, None], points.shape[1], 2), atol=1e-9)
     with pytest.raises(InputError, match="outside"):
         body.displacement(u, np.full((dim, 1), -0.01))
+
+
+def test_only_physical_groups_of_gmsh_are_names(tmp_path):
+    """Format 4.1 lists bounding entities, too, which meshio makes a set of cells."""
+    path = tmp_path / "square.msh"
+    path.write_text(
+        "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
+        '$PhysicalNames\n2\n1 1 "bottom"\n2 2 "body"\n$EndPhysicalNames\n'
+        "$Entities\n0 1 1 0\n1 0 0 0 1 0 0 1 1 0\n1 0 0 0 1 1 0 1 2 1 1\n$EndEntities\n"
+        "$Nodes\n1 4 1 4\n2 1 0 4\n1\n2\n3\n4\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n$EndNodes\n"
+        "$Elements\n2 3 1 3\n1 1 1 1\n1 1 2\n2 1 2 2\n2 1 2 3\n3 1 3 4\n$EndElements\n"
+    )
+    assert "gmsh:bounding_entities" in meshio.read(path).cell_sets
+    mesh = ElasticBody.from_mesh(path, E=1.0, nu=0.3).mesh
+    assert list(mesh.boundaries) == ["bottom"]
+    assert list(mesh.subdomains) == ["body"]
