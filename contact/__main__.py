@@ -41,7 +41,7 @@ ELEMENTS = {
 }  # fmt: skip
 EPILOG = """\
 A boundary is a name in the mesh file (a physical group of Gmsh, a set of nodes of Abaqus). A mesh
-without names gets left, right, bottom, top (front, back) for the sides of its box.
+without names gets those of its box: left, right (across x), bottom, top (y), front, back (z).
 
   python -m contact part.msh --check
   python -m contact part.inp --E 210e3 --nu 0.3 --fix top --press bottom --by 0.02 --friction 0.3
