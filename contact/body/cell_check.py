@@ -16,10 +16,10 @@ from contact.body.deferred_basis import DeferredBasis
 from contact.body.jacobians import is_straight, jacobians, measures
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
-from skfem_adini.ground.jit import compiled
+from skfem_adini.ground.jit import compiled_later
 from skfem_adini.kept_functions import functions_of_another_mesh
 
-_compiled = cache(compiled)
+_compiled = cache(compiled_later)
 
 
 def check_cells(mesh: Mesh) -> None:

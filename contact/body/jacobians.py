@@ -19,7 +19,7 @@ from skfem import (
 )
 from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 
-from skfem_adini.ground.jit import compiled
+from skfem_adini.ground.jit import compiled_later
 
 Array = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def _arguments(mesh: Mesh, places: Array) -> tuple[Array, NDArray[np.integer], A
 
 @cache
 def _kernel() -> Callable[..., Any]:
-    return compiled(_measures)
+    return compiled_later(_measures)
 
 
 def _measures(x: Any, nodes: Any, slopes: Any, start: Any, stop: Any, corners: Any) -> Any:

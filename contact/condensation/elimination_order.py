@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from contact.body.rigid_modes import dof_entities
 from contact.condensation import bisection
-from skfem_adini.ground.jit import compiled
+from skfem_adini.ground.jit import compiled_later
 
 Index = NDArray[np.int64]
 
@@ -131,4 +131,4 @@ def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int 
 @cache
 def _kernel(name: str) -> Callable[..., Any]:
     parts = [bisection.sort_steps] if name == "leaves_of" else []
-    return compiled(getattr(bisection, name), parts)
+    return compiled_later(getattr(bisection, name), parts)

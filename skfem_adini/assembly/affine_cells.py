@@ -29,7 +29,7 @@ from skfem_adini.assembly import affine_kernels
 from skfem_adini.assembly.csr_scatter import in_threads, index_type, row_kernel, shares_of
 from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import real_part
-from skfem_adini.ground.jit import compiled
+from skfem_adini.ground.jit import compiled_later
 
 Array = NDArray[np.float64]
 
@@ -168,4 +168,4 @@ class AffineCells:
 
 @lru_cache
 def _kernel(name: str) -> Callable[..., Any]:
-    return compiled(getattr(affine_kernels, name), affine_kernels.PARTS)
+    return compiled_later(getattr(affine_kernels, name), affine_kernels.PARTS)

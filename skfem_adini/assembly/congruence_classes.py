@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_adini.ground.jit import compiled
+from skfem_adini.ground.jit import compiled_later
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.integer]
@@ -108,7 +108,7 @@ def _volumes(a: Array) -> Array:
 
 @lru_cache
 def _compiled() -> Callable[..., Any]:
-    return compiled(_label, [_power_of_two])
+    return compiled_later(_label, [_power_of_two])
 
 
 def _power_of_two(least: Any) -> Any:

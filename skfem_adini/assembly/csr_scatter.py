@@ -15,7 +15,7 @@ from scipy import sparse
 from skfem_adini.assembly import row_kernels
 from skfem_adini.assembly.dof_blocks import DofBlocks
 from skfem_adini.ground.arrays import cores
-from skfem_adini.ground.jit import compiled
+from skfem_adini.ground.jit import compiled_later
 
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
@@ -90,7 +90,7 @@ def _masks(local: Array, starts: Integers) -> tuple[Array, bool]:
 @lru_cache
 def row_kernel(name: str) -> Callable[..., Any]:
     """Return a function of `row_kernels`, compiled."""
-    return compiled(getattr(row_kernels, name), row_kernels.PARTS)
+    return compiled_later(getattr(row_kernels, name), row_kernels.PARTS)
 
 
 class _Limits(NamedTuple):  # limits of the threads that add local matrices

@@ -14,6 +14,7 @@ numba.
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import cache
@@ -21,6 +22,8 @@ from hashlib import sha256
 from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -45,6 +48,48 @@ class _Generated(NamedTuple):  # kernels from generated source in the cache on d
 
 
 GENERATED = _Generated()
+
+
+class _Interpreted(NamedTuple):  # calls of kernels that may run as plain Python
+    entries: int = 200_000  # of all arrays in a call, above which a kernel is compiled at once
+    seconds: float = 1.0  # of all its calls, after which a kernel is compiled: what that takes
+
+
+INTERPRETED = _Interpreted()
+
+
+def compiled_later(
+    function: Callable[..., Any], parts: Iterable[Callable[..., Any]] = ()
+) -> Callable[..., Any]:
+    """As `compiled`; but where no machine code is on disk, calls with few entries run as plain
+    Python until they have taken the time of a compilation. The results are the same to the bit."""
+    machine = cache(lambda: compiled(function, parts))
+    left = [INTERPRETED.seconds]
+
+    def call(*given: Any) -> Any:
+        if left[0] > 0 and _small(given) and not _is_on_disk(machine()):
+            begin = time.perf_counter()
+            with np.errstate(all="ignore"):  # as machine code does
+                found = function(*given)
+            left[0] -= time.perf_counter() - begin
+            return found
+        left[0] = 0.0
+        return machine()(*given)
+
+    return call
+
+
+def _small(given: Iterable[Any]) -> bool:
+    """Whether all arrays, also those in tuples, have few entries together."""
+    flat = [a for one in given for a in (one if isinstance(one, tuple) else (one,))]
+    return sum(a.size for a in flat if isinstance(a, np.ndarray)) <= INTERPRETED.entries
+
+
+def _is_on_disk(machine: Any) -> bool:
+    """Whether numba has kept machine code of a kernel; so it has not without a folder for it."""
+    with suppress(AttributeError):
+        return Path(machine._cache._cache_file._index_path).exists()
+    return False
 
 
 def compiled(

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
 import skfem_adini
@@ -47,6 +48,28 @@ mesh = MeshQuad().refined(2)
 domain = CutDomain(mesh, lambda x: (x[0] - .5)**2 + (x[1] - .5)**2 - .09)
 load = domain.assemble(LinearForm(lambda v, w: v), ElementQuadAdini())
 print(load[::3].sum())
+"""
+
+FIRST = """
+import sys
+from numba.core import event
+from skfem import ElementTetP1, ElementTriP2, MeshQuad, MeshTet, MeshTri
+from contact import ContactProblem, ElasticBody
+from skfem_adini import ElementQuadAdini
+from skfem_adini.ground import jit
+
+jit.INTERPRETED = jit.INTERPRETED._replace(seconds=float(sys.argv[1]))
+cases = [
+    (MeshQuad().refined(2), ElementQuadAdini()), (MeshTri().refined(2), ElementTriP2()),
+    (MeshTet().refined(1), ElementTetP1()), (MeshQuad().refined(2), None),
+]
+with event.install_recorder("numba:compile") as recorder:
+    for mesh, element in cases:
+        mesh = mesh.with_defaults()
+        body = ElasticBody.from_mesh(mesh, element, E=1.0, nu=0.3).fix("top", None, 0.01)
+        result = ContactProblem(body, "bottom", 0.003, friction=0.2).solve()
+        print(body.stiffness.data.tobytes().hex(), result.u.tobytes().hex())
+print(len(recorder.buffer))
 """
 
 
@@ -119,6 +142,35 @@ def test_a_changed_rule_of_cut_cells(package):
     assert before in rules.read_text()
     rules.write_text(rules.read_text().replace(before, "row[3] = 0 * geometry[3] * w"))
     assert float(run(package, CUT)[0]) < 0.9 * float(area)
+
+
+@pytest.mark.turns(4)
+def test_first_results_need_no_compiler_and_are_those_of_machine_code(tmp_path):
+    """A first contact problem took nine seconds, nearly all of them to compile."""
+    found = []
+    for seconds, folder in (("100", "a"), ("0", "b"), ("100", "b")):
+        path = os.pathsep.join([str(PACKAGE.parent), os.environ.get("PYTHONPATH", "")])
+        environment = {"PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / folder)}
+        line = [sys.executable, "-c", FIRST.replace("sys.argv[1]", repr(seconds))]
+        done = subprocess.run(line, env=os.environ | environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        found.append(done.stdout.split())
+    (*interpreted, none), (*machine, many), (*kept, again) = found
+    assert interpreted == machine == kept
+    assert int(none) == int(again) == 0 < int(many)
+
+
+def test_a_kernel_is_compiled_once_calls_have_taken_that_long(monkeypatch):
+    made = []
+    monkeypatch.setattr(jit, "compiled", lambda f, parts: made.append(f) or (lambda x: -1.0))
+    monkeypatch.setattr(jit, "_is_on_disk", lambda machine: False)
+    clock = iter(np.arange(0.0, 100.0, 0.3))
+    monkeypatch.setattr(jit.time, "perf_counter", lambda: next(clock))
+    kernel = jit.compiled_later(lambda x: x.sum())
+    assert [kernel(np.ones(3)) for _ in range(6)] == [3.0] * 4 + [-1.0] * 2
+    large = jit.compiled_later(lambda x: x.sum())
+    assert large(np.ones(jit.INTERPRETED.entries + 1)) == -1.0
+    assert len(made) == 2
 
 
 def test_a_full_disk(monkeypatch):
