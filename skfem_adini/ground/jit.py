@@ -51,7 +51,7 @@ GENERATED = _Generated()
 
 
 class _Interpreted(NamedTuple):  # calls of kernels that may run as plain Python
-    entries: int = 200_000  # of all arrays in a call, above which a kernel is compiled at once
+    entries: int = 400_000  # of all arrays in a call, above which a kernel is compiled at once
     seconds: float = 1.0  # of all its calls, after which a kernel is compiled: what that takes
 
 
@@ -63,26 +63,44 @@ def compiled_later(
 ) -> Callable[..., Any]:
     """As `compiled`; but where no machine code is on disk, calls with few entries run as plain
     Python until they have taken the time of a compilation. The results are the same to the bit."""
-    machine = cache(lambda: compiled(function, parts))
+    return later(function, cache(lambda: compiled(function, parts)))
+
+
+def later(
+    plain: Callable[..., Any], machine: Callable[[], Any], entries: int = INTERPRETED.entries
+) -> Callable[..., Any]:
+    """The same of plain Python and what makes its compiled form; it writes no argument, or the
+    machine code writes all of them anew."""
     left = [INTERPRETED.seconds]
 
     def call(*given: Any) -> Any:
-        if left[0] > 0 and _small(given) and not _is_on_disk(machine()):
+        if left[0] > 0 and _small(given, entries) and not _is_on_disk(machine()):
             begin = time.perf_counter()
-            with np.errstate(all="ignore"):  # as machine code does
-                found = function(*given)
-            left[0] -= time.perf_counter() - begin
-            return found
+            # Machine code divides by zero; numbers of Python do not.
+            with np.errstate(all="ignore"), suppress(ZeroDivisionError):
+                found = plain(*given)
+                left[0] -= time.perf_counter() - begin
+                return found
         left[0] = 0.0
         return machine()(*given)
 
     return call
 
 
-def _small(given: Iterable[Any]) -> bool:
+def plain_function(module: Any, name: str) -> Callable[..., Any]:
+    """A compiled function of a module as plain Python, as are those that it calls."""
+    space = dict(vars(module))
+    for key, found in vars(module).items():
+        if hasattr(found, "py_func"):
+            space[key] = FunctionType(found.py_func.__code__, space, key)
+    made: Callable[..., Any] = space[name]
+    return made
+
+
+def _small(given: Iterable[Any], entries: int) -> bool:
     """Whether all arrays, also those in tuples, have few entries together."""
     flat = [a for one in given for a in (one if isinstance(one, tuple) else (one,))]
-    return sum(a.size for a in flat if isinstance(a, np.ndarray)) <= INTERPRETED.entries
+    return sum(a.size for a in flat if isinstance(a, np.ndarray)) <= entries
 
 
 def _is_on_disk(machine: Any) -> bool:

@@ -14,6 +14,8 @@ import pytest
 import skfem_adini
 from cip import Grid, Solver, Velocity
 from cip.engines import cpu_loops
+from gpu.qp.active_set import dual_kernels
+from gpu.qp.data.qp_problem import SOLVED
 from skfem_adini.curved.quadrature import cut_quadrature
 from skfem_adini.ground import jit
 from skfem_adini.ground.jit import compiled
@@ -252,3 +254,22 @@ def test_files_of_formulas_do_not_pile_up(tmp_path, monkeypatch):
     left = sorted(file.name for file in tmp_path.iterdir())
     assert len(left) == 4
     assert not any(f"{jit.GENERATED.mark}{age}" in name for name in left for age in (3, 4))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_quadratic_programs_in_plain_python_are_those_of_machine_code(seed):
+    """The first small problems of a new installation are solved before anything is compiled."""
+    rng = np.random.default_rng(seed)
+    n, m = int(rng.integers(1, 12)), int(rng.integers(0, 15))
+    root = rng.normal(size=(n + 2, n))
+    data = root.T @ root, rng.normal(size=(m, n)), rng.normal(size=n), np.full(m + n, -1.0)
+    given = (*data, rng.uniform(-0.5, 1.0, m + n), m == 0, 4 * (m + n))
+    plain = jit.plain_function(dual_kernels, "solve_one")
+    with np.errstate(all="ignore"):
+        python = plain(*given)
+    machine = dual_kernels.solve_one(*given)
+    assert python[0] == machine[0]
+    assert np.array_equal(python[5], machine[5])
+    if python[0] == SOLVED:
+        assert np.abs(python[2] - machine[2]).max() < 1e-13
+        assert python[6].max() < 1e-14

@@ -35,12 +35,14 @@ import numpy as np
 from gpu.qp.data.qp_problem import UNDECIDED, QPProblem, Rows
 from gpu.qp.data.qp_result import KKT, QPResult, Status
 from gpu.qp.data.standard_qp import ROUNDING
+from skfem_adini.ground.jit import later, plain_function
 
 
 class _Limits(NamedTuple):  # where the method is tried
     unknowns: int = 250  # more: the full exchange or the interior point takes less time
     boxes: int = 120  # the same where there are only bounds: that exchange has few steps
     steps: int = 4  # most steps over rows and unknowns
+    interpreted: int = 3000  # entries of a problem that plain Python may solve: 50 ms
 
 
 LIMITS = _Limits()
@@ -150,12 +152,19 @@ def _kernels() -> Any:
     return dual_kernels
 
 
+@cache
+def _solve_one() -> Any:
+    """`dual_kernels.solve_one`; the first small problems need no compiler."""
+    plain = plain_function(_kernels(), "solve_one")
+    return later(plain, lambda: _kernels().solve_one, LIMITS.interpreted)
+
+
 def dual_active_set(rows: Rows, state: np.ndarray | None = None) -> Found:
     """Solve a problem, from signed states of rows and bounds if they are given."""
     if state is None or not state.any():
         P, C, q, low, high, equal, general = rows
         boxes = not general and equal <= q.size
-        return Found(*_kernels().solve_one(P, C, q, low, high, boxes, LIMITS.steps * low.size))
+        return Found(*_solve_one()(P, C, q, low, high, boxes, LIMITS.steps * low.size))
     kept = Kept(rows.P, rows.C)
     kept.begin(rows, state)
     return kept.run(rows)
