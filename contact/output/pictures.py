@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from skfem import Basis
 
 from contact.body.basis_solid import BasisSolid
 from contact.body.cut_body import CutBody
@@ -42,12 +43,22 @@ def triangulated(one: DrawnBody, per_cell: int, nodal: bool) -> tuple[Array, Arr
 
 
 def deformed_cells(one: DrawnBody, magnification: float) -> tuple[list[Array], Array]:
-    """Outline of each deformed cell of a body in 2-D, and its mean von Mises stress."""
-    grid = body_grid(one, subdivide=None if isinstance(one.body, CutBody) else 1)
-    where = np.asarray(grid.points) + magnification * np.asarray(grid.point_data["displacement"])
-    return [where[corners, :2] for corners in _polygons(grid)], np.asarray(
-        grid.cell_data["von_mises"]
+    """Outline of each deformed cell of a body in 2-D, as the element bends it, and its mean von
+    Mises stress."""
+    body = one.body
+    grid = body_grid(one, subdivide=None if isinstance(body, CutBody) else 1)
+    stress = np.asarray(grid.cell_data["von_mises"])
+    if isinstance(body, CutBody):
+        x = np.asarray(grid.points) + magnification * np.asarray(grid.point_data["displacement"])
+        return [x[corners, :2] for corners in _polygons(grid)], stress
+    corners, s = body.mesh.elem.refdom.p, np.arange(4) / 4  # cyclic, and parts of an edge
+    around = zip(corners.T, np.roll(corners, -1, axis=1).T, strict=True)
+    X = np.hstack([a[:, None] + (b - a)[:, None] * s for a, b in around])
+    basis = Basis(body.mesh, body.basis.elem, quadrature=(X, np.ones(X.shape[1])))
+    x = np.asarray(basis.global_coordinates()) + magnification * np.asarray(
+        basis.interpolate(one.u)
     )
+    return list(x.transpose(1, 2, 0)), stress
 
 
 def deformed_edges(one: DrawnBody, magnification: float, outline: bool) -> list[Array]:

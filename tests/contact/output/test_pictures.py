@@ -6,10 +6,10 @@ import pytest
 from families import half_disk
 from matplotlib.collections import LineCollection, PolyCollection
 from pressed_pairs import pair, stack
-from skfem import ElementHex1, ElementHex2, ElementTetP1, MeshHex, MeshQuad
+from skfem import ElementHex1, ElementHex2, ElementTetP1, MeshHex, MeshQuad, MeshTri2
 
 from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, Pair, Plane
-from contact.output.pictures import on_deformed
+from contact.output.pictures import deformed_cells, on_deformed
 from contact.plot import draw_edges, face_pressure, plot_cells, plot_field, plot_pressure
 from skfem_adini import ElementHexAdini
 
@@ -181,3 +181,15 @@ def test_fields(cut, nodal):
     triangulation = drawn._triangulation
     x = np.stack((triangulation.x, triangulation.y))[:, np.unique(triangulation.triangles)]
     assert np.hypot(*x).max() <= 1 + 1e-2
+
+
+def test_round_boundaries_are_drawn_round():
+    """A hole of curved cells was a polygon."""
+    mesh = MeshTri2.init_circle(1)
+    sides = {"low": lambda x: x[1] < -0.5, "high": lambda x: x[1] > 0.5}
+    body = ElasticBody.from_mesh(mesh.with_boundaries(sides), E=1.0, nu=0.3).fix("high")
+    result = ContactProblem(body, "low", 0.0).solve()
+    outlines, _ = deformed_cells(result, 0.0)
+    radius = np.array([np.linalg.norm(outline, axis=1) for outline in outlines])
+    outer = radius[np.sum(radius > 0.99, axis=1) >= 5]  # both ends of an edge, and what is between
+    assert len(outer) == len(mesh.boundary_facets())
