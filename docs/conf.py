@@ -21,7 +21,7 @@ extensions = [
     "tutorial_pictures",
 ]
 # The extra `docs` brings MathJax along; without it a browser loads it from the net.
-extensions += [name for name in ["sphinx-mathjax-offline", "sphinx_copybutton"] if find_spec(name)]
+extensions += [name for name in ["sphinx-mathjax-offline"] if find_spec(name)]
 exclude_patterns = ["_build", "gallery/front.rst", "paper.md"]
 myst_heading_anchors = 3
 myst_enable_extensions = ["dollarmath"]
