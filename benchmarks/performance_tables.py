@@ -270,7 +270,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(body_tables.contact_pair, body_tables.distributed, body_tables.rough_layers),
         *(body_tables.rough_peers, body_tables.contact_device, body_tables.contact_gpus),
         inverse_tables.assimilation_device,
-        *(kernel_tables.cip, kernel_tables.cip_device),
+        *(kernel_tables.cip, kernel_tables.cip_sphere, kernel_tables.cip_device),
         *(inverse_tables.adjoint, inverse_tables.assimilation, inverse_tables.calibration),
         *(kernel_tables.qp, kernel_tables.qp_peers, kernel_tables.qp_device_peers),
         *(kernel_tables.qp_small, kernel_tables.qp_large),

@@ -1,7 +1,8 @@
 """Multi-moment semi-Lagrangian (CIP) schemes for transport and advection in 1-D, 2-D and 3-D.
 
 `Solver` follows the characteristics of a `Velocity` backward on a `Grid` and evaluates the moments
-of a `State` there by a profile; `run` gives a `Trajectory`. Every failure is a `CipError`.
+of a `State` there by a profile; `run` gives a `Trajectory`. `SphereSolver` does it on a `Sphere`.
+Every failure is a `CipError`.
 """
 
 from cip.assimilation.analysis import Analysis
@@ -22,7 +23,7 @@ from cip.errors import (
 from cip.formulas.source import Source
 from cip.formulas.spline_velocity import SplineVelocity
 from cip.formulas.velocity import Velocity
-from cip.grid import Grid
+from cip.grid import Grid, Sphere
 from cip.inverse.identifiability import Identifiability, IdentifiabilityWarning
 from cip.inverse.identified import IdentifiedVelocity, MisfitWarning
 from cip.inverse.identify import identify_velocity
@@ -31,6 +32,8 @@ from cip.output.flow_map import FlowMap, flow_map
 from cip.output.level_set import area, contour, reinitialise
 from cip.output.trajectory import Diagnostics, Trajectory
 from cip.solver.solver import Solver
+from cip.sphere.run import SphereTrajectory
+from cip.sphere.solver import SphereSolver
 from cip.stages.state import State
 
 __all__ = [
@@ -56,6 +59,9 @@ __all__ = [
     "Sensors",
     "Solver",
     "Source",
+    "Sphere",
+    "SphereSolver",
+    "SphereTrajectory",
     "SplineVelocity",
     "State",
     "Trajectory",

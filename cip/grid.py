@@ -1,4 +1,4 @@
-"""Tensor-product grids of nodes in one, two and three dimensions."""
+"""Tensor-product grids of nodes in one, two and three dimensions, and the sphere."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError
-from skfem_adini.ground.arguments import keywords_named, real_array
+from skfem_adini.ground.arguments import integer, keywords_named, positive_number, real_array
 
 Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
@@ -249,7 +249,102 @@ class Grid:
         return np.where(shift == 0.0, 0.0, result)
 
 
-def node_name(grid: Grid, flat: int) -> str:
+class Sphere:
+    """Cells of equal steps in longitude and latitude on a sphere, for `SphereSolver`.
+
+    Arrays of fields have the shape ``(nlon, nlat)``, from longitude 0 eastward and from the south
+    pole northward. Longitudes and latitudes are in radians.
+
+    Parameters
+    ----------
+    nlon : int
+        Number of cells around the sphere, even, at least 8: a great circle goes on beyond a pole
+        half the way around.
+    nlat : int
+        Number of cells from pole to pole, at least 4.
+    radius : float
+        In the unit of length of velocities.
+
+    Attributes
+    ----------
+    cells, nodes : tuple of int
+        (nlon, nlat). Values belong to the centres of cells, so no pole is a node.
+    coordinates, edges : tuple of ndarray
+        Longitudes and latitudes of the centres of cells, and of their edges.
+    widths : tuple of ndarray
+        Of the cells in longitude and latitude, in radians.
+    radius : float
+
+    Raises
+    ------
+    InputError
+        An odd or too small number of cells, or a radius that is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cip import Sphere
+    >>> earth = Sphere(72, 36, radius=6371.22)
+    >>> earth.nodes, bool(np.isclose(earth.weights.sum(), 4 * np.pi * 6371.22**2))
+    ((72, 36), True)
+    """
+
+    dim = 2
+    periodic = (True, False)
+    uniform = (True, True)
+
+    @keywords_named
+    def __init__(self, nlon: int, nlat: int, radius: float = 1.0) -> None:
+        around = integer("nlon", nlon, 8)
+        if around % 2:
+            raise InputError(
+                f"nlon={nlon}: expected an even number of cells, so that great circles go on "
+                "beyond the poles"
+            )
+        self.cells = self.nodes = (around, integer("nlat", nlat, 4))
+        self.radius = positive_number("radius", radius)
+        self.edges = (
+            np.linspace(0.0, 2.0 * np.pi, self.cells[0] + 1),
+            np.linspace(-0.5 * np.pi, 0.5 * np.pi, self.cells[1] + 1),
+        )
+        self.coordinates = tuple(0.5 * (line[1:] + line[:-1]) for line in self.edges)
+        self.widths = tuple(
+            np.full(n, (line[-1] - line[0]) / n)
+            for n, line in zip(self.cells, self.edges, strict=True)
+        )
+
+    def __repr__(self) -> str:
+        return f"Sphere({self.cells[0]}, {self.cells[1]}, radius={self.radius:g})"
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return prod(self.cells)
+
+    @property
+    def bounds(self) -> tuple[tuple[float, float], ...]:
+        """Ends of longitude and latitude."""
+        return tuple((float(line[0]), float(line[-1])) for line in self.edges)
+
+    @property
+    def weights(self) -> Array:
+        """Areas of the cells, shape ``(nlon, nlat)``: R^2 dlon (sin of the upper latitude less
+        that of the lower one)."""
+        row = self.radius**2 * self.widths[0][0] * np.diff(np.sin(self.edges[1]))
+        return np.tile(row, (self.cells[0], 1))
+
+    def mesh(self) -> tuple[Array, ...]:
+        """Longitudes and latitudes of all centres, each of shape ``(nlon, nlat)``.
+
+        Returns
+        -------
+        tuple of ndarray
+            In radians.
+        """
+        return tuple(np.meshgrid(*self.coordinates, indexing="ij"))
+
+
+def node_name(grid: Grid | Sphere, flat: int) -> str:
     """Indices and coordinates of a node, for messages."""
     place = np.unravel_index(int(flat), grid.nodes)
     point = ", ".join(f"{line[i]:.6g}" for line, i in zip(grid.coordinates, place, strict=True))

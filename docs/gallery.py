@@ -26,7 +26,7 @@ GROUPS = {
     "Elements": "poisson_adini eigenvalues plate bending hanging_nodes shape_functions open_vtk",
     "Curved domains": "curved_2012",
     "Transport": "cip_zalesak cip_jiang_shu cip_deformation cip_dissertation cip_two_dimensions "
-    "cip_week cip_lyapunov cip_level_set cip_regional",
+    "cip_week cip_lyapunov cip_level_set cip_regional cip_sphere",
     "Data assimilation": "identify_velocity cip_sensors cip_ash cip_gain cip_ensemble",
     "Quadratic programs and eigenvalues": "qp_mpc qp_penalty qp_sqp eigs_spectrum gpu_appendix",
     "Regulators": "heat_skfem heat_control heat_model",

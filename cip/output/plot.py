@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import InputError, MissingDependency, NotSupported
-from cip.grid import Grid
+from cip.grid import Grid, Sphere
 from cip.output.sample import sample
-from cip.stages.state import State
+from cip.stages.state import State, values_of
 
 
 def plot_states(
@@ -39,7 +39,7 @@ def plot_states(
     ax = _axes(ax, figsize=(6, 4))
     if grid.dim == 2:
         state = states[-1 if places is None else places[-1]]
-        _map(ax, grid, state["u"], label, shading="nearest", cmap="viridis")
+        _map(ax, grid, values_of(state), label, shading="nearest", cmap="viridis")
         ax.set_title(f"t = {state.t:.4g}")
         return ax
     x = _fine(grid.bounds[0], grid.cells[0])
@@ -94,7 +94,7 @@ def animate_states(states: Sequence[State], path: str | Path | None = None, fps:
 
 def _moving(ax: Any, states: Sequence[State], label: str) -> Callable[[int], Any]:
     """Draw the first of some states of one field; the function that shows another one."""
-    grid, values = states[0].grid, [state["u"] for state in states]
+    grid, values = states[0].grid, [values_of(state) for state in states]
     low, high = float(min(map(np.min, values))), float(max(map(np.max, values)))
     if grid.dim == 2:
         image = _map(ax, grid, values[0], label, shading="nearest", vmin=low, vmax=high)
@@ -107,7 +107,7 @@ def _moving(ax: Any, states: Sequence[State], label: str) -> Callable[[int], Any
     return lambda place: line.set_ydata(sample(states[place], x)) or line
 
 
-def _panels(count: int, grid: Grid) -> list[Any]:
+def _panels(count: int, grid: Grid | Sphere) -> list[Any]:
     """Axes of a new figure, at most three in a row, of the shape of the grid."""
     import matplotlib.pyplot as plt
 
@@ -158,11 +158,16 @@ def _axes(ax: Any, **figure: Any) -> Any:
     return plt.subplots(layout="constrained", **figure)[1]
 
 
-def _map(ax: Any, grid: Grid, values: NDArray[np.float64], label: str, **style: Any) -> Any:
-    """Nodal values in the plane as colours, with a bar."""
-    image = ax.pcolormesh(*grid.coordinates, values.T, **style)
+def _map(
+    ax: Any, grid: Grid | Sphere, values: NDArray[np.float64], label: str, **style: Any
+) -> Any:
+    """Nodal values in the plane, or of a sphere in degrees, as colours, with a bar."""
+    globe = isinstance(grid, Sphere)
+    lines = map(np.degrees, grid.coordinates) if globe else grid.coordinates
+    image = ax.pcolormesh(*lines, values.T, **style)
     ax.figure.colorbar(image, ax=ax, label=label)
-    ax.set(xlabel="x", ylabel="y", aspect="equal")
+    names = ("longitude", "latitude") if globe else ("x", "y")
+    ax.set(xlabel=names[0], ylabel=names[1], aspect="equal")
     return image
 
 

@@ -17,6 +17,8 @@ from skfem_adini.ground.jit import Array, Index, Real, Widths
 LINE = ("linear", "piecewise_linear", "smoothed", "cubic", "quintic", "csl2", "csl4")
 PLANE = ("adini", "bicubic")
 CONSERVATIVE = ("csl2", "csl4")
+# Splines on a sphere, with their degrees: of values, or of means over cells.
+SPHERE = {"cubic_spline": 3, "quintic_spline": 5, "csl2_spline": 2, "csl4_spline": 4}
 LIMITERS: dict[str, tuple[str, ...]] = {
     "linear": (),
     "piecewise_linear": (),
@@ -58,8 +60,10 @@ def moments(profile: str, dim: int) -> tuple[Moment, ...]:
     if not isinstance(profile, str):
         raise InputError(f"profile: expected one of {', '.join(LINE + PLANE)}, got {profile!r}")
     u = _derivative()
-    if profile == "linear":
+    if profile == "linear" or profile in ("cubic_spline", "quintic_spline"):
         return (u,)
+    if profile in SPHERE:
+        return (Moment("mean", u.orders, (0, 1)),)
     if profile in ("piecewise_linear", "smoothed", "cubic"):
         return (u, *(_derivative(axis) for axis in range(dim)))
     if profile == "quintic":

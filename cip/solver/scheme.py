@@ -11,7 +11,7 @@ from cip.engines.engine import Engine
 from cip.errors import InputError, NotSupported
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
-from cip.grid import Grid
+from cip.grid import Grid, Sphere
 from cip.output.budget import Tally
 from cip.profiles.catalogue import CONSERVATIVE, LIMITER_CODES, LIMITERS, LINE, PLANE, moments
 from cip.sources.kinetics import Kinetics
@@ -261,7 +261,9 @@ def check_bounded(state: State, bounds: tuple[float, float], tolerance: float) -
             check_within(state[moment.name], bounds, tolerance, what, "clip it, or widen bounds")
 
 
-def check_state(state: Any, grid: Grid, profile: str, named: Mapping[str, tuple[str, ...]]) -> None:
+def check_state(
+    state: Any, grid: Grid | Sphere, profile: str, named: Mapping[str, tuple[str, ...]]
+) -> None:
     """Raise `InputError` unless it is a state on this grid with the moments of this profile and
     the fields that arguments name."""
     if not isinstance(state, State):

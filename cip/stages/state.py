@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 from cip.errors import InputError, NotFinite, NotSupported
 from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Formula, spline
-from cip.grid import Grid, node_name
+from cip.grid import Grid, Sphere, node_name
 from cip.profiles.catalogue import Moment, moment_names, moments
 from cip.stages.state_files import Stored, read_states, write_states
 from skfem_adini.ground.arguments import real_number
@@ -30,7 +30,7 @@ class State:
 
     Attributes
     ----------
-    grid : Grid
+    grid : Grid or Sphere
     profile : str
     data : ndarray
         All moments, copied, shape ``(number of moments, *grid.nodes)``, of named fields ``(number
@@ -55,7 +55,7 @@ class State:
     (('smoke', 'smoke_x', 'dust', 'dust_x'), 6.283185)
     """
 
-    grid: Grid
+    grid: Any
     profile: str
     data: Any
     t: float = 0.0
@@ -205,6 +205,8 @@ class State:
         several fields a dict by name."""
         if self.fields:
             return by_field(self, lambda one: one.mass)
+        if isinstance(self.grid, Sphere):
+            return _sum(values_of(self), self.grid.weights)
         if "mean" in self.names:
             volume: Any = np.ones(())
             for width in self.grid.widths:
@@ -290,7 +292,7 @@ class State:
         InputError
             The message names the first moment and node that is not.
         """
-        if not isinstance(self.grid, Grid):
+        if not isinstance(self.grid, Grid | Sphere):
             raise InputError(f"{name}: expected a Grid, got {type(self.grid).__name__}")
         check_fields(self.fields, self.profile, self.grid.dim)
         count = len(moments(self.profile, self.grid.dim))
@@ -349,7 +351,7 @@ class State:
 
 
 def state_of(
-    grid: Grid,
+    grid: Grid | Sphere,
     profile: str,
     data: Any,
     t: float = 0.0,
@@ -364,6 +366,11 @@ def state_of(
     if bounded is not None:
         state.__dict__["_bounded"] = bounded
     return state
+
+
+def values_of(state: State) -> Any:
+    """The values of a field, or its means where a profile carries only these."""
+    return state["u" if "u" in state.names else "mean"]
 
 
 def by_field(state: State, function: Callable[[State], Any]) -> Any:
@@ -397,9 +404,13 @@ def check_fields(fields: Any, profile: str, dim: int) -> None:
     if not isinstance(fields, tuple):
         raise InputError(f"fields: expected a tuple of names, got {fields!r}")
     for name in fields:
-        if not isinstance(name, str) or not name.isidentifier() or name in (*"xyzt", "u"):
+        if (
+            not isinstance(name, str)
+            or not name.isidentifier()
+            or name in (*"xyzt", "u", "lon", "lat")
+        ):
             raise InputError(
-                f"fields: {name!r} is no name of a field; x, y, z, t, u have a meaning"
+                f"fields: {name!r} is no name of a field; x, y, z, t, u, lon, lat have a meaning"
             )
     names = moment_names(fields, profile, dim)
     twice = [name for q, name in enumerate(names) if name in names[:q]]

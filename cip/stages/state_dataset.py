@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from cip.errors import InputError
+from cip.grid import Sphere
 from cip.profiles.catalogue import moments
 from skfem_adini.ground.errors import optional
 
+_AXES = {"lon": "X", "lat": "Y"}
 # Nanoseconds in each unit of time that dates are counted in.
 _UNITS = {"s": 1e9, "min": 6e10, "h": 3.6e12, "d": 8.64e13}
 
@@ -23,13 +25,15 @@ def state_dataset(
     ``z_cell``. `start` and `units` as for `Trajectory.to_xarray`."""
     xarray, first = xarray_module(), states[0]
     grid = first.grid
-    axes = ["x", "y", "z"][: grid.dim]
+    on_sphere = isinstance(grid, Sphere)
+    axes = ["lon", "lat"] if on_sphere else ["x", "y", "z"][: grid.dim]
     data, coordinates = {}, {"t": np.array([state.t for state in states])}
-    coordinates.update(zip(axes, grid.coordinates, strict=True))
+    lines = map(np.degrees, grid.coordinates) if on_sphere else grid.coordinates
+    coordinates.update(zip(axes, lines, strict=True))
     carried = moments(first.profile, grid.dim) * max(1, len(first.fields))
     for name, moment in zip(first.names, carried, strict=True):
         places = list(axes)
-        for axis in moment.averaged:
+        for axis in () if on_sphere else moment.averaged:
             places[axis] += "_cell"
             coordinates[places[axis]] = grid.edges[axis][:-1] + 0.5 * grid.widths[axis]
         data[name] = (["t", *places], np.stack([state[name] for state in states]))
@@ -50,7 +54,11 @@ def _describe(dataset: Any, units: Mapping[str, str], fields: Sequence[str]) -> 
         raise InputError(f"units: {beyond[0]!r} is none of {', '.join(sorted(map(str, known)))}")
     dataset.attrs["Conventions"] = "CF-1.11"
     for name in dataset.coords:
-        dataset[name].attrs["axis"] = str(name)[0].upper()
+        dataset[name].attrs["axis"] = _AXES.get(str(name), str(name)[0].upper())
+        if name in _AXES:
+            dataset[name].attrs["units"] = {"lon": "degrees_east", "lat": "degrees_north"}[
+                str(name)
+            ]
         unit = units.get(name, units.get(str(name)[0]))
         if unit is not None:
             dataset[name].attrs["units"] = unit

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cip.errors import AdiniError, InputError
-from cip.grid import Grid
+from cip.grid import Grid, Sphere
 from cip.profiles.catalogue import moment_names
 from cip.stages.state_dataset import state_dataset, xarray_module
 from skfem_adini.ground.archives import checksum, read_arrays, words, write_arrays
@@ -33,7 +33,7 @@ SUFFIXES = (".npz", ".nc", ".zarr")
 class Stored(NamedTuple):
     """What a file of states holds."""
 
-    grid: Grid
+    grid: Grid | Sphere
     about: dict[str, Any]  # profile, fields, for each state its bounds and memory, and more
     data: Any  # moments of all states
     t: Any
@@ -67,6 +67,7 @@ def write_states(
             "periodic": first.grid.periodic, "dtype": str(first.data.dtype),
             "bounded": [state._bounded for state in states],
             "memory": [state._memory for state in states], "more": dict(more or {}),
+            "radius": first.grid.radius if isinstance(first.grid, Sphere) else None,
         }
     )  # fmt: skip
     beside = {f"edges_{q}": line for q, line in enumerate(first.grid.edges)}
@@ -101,8 +102,11 @@ def read_states(path: Any) -> Stored:
                 raise InputError(f"path: {path} was changed since it was written")
             arrays = _arrays(dataset)
         edges = [arrays[f"edges_{q}"] for q in range(len(about["periodic"]))]
-        x, y, z = [*edges, None, None][:3]
-        grid = Grid.from_coordinates(x, y, z, about["periodic"])
+        if about.get("radius") is not None:
+            grid: Any = Sphere(edges[0].size - 1, edges[1].size - 1, about["radius"])
+        else:
+            x, y, z = [*edges, None, None][:3]
+            grid = Grid.from_coordinates(x, y, z, about["periodic"])
         data = arrays["data"] if suffix == ".npz" else _data(about, grid, arrays)
         extra = {
             name.removeprefix("extra_"): value
@@ -120,7 +124,7 @@ def _about(text: Any) -> dict[str, Any]:
     return about
 
 
-def _data(about: dict[str, Any], grid: Grid, arrays: Mapping[str, Any]) -> Any:
+def _data(about: dict[str, Any], grid: Grid | Sphere, arrays: Mapping[str, Any]) -> Any:
     """The moments of all states from variables, zero where no cell begins."""
     names = moment_names(about["fields"], about["profile"], grid.dim)
     data = np.zeros((arrays["t"].size, len(names), *grid.nodes), about["dtype"])

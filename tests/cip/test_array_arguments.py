@@ -75,6 +75,23 @@ def ran(value):
     return lambda: solver.run(solver.state("x1"), 1.0, dt=0.25, snapshots=value).times
 
 
+BALL, BREEZE = cip.Sphere(8, 4), 0.05 * RNG.random((2, 8, 4))
+
+
+def ball_run(**more):
+    solver = cip.SphereSolver(BALL, BREEZE, foot_tolerance=1e-3)
+    return solver.run(solver.state(lambda lon, lat: np.sin(lat)), 1.0, dt=0.5, **more)
+
+
+def round_ball(value):
+    return lambda: ball_run(snapshots=value).times
+
+
+def over_ball(value):
+    found = ball_run().sample(value)
+    return lambda: found
+
+
 def gauged(value):
     solver = Solver(LINE, 1.0)
     run = solver.run(solver.state("x1"), 0.1, dt=0.05, gauges=value)
@@ -162,6 +179,13 @@ TAKE = {
     "Source.from_snapshots arrays": (WINDS[:, 0], lambda v: emitted(TIMES, v)),
     "SplineVelocity pieces": (np.array([4, 5]), held(lambda v: splines(PLANE, v), "names")),
     "SplineVelocity start": (NODAL, numbers),
+    "SphereSolver velocity": (BREEZE, held(lambda v: cip.SphereSolver(BALL, v), "velocity")),
+    "SphereSolver bounds": (
+        np.array([0.0, 2.0]), held(lambda v: cip.SphereSolver(BALL, BREEZE, bounds=v), "bounds"),
+    ),
+    "SphereSolver.state f": (BREEZE[0], held(cip.SphereSolver(BALL, BREEZE).state, "data")),
+    "SphereSolver.run snapshots": (np.array([0.3, 0.6]), round_ball),
+    "SphereTrajectory.sample points": (POINTS[:, :2], over_ball),
     "State data": (ROOT[:, 0].reshape(2, 8), held(lambda v: State(LINE, "cubic", v), "data")),
     "State.from_function f": (NODAL, held(lambda v: State.from_function(v, LINE), "data")),
     "Trajectory.sample points": (POINTS[0], observed),
@@ -182,7 +206,11 @@ TAKE = {
 # Only arrays of NumPy are taken: a list is none, or a mask in it is lost before it is ours.
 ARRAYS_ONLY = {"Solver.state f", "State.from_function f", "State data", "a vector of the tangent"}
 ARRAYS_ONLY |= {"SplineVelocity start"}  # a list has one entry for each component
-READ_ONCE = {"a vector of the tangent", "Solver.run snapshots"}  # during the call alone
+READ_ONCE = {
+    "a vector of the tangent",
+    "Solver.run snapshots",
+    "SphereSolver.run snapshots",
+}  # during the call alone
 READ_ONCE |= {name for name in TAKE if name.startswith("identify_velocity")}
 MISSING = {"Sensors values", "Sensors.with_values values"}
 MISSING |= {name for name in TAKE if name.startswith("identify_velocity data")}
@@ -193,7 +221,9 @@ NONE = """
     | FlowMap [a-z0-9_]+ | FlowMap.plot ax | flow_map velocity
     | Sensors.from_xarray .* | Solver boundary | Solver.run (callback|save)
     | Solver.state derivatives
-    | Solver reactions | Source.of value | SplineVelocity.from_.* | State.from_function derivatives
+    | Solver reactions | SphereSolver.run (callback|save) | SphereTrajectory(.plot .*|.load .*)
+    | SphereTrajectory(.to_xarray start| gauges) | SphereTrajectory [a-z0-9_]+ | State grid
+    | Source.of value | SplineVelocity.from_.* | State.from_function derivatives
     | Trajectory(.plot .*|.load .*|.to_xarray start| gauges)
     | Velocity (jacobian|hessian) | Velocity.from_xarray .*
     | (four_d_var|place_sensors) model_error | identify_velocity start

@@ -80,6 +80,61 @@ GRIDS = [
     ("z: given", lambda: bent(np.arange(6), z=np.arange(6))),
     *rows("x", bent, np.arange(6) * 1j, [0, 1, np.nan, 3, 4, 5], None, []),
 ]
+BALL = cip.Sphere(16, 8)
+
+
+def ball(velocity=lambda lon, lat: (np.cos(lat), 0 * lon), **more):
+    return cip.SphereSolver(BALL, velocity, **more)
+
+
+def stirred(velocity, dt=0.1, **more):
+    solver = ball(velocity, **more)
+    return solver.step(solver.state(1.0), dt)
+
+
+def round_ball(t_end=1.0, **more):
+    return ball().run(ball().state(1.0), t_end, **more)
+
+
+def other_ball(sphere, form="transport"):
+    return ball().step(cip.SphereSolver(sphere, np.zeros((2, *sphere.cells)), form).state(1.0), 0.1)
+
+
+SPHERES = [
+    ("nlon=15: expected an even number", lambda: cip.Sphere(15, 8)),
+    *rows("nlon", lambda n: cip.Sphere(n, 8), 6, 16.0, None, "many"),
+    *rows("nlat", lambda n: cip.Sphere(16, n), 3, 8.5, True),
+    *rows("radius", lambda r: cip.Sphere(16, 8, r), 0.0, -1.0, np.nan, np.inf, 1j, "big"),
+    ("sphere: expected a Sphere", lambda: cip.SphereSolver(PLANE, np.zeros((2, 8, 8)))),
+    ("grid: expected a Grid", lambda: Solver(BALL, 1.0)),
+    ("grid: expected a Grid", lambda: State.from_function(1.0, BALL)),
+    *rows("form", lambda v: ball(form=v), "diffusion", None),
+    *rows("profile", lambda v: ball(profile=v), "bicubic", "csl4_spline", 3),
+    *rows("limiter", lambda v: ball(limiter=v), "clamp", 1),
+    *rows("bounds", lambda v: ball(bounds=v), (1, 0), (0, np.nan), 1.0),
+    *rows("foot_tolerance", lambda v: ball(foot_tolerance=v), 0.0, np.nan, 2.0),
+    *rows("velocity: expected", ball, 1.0, np.zeros((2, 8, 16)), "lon"),
+    ("velocity: some of its values are not finite", lambda: ball(np.full((2, 16, 8), np.nan))),
+    ("velocity: expected two arrays", lambda: stirred(lambda lon, lat: lon)),
+    ("velocity: expected two arrays", lambda: stirred(lambda lon, lat, t: (lon, lat, t))),
+    ("velocity: expected two arrays", lambda: stirred(lambda lon, lat: (lon[:3], lat))),
+    ("velocity: expected two arrays", lambda: stirred(lambda lon, lat: (1j * lon, lat))),
+    ("stretches an edge", lambda: stirred(lambda lon, lat: (300 * np.sin(2 * lat), 0 * lat),
+                                        0.01, form="conservative")),
+    *rows("f: ", lambda f: ball().state(f), np.ones(8), np.full((16, 8), np.nan), None, "lon"),
+    ("f: it gives shape", lambda: ball().state(lambda lon, lat: lat[:3])),
+    ("f: expected at least one field", lambda: ball().state({})),
+    ("fields: 'lon' is no name", lambda: ball().state({"lon": 1.0})),
+    ("^t: ", lambda: ball().state(1.0, t="noon")),
+    ("it lives on", lambda: other_ball(cip.Sphere(18, 8))),
+    ("it lives on", lambda: other_ball(cip.Sphere(16, 8, radius=2.0))),
+    ("it carries the moments of 'csl4_spline'", lambda: other_ball(BALL, "advection")),
+    *rows("dt: expected a", lambda dt: stirred(lambda lon, lat: (lat, lat), dt), 0.0, np.nan, "a"),
+    *rows("dt: steps of", lambda dt: round_ball(-dt, dt=dt), 0.1, -0.1),
+    *rows("t_end", lambda t_end: round_ball(t_end, dt=0.1), 0.0, np.nan),
+    ("resume: pass save=", lambda: round_ball(dt=0.5, resume=True)),
+    *rows("points", lambda p: round_ball(dt=0.5).sample(p), [0.1], [0.1, 2.0], [0.1, np.nan], 3),
+]  # fmt: skip
 VELOCITIES = [
     ("is not a formula", lambda: text("x1 +")),
     ("'foo'", lambda: text("foo")),
@@ -612,8 +667,9 @@ DATASETS = [
     ("'t' holds object.*convert dates of other calendars", lambda: dated(["noon", datetime.now])),
 ]  # fmt: skip
 TABLES = {
-    "grid": GRIDS, "velocity": VELOCITIES, "solver": SOLVERS, "state": STATES, "run": RUNS,
-    "source": SOURCES, "splines": SPLINES, "sensors": SENSORS, "assimilation": ASSIMILATION,
+    "grid": GRIDS, "sphere": SPHERES, "velocity": VELOCITIES, "solver": SOLVERS, "state": STATES,
+    "run": RUNS, "source": SOURCES,
+    "splines": SPLINES, "sensors": SENSORS, "assimilation": ASSIMILATION,
     "identification": [(words, partial(identified, **more)) for words, more in IDENTIFICATION],
     "dataset": DATASETS,
     "derivatives": DERIVATIVES, "fields": NAMED,
@@ -672,6 +728,8 @@ FULL = Grid((0, 4), 10, periodic=True)
 NOT_FINITE = [
     (r"node \(0,\) at \(0\) at t = 2.05 .*'x-' at \(0\)", cip.LeftDomain,
      lambda: Solver(OPEN, 1.0).step(Solver(OPEN, 1.0).state(wave, t=2.0), 0.05)),
+    (r"velocity: it is \(nan, .*\) at lon = .*, lat = .* at t = 0.1", NotFinite,
+     lambda: stirred(lambda lon, lat: (np.sqrt(lat - 1), lon))),
     ("boundary data", NotFinite, lambda: moved(1.0, OPEN, {"x-": lambda x, t: np.sqrt(t - 1)})),
     (r"node \(\d+,\) at \(.*\) is not finite at t = ", NotFinite,
      lambda: moved(Velocity(lambda x: np.exp(x**8)), FULL)),

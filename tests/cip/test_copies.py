@@ -44,6 +44,14 @@ def identified():
     return cip.identify_velocity(solver, start, {0.3: seen}, dt=0.03, noise=0.01)
 
 
+def around(lon, lat):
+    return np.cos(lat), 0 * lon
+
+
+def ball():
+    return cip.SphereSolver(cip.Sphere(16, 8), around, "conservative")
+
+
 def sensors():
     return cip.Sensors([0.3, 0.6], [0.1, 0.3], [[0.9, np.nan], [0.2, 0.9]], 0.1)
 
@@ -76,6 +84,9 @@ MAKE = {
     "Grid": lambda: Grid([(0, 1), (0, 2)], (4, 5), periodic=(True, False)),
     "Solver": lambda: run().solver,
     "Source": lambda: cip.Source(lambda x: 1 + x**2),
+    "Sphere": lambda: cip.Sphere(16, 8, radius=2.0),
+    "SphereSolver": lambda: cip.SphereSolver(cip.Sphere(16, 8), around),
+    "SphereTrajectory": lambda: ball().run(ball().state(1.0), 0.2, dt=0.1),
     "State": lambda: run().final,
     "Trajectory": run,
     "Velocity": lambda: Velocity(lambda x: 1 + x**2),

@@ -1,0 +1,83 @@
+"""Splines through the poles: fields of longitude and latitude as periodic functions on a torus.
+
+With s the distance from the south pole a field goes on beyond a pole along its great circle,
+u(lon, -s) = u(lon + pi, s). It is smooth there, and so is the odd continuation of u sin(s).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+PAD = 4  # coefficients kept beyond each side, at least half of the largest degree + 1
+
+
+def over_poles(values: Array, sign: float) -> Array:
+    """Values in cells, shape (.., nlon, nlat), on whole great circles, shape (.., nlon, 2 nlat)."""
+    beyond = np.roll(values, values.shape[-2] // 2, axis=-2)[..., ::-1]
+    return np.concatenate([values, sign * beyond], axis=-1)
+
+
+def resolved(values: Array) -> Array:
+    """Values without waves along a circle of latitude that are short against the cells.
+
+    What is left has m <= 2 + 1.5 (nlon / 2) cos(lat) waves around the pole, more than the spacing
+    of latitudes resolves; sums along the circle stay. Without this, noise in the narrow cells
+    at a pole grew without bound in short steps over it.
+    """
+    import scipy.fft as fft
+
+    nlon, nlat = values.shape[-2:]
+    waves = fft.rfft(values, axis=-2)
+    most = 2.0 + 0.75 * nlon * np.sin((np.arange(nlat) + 0.5) * np.pi / nlat)
+    waves *= np.arange(waves.shape[-2])[:, None] <= most
+    return np.asarray(fft.irfft(waves, n=nlon, axis=-2))
+
+
+@cache
+def at_integers(degree: int) -> Array:
+    """The central B-spline of a degree at -PAD .. PAD."""
+    return np.array([_central(degree, float(k)) for k in range(-PAD, PAD + 1)])
+
+
+def _central(degree: int, x: float) -> float:
+    """The central B-spline of a degree at x, by the recursion of de Boor and Cox."""
+    if degree == 0:
+        return float(-0.5 <= x < 0.5)
+    left, right = 0.5 * (degree + 1) + x, 0.5 * (degree + 1) - x
+    lower = left * _central(degree - 1, x + 0.5) + right * _central(degree - 1, x - 0.5)
+    return lower / degree
+
+
+@cache
+def _symbol(degree: int, count: int) -> Array:
+    """The discrete Fourier transform of the central B-spline at `count` integers of a period."""
+    found = np.zeros(count)
+    np.add.at(found, np.arange(-PAD, PAD + 1) % count, at_integers(degree))
+    return np.asarray(np.fft.fft(found).real)
+
+
+def coefficients(data: Array, degree: int) -> Array:
+    """Coefficients of the periodic spline that has the data as values at the integers."""
+    import scipy.fft as fft
+
+    nlon, count = data.shape[-2:]
+    waves: Any = fft.rfft2(data)
+    waves /= _symbol(degree, nlon)[:, None] * _symbol(degree, count)[: count // 2 + 1]
+    return np.asarray(fft.irfft2(waves, s=(nlon, count)))
+
+
+def padded(data: Array, nlat: int) -> Array:
+    """Periodic coefficients with `PAD` more on each side, of latitudes up to the north pole."""
+    rows = np.arange(-PAD, data.shape[-2] + PAD) % data.shape[-2]
+    return data[..., rows, :][..., np.arange(-PAD, nlat + PAD) % data.shape[-1]]
+
+
+def value_spline(values: Array, degree: int) -> Array:
+    """Padded coefficients of the spline through values at the centres of cells."""
+    return padded(coefficients(over_poles(resolved(values), 1.0), degree), values.shape[-1])
