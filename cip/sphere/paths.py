@@ -140,6 +140,7 @@ def traced(
                     f"error is {error:.1e} radians, above {tolerance:.1e}; is the velocity smooth? "
                     "Take a smaller dt, or a larger foot_tolerance"
                 )
-            more = 1.1 * count * min((error / tolerance) ** 0.2, 8.0)
-            count = min(SUBSTEPS, max(count + 1, int(np.ceil(more))))
+            # Where the velocity is not smooth, half as many more each time reach the end soon.
+            more = count * min(max(1.1 * (error / tolerance) ** 0.2, 1.5), 8.0)
+            count = min(SUBSTEPS, int(np.ceil(more)))
     return found
