@@ -554,10 +554,10 @@ class ThermalContact:
             image = system.solve(*through)
             values, change = image[system.values > 0], image - T
             spread = float(np.ptp(values)) or float(np.abs(values).max()) or 1.0
-            size = max(spread, float(np.abs(change).max()) * 1e-6)
+            size = max(spread, float(np.abs(change).max()))
             changes.append(float(np.abs(change[system.values > 0]).max()) / size)
             logger.info("iteration %d: temperature changes by %.1e", len(changes), changes[-1])
-            if changes[-1] <= LIMITS.near * self.tol or (not self._couples and len(changes) > 1):
+            if changes[-1] <= LIMITS.near * self.tol or not self._couples:
                 return self._certified(contact, image, system, through, end, tuple(changes))
             start, seen = contact, [*seen[-1:], through]
             T, tried = _next([*tried, (T, change)], spread, unstable)
