@@ -72,6 +72,11 @@ class Conduction:
                 f"problem: heat is conducted in bodies with a mesh of their own (ElasticBody), not "
                 f"in a {type(self.body).__name__}"
             )
+        if any(link.name.startswith("periodic") for link in self.body._couplings):
+            raise InputError(
+                "problem: the temperature of a periodic body would not be periodic; model a cell "
+                "whose sides are planes of symmetry, where no heat passes"
+            )
         self.convective = Csr(self.stiffness.shape)
 
     @cached_property

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator, eigs
 
 from contact.errors import InputError, NotConverged, warn
 from contact.histories.load_history import checked_times
-from contact.histories.load_program import Factor, checked_factor
+from contact.histories.load_program import Factor, checked_factor, value_at
 from contact.histories.load_stepper import LoadStepper
 from contact.problem.contact_problem import ContactProblem
 from contact.problem.large_motion import check_motion
@@ -118,6 +118,8 @@ class ThermalContact:
         Friction coefficient times sliding speed, where bodies slide steadily: the heat per area
         and time is its product with the pressure. The work of friction in the steps of `run` is
         counted in addition, from the slip.
+    friction_factor : callable t -> float, optional
+        Of `friction_heat`, such as a speed that falls. Default: 1.
     partition : None, float or a list of these, one a boundary
         Part of the heat of friction, from 0 to 1, that enters the body with the contact points; the
         rest enters the other body or the obstacle. None: 1/2 between bodies, 1 at obstacles.
@@ -167,6 +169,7 @@ class ThermalContact:
         reference: float = 0.0,
         obstacle_temperature: Any = None,
         friction_heat: Any = 0.0,
+        friction_factor: Factor | None = None,
         partition: Any = None,
         method: str = "euler",
         tol: float = 1e-10,
@@ -201,6 +204,7 @@ class ThermalContact:
         self._insulated = [one and T is None for T, one in zip(outside, rigid, strict=True)]
         self.film = film_of(self.problem, self._bodies, outside)
         self._speed = self._at_points("friction_heat", _each("friction_heat", friction_heat, count))
+        self._slowing = _factor(friction_factor)
         share = [
             (1.0 if one else 0.5) if part is None else part
             for part, one in zip(_each("partition", partition, count), rigid, strict=True)
@@ -463,7 +467,7 @@ class ThermalContact:
         if isinstance(given, ThermalResult):
             return replace(given, system=system, time=time, history=())
         contact = self._steps.pressed(self._heated(T, time), None, np.nan, time, None)
-        h, power = self._through(contact, None)
+        h, power = self._through(contact, time, None)
         return ThermalResult(contact, T, system, h, power, time, tol=self.tol)
 
     def _temperature(self, given: Any) -> Array:
@@ -515,7 +519,7 @@ class ThermalContact:
         """Whether the contact depends on the temperature."""
         return any(np.any(numbers("expansion", one) != 0) for one in self.expansion)
 
-    def _through(self, contact: ContactResult, dt: float | None) -> Through:
+    def _through(self, contact: ContactResult, time: float, dt: float | None) -> Through:
         """Conductance and heat of friction of each contact point, both (m,)."""
         rows, mu = contact.system.rows, contact.mu
         p, gap = np.maximum(mu, 0.0) / rows.weights, np.maximum(contact.gap, 0.0)
@@ -527,7 +531,8 @@ class ThermalContact:
             if none or not at.size:
                 continue
             h[at] = _conductances(given, p[at], gap[at]) if callable(given) else given * closed[at]
-        power = self._speed * np.where(rows.ties, 0.0, np.maximum(mu, 0.0))
+        speed = value_at(self._slowing, time) * self._speed
+        power = speed * np.where(rows.ties, 0.0, np.maximum(mu, 0.0))
         if dt is not None:
             work = np.sum(contact.t * contact.slip_increment, axis=1)
             power = power + np.where(rows.ties, 0.0, np.maximum(work, 0.0)) / dt
@@ -550,7 +555,7 @@ class ThermalContact:
         seen: list[Through] = []
         for _ in range(self.max_iterations):
             contact = self._steps.pressed(self._heated(T, end), last, begin, end, start)
-            through = self._through(contact, dt)
+            through = self._through(contact, end, dt)
             image = system.solve(*through)
             values, change = image[system.values > 0], image - T
             spread = float(np.ptp(values)) or float(np.abs(values).max()) or 1.0
@@ -558,7 +563,8 @@ class ThermalContact:
             changes.append(float(np.abs(change[system.values > 0]).max()) / size)
             logger.info("iteration %d: temperature changes by %.1e", len(changes), changes[-1])
             if changes[-1] <= LIMITS.near * self.tol or not self._couples:
-                return self._certified(contact, image, system, through, end, tuple(changes))
+                history = tuple(changes) if self._couples else ()
+                return self._certified(contact, image, system, through, end, history)
             start, seen = contact, [*seen[-1:], through]
             T, tried = _next([*tried, (T, change)], spread, unstable)
         raise NotConverged(self._unsettled(changes, seen, end, dt))
@@ -614,7 +620,7 @@ class ThermalContact:
         def image(y: Array) -> Array:
             T = found.system.solve(*np.split(y * units, 2))
             contact = self._steps.pressed(self._heated(T, time), None, np.nan, time, found.contact)
-            return np.concatenate(self._through(contact, None)) / units
+            return np.concatenate(self._through(contact, time, None)) / units
 
         rest = image(at)
 

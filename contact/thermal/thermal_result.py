@@ -57,10 +57,10 @@ class ThermalResult:
     history : tuple of float
         Change of the temperature in each iteration, relative to the largest difference.
     gain : float
-        For a steady state: the real eigenvalue by which a small change of the conductances comes
-        back through temperatures and pressures, if it is the largest one; NaN if not computed.
-        Above 1 the state is unstable: a disturbance grows, as between the two stable states of
-        Barber's rod.
+        Of a steady state: the largest real part of the factors (eigenvalues) by which small changes
+        of the conductances come back through temperatures and pressures; NaN if not computed. With
+        a factor above 1 the state is unstable, such as that between the two stable states of
+        Barber's rod; disturbances that swing as they grow may escape it, not `ThermalContact.run`.
     tol : float
         Tolerance of the certificate.
 
@@ -222,8 +222,9 @@ class ThermalResult:
             "heat through contact": ", ".join(f"{q:.6g}" for q in self.heat),
             "heat in": ", ".join(f"{k} {v:.6g}" for k, v in balance.items() if k != "error"),
             "balance": f"{balance['error']:.1e} of the heat is missing",
-            "iterations": f"{len(self.history)}, last change "
-            + (f"{self.history[-1]:.1e}" if self.history else "none"),
+            "iterations": f"{len(self.history)}, last change {self.history[-1]:.1e}"
+            if self.history
+            else "none, the temperature does not act on the contact",
             "stability": self._stability,
             "certificate": f"no residual above {kkt[worst]:.1e} ({worst})",
         }
