@@ -44,6 +44,8 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.ContactProblem": ("condense", "solve"),
     "contact.ContactResult": (),
     "contact.LoadStepper": (),
+    "contact.ThermalContact": (),
+    "contact.ThermalResult": (),
     "contact.SurfaceMesh": (),
     "contact.Rough": (),
     "contact.GridContact": (),
@@ -73,7 +75,7 @@ _REASONS = {
         skfem_adini.FieldLevelSet skfem_adini.LevelSet skfem_adini.NearNullSpace skfem_adini.Polygon
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
         contact.BodyResult contact.GridResult contact.Surface contact.LoadHistory contact.LoadStep
-        contact.Status contact.Slice
+        contact.Status contact.Slice contact.ThermalResult
         contact.Uniqueness cip.Budget cip.Diagnostics cip.Sensors
         cip.Placement
         cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.Source cip.State cip.Trajectory

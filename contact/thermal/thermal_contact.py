@@ -506,6 +506,7 @@ class ThermalContact:
 
     def _heated(self, T: Array, time: float) -> Any:
         """The bodies under the loads of a time and the thermal strain of a temperature."""
+        self.problem.condense()  # bodies then compute on its device
         now = self._steps._body_at(time)
         change = T - self.reference * np.concatenate([one.values for one in self._bodies])
         start = 0
@@ -558,7 +559,9 @@ class ThermalContact:
             through = self._through(contact, end, dt)
             image = system.solve(*through)
             values, change = image[system.values > 0], image - T
-            spread = float(np.ptp(values)) or float(np.abs(values).max()) or 1.0
+            # Differences of a thousandth of the change that strains the bodies count no more.
+            strained = 1e-3 * float(np.abs(values - self.reference).max())
+            spread = max(float(np.ptp(values)), strained) or 1.0
             size = max(spread, float(np.abs(change).max()))
             changes.append(float(np.abs(change[system.values > 0]).max()) / size)
             logger.info("iteration %d: temperature changes by %.1e", len(changes), changes[-1])

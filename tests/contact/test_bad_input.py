@@ -396,7 +396,10 @@ HEAT = [
     (lambda: floor().fix("top", 1.0).solve().sample([0.5]), r"^points: expected finite numbers"),
     (lambda: floor(expansion=np.ones(5)).fix("top", 1.0).solve(), r"^expansion: expected a number"),
     (lambda: heated(layers()), "not in a LayeredBlock"),
-    (lambda: heated(body().periodic("left", "right")), "temperature of a periodic body"),
+    (
+        lambda: heated(body(mesh=MeshQuad().with_defaults()).periodic("left", "right")),
+        "temperature of a periodic body",
+    ),
 ]
 
 

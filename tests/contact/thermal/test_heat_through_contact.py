@@ -112,6 +112,31 @@ def test_a_floor_of_given_temperature_and_convection_above(element):
     assert sides.flux == pytest.approx(h * (a - COLD), rel=1e-9)
 
 
+def test_bodies_of_one_temperature_exchange_no_heat():
+    upper, lower = bars(ElementQuad2)
+    problem = ContactProblem(upper, "bottom", lower.surface("top"))
+    model = ThermalContact(problem, 1.0, of_pressure, expansion=1e-5, reference=273.0, capacity=2.0)
+    model.fix("top", 293.15, body=upper).convection("bottom", 4.0, 293.15, body=lower)
+    for result in (model.solve(), model.run([0.0, 1.0], initial=293.15)[-1]):
+        assert np.abs(result.T - 293.15).max() < 1e-10
+        assert result.balance()["error"] < 1e-12
+        assert max(result.kkt.values()) < 1e-10
+        assert result.contact.pressure.min() > 0
+
+
+@pytest.mark.parametrize("law", ["tresca", "compliant"])
+def test_other_laws_of_the_contact_conduct_as_well(law):
+    upper, _ = bars(ElementQuad1, load=0.02)
+    more = {"overclosure": 3.0} if law == "compliant" else {"friction": 1e-3, "law": "tresca"}
+    model = ThermalContact(
+        ContactProblem(upper, "bottom", 0.0, **more), K1, of_pressure, obstacle_temperature=COLD
+    )
+    result = model.fix("top", HOT).solve()
+    q = (HOT - COLD) / (1.0 / K1 + 1 / of_pressure(0.02, 0.0))
+    assert result.heat[0] == pytest.approx(q, rel=1e-3)
+    assert result.balance()["error"] < 1e-12
+
+
 def test_an_open_joint_conducts_by_its_gap_and_ties_conduct():
     upper, lower = bars(ElementQuad2)
     gap = lambda p, g: 0.02 / (0.01 + g)  # noqa: E731
