@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, eigs
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from contact.errors import InputError, NotConverged, warn
 from contact.histories.load_history import checked_times
@@ -627,22 +627,26 @@ class ThermalContact:
 
         rest = image(at)
 
-        def derivative(v: Array) -> Array:
-            v = v.ravel()
-            step = LIMITS.step / (np.abs(v).max() or 1.0)
-            return (image(at + step * v) - rest) / step
+        live = np.flatnonzero(np.repeat([True, bool(np.any(self._speed > 0))], m))
 
-        live = np.flatnonzero(np.repeat(np.array([True, np.any(self._speed > 0)]), m))
+        def derivative(v: Array) -> Array:
+            step = LIMITS.step / (np.abs(v).max() or 1.0)
+            moved = at.copy()
+            moved[live] += step * v.ravel()
+            return ((image(moved) - rest) / step)[live]
+
         if live.size <= LIMITS.dense:
-            eye = np.eye(2 * m)
-            J = np.array([derivative(eye[j])[live] for j in live]).T
-            values = np.linalg.eigvals(J)
+            values = np.linalg.eigvals(np.array([derivative(v) for v in np.eye(live.size)]).T)
+        elif not np.any(derivative(np.ones(live.size))):
+            return 0.0
         else:
-            op = LinearOperator((2 * m, 2 * m), matvec=derivative, dtype=float)
-            v0 = np.concatenate((np.ones(m), np.full(m, float(np.any(self._speed > 0)))))
-            values = eigs(op, k=2, which="LR", v0=v0, tol=1e-4, return_eigenvectors=False)
-        leading = values[np.argmax(values.real)]
-        return float(leading.real)
+            op = LinearOperator((live.size,) * 2, matvec=derivative, dtype=float)
+            ask: dict[str, Any] = {"which": "LR", "v0": np.ones(live.size), "tol": 1e-4}
+            try:
+                values = eigs(op, k=1, return_eigenvectors=False, **ask)
+            except ArpackError as error:  # with the eigenvalues it has found, perhaps none
+                values = np.asarray(getattr(error, "eigenvalues", ()))
+        return float(np.max(np.real(values), initial=-np.inf)) if len(values) else np.nan
 
 
 def _next(

@@ -50,9 +50,10 @@ def rod(law=conductance, hot=1.0, cold=0.0, gap=GAP, element=ElementQuad1, rows=
     return model.fix("left", cold)
 
 
-def test_of_three_steady_states_the_middle_one_is_unstable():
+@pytest.mark.parametrize("rows", [2, 32], ids=["by columns", "by Arnoldi"])
+def test_of_three_steady_states_the_middle_one_is_unstable(rows):
     low, middle, high = states()
-    model = rod()
+    model = rod(rows=rows)
     for T, start in ((low, 0.0), (high, 1.0)):
         result = model.solve(start=start)
         assert result.at_vertices().max() == pytest.approx(T, rel=1e-9)
