@@ -465,8 +465,9 @@ class ThermalContact:
         T = self._temperature(given)
         system = replace(self._system(time, None), initial=True)
         if isinstance(given, ThermalResult):
-            return replace(given, system=system, time=time, history=())
-        contact = self._steps.pressed(self._heated(T, time), None, np.nan, time, None)
+            contact = given.contact
+        else:
+            contact = self._steps.pressed(self._heated(T, time), None, np.nan, time, None)
         h, power = self._through(contact, time, None)
         return ThermalResult(contact, T, system, h, power, time, tol=self.tol)
 
@@ -486,23 +487,18 @@ class ThermalContact:
         """The equations of heat at a time."""
         bodies = self._bodies
         P, T0 = zip(*(one.prescribed(time) for one in bodies), strict=True)
-
-        def load(kind: str) -> Array:
-            return np.concatenate([one.load(kind, time) for one in bodies])
-
-        return HeatSystem(
-            Csr(sparse.block_diag([one.stiffness for one in bodies])),
-            Csr(sparse.block_diag([one.convective for one in bodies])),
-            load("sources"),
-            load("convection"),
-            Csr(sparse.block_diag(P)),
-            np.concatenate(T0),
-            np.concatenate([one.values for one in bodies]),
-            np.cumsum([0, *(one.basis.N for one in bodies)]),
-            self.film,
-            self._share,
-            before,
-        )
+        matrices = [one.stiffness for one in bodies], [one.convective for one in bodies], P
+        vectors = [
+            [one.load("sources", time) for one in bodies],
+            [one.load("convection", time) for one in bodies],
+            T0,
+            [one.values for one in bodies],
+        ]
+        K, convective, P = (Csr(sparse.block_diag(each)) for each in matrices)
+        sources, ambient, T0, values = map(np.concatenate, vectors)
+        ends = np.cumsum([0, *(one.basis.N for one in bodies)])
+        loads = K, convective, sources, ambient
+        return HeatSystem(*loads, P, T0, values, ends, self.film, self._share, before)
 
     def _heated(self, T: Array, time: float) -> Any:
         """The bodies under the loads of a time and the thermal strain of a temperature."""
@@ -570,7 +566,7 @@ class ThermalContact:
                 return self._certified(contact, image, system, through, end, history)
             start, seen = contact, [*seen[-1:], through]
             T, tried = _next([*tried, (T, change)], spread, unstable)
-        raise NotConverged(self._unsettled(changes, seen, end, dt))
+        raise NotConverged(self._unsettled(changes, seen, end, dt is None))
 
     def _certified(
         self,
@@ -594,23 +590,22 @@ class ThermalContact:
         return found
 
     def _unsettled(
-        self, changes: list[float], seen: list[Through], time: float, dt: float | None
+        self, changes: list[float], seen: list[Through], time: float, steady: bool
     ) -> str:
         """What to say of an iteration that does not settle."""
-        (before, _), (h, _) = seen[0], seen[-1]
+        before, h = seen[0][0], seen[-1][0]
         k = int(np.argmax(np.abs(h - before)))
         place = ", ".join(f"{x:.6g}" for x in self.problem.rows.x[:, k])
-        begin = "" if dt is None else f"t = {time:g}: "
-        remedy = (
-            "there may be no steady state, as where the conductance jumps between open and closed "
-            "(Barber's instability): take a conductance that is continuous in p and g, start from "
-            "other temperatures, or follow it in time by run(times)"
-            if dt is None
-            else "take shorter steps, or a conductance that is continuous in p and g"
-        )
+        remedy = "take shorter steps, or a conductance that is continuous in p and g"
+        if steady:
+            remedy = (
+                "there may be no steady state, as where the conductance jumps between open and "
+                "closed (Barber's instability): take a conductance that is continuous in p and g, "
+                "start from other temperatures, or follow it in time by run(times)"
+            )
         return (
-            f"{begin}temperature and contact do not settle in {len(changes)} iterations, the last "
-            f"change is {changes[-1]:.1e} of the largest difference of temperatures; the "
+            f"t = {time:g}: temperature and contact do not settle in {len(changes)} iterations; "
+            f"the last change is {changes[-1]:.1e} of the largest difference of temperatures; the "
             f"conductance at ({place}) goes from {before[k]:.6g} to {h[k]:.6g}; {remedy}"
         )
 
