@@ -30,6 +30,7 @@ from skfem_adini.ground.arguments import (
     finite_number,
     flag,
     integer,
+    keywords_named,
     numbers,
     positive_number,
 )
@@ -158,6 +159,7 @@ class ThermalContact:
     0.5 0.0075
     """
 
+    @keywords_named
     def __init__(
         self,
         problem: ContactProblem | LoadStepper,

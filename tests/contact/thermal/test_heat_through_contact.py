@@ -35,6 +35,7 @@ def bars(element, cells=(3, 4), load=None, size=1.0, E=2.0, nu=0.3):
     return upper.named("upper"), lower.named("lower")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("units", [1.0, 1e6])
 @pytest.mark.parametrize("element", [*PLANE_AND_BFS, *SOLID], ids=lambda e: e.__name__)
 def test_a_pressed_joint_has_the_jump_q_over_h(element, units):
@@ -58,6 +59,7 @@ def test_a_pressed_joint_has_the_jump_q_over_h(element, units):
     assert max(result.kkt.values()) < 1e-10
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", [*PLANE_AND_BFS, *SOLID], ids=lambda e: e.__name__)
 def test_bars_between_walls_press_each_other_as_they_expand(element):
     """Pressure and heat determine each other: E' alpha (means of T times lengths) / length."""
@@ -238,6 +240,7 @@ def test_two_bars_come_to_one_temperature_as_the_series_says():
     assert equalised(ElementQuad2, "crank-nicolson", 40) == pytest.approx(exact, abs=5e-6)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("element", "method", "rate", "cells", "steps"),
     [
