@@ -44,6 +44,8 @@ from contact.spectral.grid_result import GridResult
 from contact.spectral.half_space import HalfSpace
 from contact.spectral.periodic_layers import PeriodicLayers
 from contact.spectral.slices import Slice
+from contact.thermal.thermal_contact import ThermalContact
+from contact.thermal.thermal_result import ThermalResult
 
 __all__ = [
     "Anisotropic",
@@ -92,6 +94,8 @@ __all__ = [
     "Status",
     "Surface",
     "SurfaceMesh",
+    "ThermalContact",
+    "ThermalResult",
     "Tie",
     "Unbounded",
     "Uniqueness",

@@ -19,7 +19,7 @@ GROUPS = {
     "Contact": "contact_part contact_block surface_mesh rough_surface cut_hertz layered_block "
     "bumper_mesh contact_impact",
     "Bodies that touch each other": "lap_joint ironing validation_two_cylinders shrink_fit "
-    "tied_meshes",
+    "tied_meshes hot_contact",
     "Contact beside closed forms": "validation_axisymmetric validation_cattaneo "
     "validation_far_field validation_flat_punch validation_hertz_line validation_hertz_sphere "
     "validation_membrane validation_order validation_periodic half_space",

@@ -46,6 +46,8 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.LoadStepper": (),
     "contact.DynamicStepper": (),
     "contact.DynamicHistory": (),
+    "contact.ThermalContact": (),
+    "contact.ThermalResult": (),
     "contact.SurfaceMesh": (),
     "contact.Rough": (),
     "contact.GridContact": (),
@@ -76,7 +78,7 @@ _REASONS = {
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
         contact.BodyResult contact.GridResult contact.Surface contact.LoadHistory contact.LoadStep
         contact.DynamicHistory contact.DynamicStep
-        contact.Status contact.Slice
+        contact.Status contact.Slice contact.ThermalResult
         contact.Uniqueness cip.Budget cip.Diagnostics cip.Sensors
         cip.Placement
         cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.Source cip.State cip.Trajectory

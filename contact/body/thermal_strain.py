@@ -35,7 +35,7 @@ def interpolated(body: Any, strain: Array, X: Array) -> Array:
     """Tensors (3, 3, ncells, npoints) at reference points X, from the output of
     `thermal_strain`."""
     if strain.shape[-1] > 1:
-        element = _quadratic(body)
+        element = quadratic_element(body)
         shapes = [element.lbasis(X, i)[0] for i in range(strain.shape[-1])]
         strain = sum(
             (strain[..., i, None] * shape for i, shape in enumerate(shapes)), start=np.zeros(())
@@ -45,7 +45,8 @@ def interpolated(body: Any, strain: Array, X: Array) -> Array:
     return np.asarray(strain[VOIGT])
 
 
-def _quadratic(body: Any) -> Any:
+def quadratic_element(body: Any) -> Any:
+    """The element in whose nodes the thermal strain of a cell is kept."""
     elements = {
         (3, 2): ElementTriP2,
         (4, 2): ElementQuad2,
@@ -57,7 +58,7 @@ def _quadratic(body: Any) -> Any:
 
 def _temperatures(body: Any, temperature: Any) -> Array:
     """Temperature at the nodes of each cell, or one value per cell."""
-    X, cells = _quadratic(body).doflocs.T, body.mesh.nelements
+    X, cells = quadratic_element(body).doflocs.T, body.mesh.nelements
     x = np.asarray(body.basis.mapping.F(X))
     value = evaluated("temperature", temperature, x)
     if value.shape not in ((), x.shape[1:]) or not np.all(np.isfinite(value)):
@@ -114,7 +115,7 @@ def checked_thermal(body: Any, strain: Any) -> Array | None:
     if strain is None:
         return None
     found, cells = numbers("thermal", strain), body.mesh.nelements
-    nodes = len(_quadratic(body).doflocs)
+    nodes = len(quadratic_element(body).doflocs)
     if found.shape not in ((6, cells, 1), (6, cells, nodes)) or not np.all(np.isfinite(found)):
         raise InputError(f"thermal: expected a strain for {cells} cells, got shape {found.shape}")
     return found

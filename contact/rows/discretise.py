@@ -43,7 +43,7 @@ from contact.rows.functionals import FacetFunctional, facet_functional
 from contact.rows.gap_rule import GapRule
 from contact.rows.numbering import along, first_occurrence, numbering
 from contact.rows.outline import Outline
-from contact.rows.shares import Shares, placed_on
+from contact.rows.shares import Shares, facet_functions, placed_on
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -111,6 +111,30 @@ def contact_boundary(
         form.name,
     )
     return rows, rule
+
+
+def point_functions(
+    body: ElasticBody, facets: Index, functional: str | None
+) -> tuple[FacetBasis, sparse.csr_array]:
+    """Trace of the scalar element at Gauss points, and the functions N_k of the contact points
+    there, (nfacets * npoints, m). Raises InputError for a functional whose N_k change sign."""
+    outline = Outline(body, facets)
+    form = _usable(outline, functional)
+    number, count = numbering(outline, form)
+    integrals = _facet_basis(body, facets, None)
+    shares = Shares.of(outline, form, number, integrals)
+    N = np.einsum("fst,ftq->fqs", shares.mix, facet_functions(outline, form, integrals)[0])
+    if N.min() < -1e-9:  # rounding of polynomials that are not negative
+        raise InputError(
+            f"functional={form.name!r}: its contact points have no positive shares of the boundary "
+            "to conduct heat by; leave functional out"
+        )
+    place = np.empty(count, dtype=np.int64)
+    place[along(outline, form, number, count)] = np.arange(count)
+    column = np.broadcast_to(place[shares.number][:, None], N.shape).ravel()
+    row = np.repeat(np.arange(N[..., 0].size), N.shape[2])
+    shape = N[..., 0].size, count
+    return integrals, sparse.csr_array(sparse.coo_array((N.ravel(), (row, column)), shape=shape))
 
 
 def _usable(outline: Outline, functional: str | None) -> FacetFunctional:

@@ -65,7 +65,7 @@ class Shares:
         length = np.asarray(integrals.dx).sum(axis=1)
         at = np.asarray(integrals.global_coordinates())
         dx = np.asarray(integrals.dx) * outline.body.depth(at)
-        N, C = _basis(outline, form, integrals)
+        N, C = facet_functions(outline, form, integrals)
         omega = np.einsum("fsq,fq->fs", N, dx)
         moments = np.einsum("fsq,cfq->cfs", N, at * dx)
         C = omega[:, :, None] * C
@@ -112,7 +112,9 @@ def placed_on(shares: Shares, spline: Shares, values: Array) -> Array:
     return np.asarray(found.T / shares.weights)
 
 
-def _basis(outline: Outline, form: FacetFunctional, integrals: FacetBasis) -> tuple[Array, Array]:
+def facet_functions(
+    outline: Outline, form: FacetFunctional, integrals: FacetBasis
+) -> tuple[Array, Array]:
     """The N_k at quadrature points, (nfacets, nvalues, nq), and C of every facet."""
     count, points = outline.facets.size, np.asarray(integrals.X)
     if form.mean:

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hot_bodies import blocks, floor, two_bodies
 from pressed_pairs import stack
 from skfem import (
     Basis,
@@ -37,6 +38,7 @@ from contact import (
     NotConverged,
     Pair,
     Plane,
+    ThermalContact,
     Tie,
     Unbounded,
     cross_check,
@@ -379,6 +381,63 @@ def test_bodies_and_pairs_that_do_not_fit(call, word):
     upper, lower = two()
     with pytest.raises(InputError, match=word):
         call(upper, lower, Pair(upper, "bottom", lower, "top"))
+
+
+# Of heat: what is called, and words of the InputError.
+HEAT = [
+    (lambda: ThermalContact(None, 1.0, 1.0), r"^problem: expected a ContactProblem"),
+    (lambda: floor(conductivity=-1.0), r"^conductivity: expected positive"),
+    (lambda: floor(conductivity=np.array([[1.0, 2], [2, 1]])), r"^conductivity: a tensor"),
+    (lambda: floor(conductivity=[1.0, 2.0]), r"^conductivity: .* list of 1, one a"),
+    (lambda: floor(conductivity=NAN), r"^conductivity: expected a finite number"),
+    (lambda: floor(conductance=-1.0), r"^conductance=-1.0: must not be negative"),
+    (
+        lambda: floor(conductance=lambda p, g: -p).fix("top", 1.0).solve(),
+        r"^conductance: expected a function \(p, g\)",
+    ),
+    (lambda: floor(partition=1.5), r"^partition: expected parts"),
+    (lambda: floor(method="midpoint"), r"^method='midpoint'"),
+    (lambda: floor(tol=0.0), r"^tol=0.0"),
+    (lambda: floor(friction_heat=-1.0), r"^friction_heat: must not be below 0"),
+    (lambda: floor().run([0.0, 1.0]), r"^capacity: steps in time need"),
+    (lambda: floor(capacity=-1.0).run([0.0, 1.0]), r"^capacity: expected density"),
+    (lambda: floor(capacity=1.0).run([1.0, 0.0]), r"^times: must increase"),
+    (lambda: floor(capacity=1.0).run([1.0]), r"^times: at least two"),
+    (lambda: floor().fix("nowhere", 1.0), "nowhere"),
+    (lambda: floor().fix("top", NAN), r"^temperature: expected a finite number"),
+    (lambda: floor().convection("top", -1.0, 0.0), r"^coefficient: must not be below"),
+    (lambda: floor().convection("top", 1.0, np.inf), r"^ambient: expected a finite"),
+    (lambda: floor().inflow("top", "much"), r"^flux="),
+    (lambda: floor().source(lambda x: NAN * x[0]), r"^power: expected a finite"),
+    (lambda: floor().fix("top", 1.0, 2.0), r"^factor=2.0: expected a function of time"),
+    (lambda: two_bodies().fix("top", 1.0), r"^body: there are several"),
+    (
+        lambda: floor().fix("top", 1.0).solve(start=two_bodies().solve()),
+        r"^start, initial: a result of other bodies",
+    ),
+    (
+        lambda: ThermalContact(blocks()[2], 1.0, 1.0, obstacle_temperature=1.0),
+        r"^obstacle_temperature: None where",
+    ),
+    (lambda: floor(ElementQuad2, functional="gauss"), r"^functional='gauss': its contact"),
+    (lambda: floor().fix("top", 1.0).solve().sample([0.5]), r"^points: expected finite numbers"),
+    (lambda: floor(expansion=np.ones(5)).fix("top", 1.0).solve(), r"^expansion: expected a number"),
+    (lambda: heated(layers()), "not in a LayeredBlock"),
+    (
+        lambda: heated(body(mesh=MeshQuad().with_defaults()).periodic("left", "right")),
+        "temperature of a periodic body",
+    ),
+]
+
+
+def heated(body):
+    return ThermalContact(ContactProblem(body, "bottom", 0.0), 1.0, 1.0)
+
+
+@pytest.mark.parametrize(("call", "word"), HEAT, ids=[word for _, word in HEAT])
+def test_heat_that_makes_no_sense(call, word):
+    with pytest.raises(InputError, match=word):
+        call()
 
 
 @pytest.mark.parametrize("kind", [Pair, Tie])

@@ -120,6 +120,24 @@ def test_picture_is_drawn_where_it_is_asked_for(run, name):
     run(name, files=[f"{name}.png"])
 
 
+def test_a_brake_turns_its_work_into_heat(run, example):
+    found, script = (
+        run("hot_contact", "--steps", "8", files=["hot_contact.png"]),
+        example("hot_contact"),
+    )
+    ways = script.FRICTION * script.OMEGA
+    for one in found.results[1:]:
+        heat, x = one.balance(), one.contact.x
+        work = ways * (1 - one.time / script.END) * (one.contact.mu @ x[0])
+        assert heat["friction"] == pytest.approx(work, rel=1e-3, abs=1e-6)  # r at the points
+        assert heat["error"] < 1e-12
+        assert one.contact.contact_force == pytest.approx(script.FORCE, rel=1e-9)
+    halfway = found.results[4]
+    hottest = halfway.contact.x[0, halfway.contact.pressure.argmax()]
+    assert 0.13 < hottest < 0.148
+    assert halfway.T.max() > found.results[-1].T.max() > 50.0
+
+
 def test_a_stamp_from_a_file_is_turned(run):
     arguments = ["--cells", "12", "--around", "180", "--steps", "4"]
     found = run("surface_mesh", *arguments, files=["surface_mesh.png", "stamp.stl"])

@@ -66,6 +66,7 @@ class MortarRows:
     other_T: Csr  # noqa: N815
     P: Csr  # averages values at the integration points, shape (m, n)
     quadrature: InterfaceQuadrature
+    N: Csr  # positive functions of the contact points at the integration points, (n, m)
 
 
 def mortar_rows(
@@ -219,7 +220,7 @@ class Interface:
         rows = ContactRows(
             G[0], along, P @ q.gap, w, x, x_nominal, normals, tangents, self.functional
         )
-        return MortarRows(rows, G[1], other, P, q)
+        return MortarRows(rows, G[1], other, P, q, functions.N)
 
     def _held(
         self,
