@@ -15,16 +15,20 @@ from contact.errors import (
     ContactWarning,
     Infeasible,
     InputError,
+    JumpWarning,
     LargeMotionWarning,
     MissingDependency,
+    NoEquilibrium,
     NotConverged,
     Unbounded,
 )
 from contact.histories.load_history import LoadHistory, LoadStep
 from contact.histories.load_stepper import LoadStepper
+from contact.laws.adhesion import Adhesion
 from contact.laws.iteration import Iteration
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.status import Status
+from contact.laws.wear import Wear
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rough import Rough, self_affine
 from contact.obstacles.shapes import ClosestPoint, Cone, Cylinder, Moved, Parabola, Plane, Sphere
@@ -44,6 +48,7 @@ from contact.spectral.periodic_layers import PeriodicLayers
 from contact.spectral.slices import Slice
 
 __all__ = [
+    "Adhesion",
     "Anisotropic",
     "BodyResult",
     "ClosestPoint",
@@ -65,6 +70,7 @@ __all__ = [
     "Infeasible",
     "InputError",
     "Iteration",
+    "JumpWarning",
     "LargeMotionWarning",
     "LayeredBlock",
     "LoadHistory",
@@ -72,6 +78,7 @@ __all__ = [
     "LoadStepper",
     "MissingDependency",
     "Moved",
+    "NoEquilibrium",
     "NotConverged",
     "Orthotropic",
     "Pair",
@@ -90,6 +97,7 @@ __all__ = [
     "Tie",
     "Unbounded",
     "Uniqueness",
+    "Wear",
     "cross_check",
     "recheck",
     "save_pvtu",

@@ -16,7 +16,7 @@ from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.factor_compliance import FactorCompliance
 from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError, Infeasible, InputError, NotConverged
-from contact.laws.condensed_newton import Condensed, outer_step
+from contact.laws.condensed_newton import Condensed, is_stable, outer_step
 from contact.laws.friction import Coulomb, Friction, Tresca
 from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import check_held
@@ -24,6 +24,7 @@ from contact.laws.newton import LIMITS, at_rounding, newton, proximal_point
 from contact.laws.options import Options
 from contact.laws.primal_newton import primal_newton
 from contact.laws.qp_peers import solve_box_with
+from contact.laws.surface_checks import no_equilibrium
 from gpu import QPFactor, QPResult, solve_qp
 
 Array = NDArray[np.float64]
@@ -47,8 +48,10 @@ def solve_boundary(
     if isinstance(problem, PrimalProblem):
         return primal_newton(problem, friction, options, start, report), 0.0
     _refuse(problem, options)
-    check_held(problem, friction)
     tol, limit = options.tol * LIMITS.inner, options.max_iterations
+    if problem.compliance is not None and problem.compliance.softens:
+        return _adhesive(problem, friction, start, tol, limit, report), 0.0
+    check_held(problem, friction)
     monolithic = options.method == "newton"
     if isinstance(problem.W, FactorCompliance):
         with suppress(NotConverged, LinAlgError):
@@ -114,6 +117,30 @@ def _refuse(problem: BoundaryProblem, options: Options) -> None:
         )
     if problem.compliance is not None and (options.method == "fixed_point" or options.peer):
         raise InputError(f"method={options.method!r}: it takes no compliant surfaces; {use}")
+
+
+def _adhesive(
+    problem: BoundaryProblem,
+    friction: Friction | None,
+    start: Forces | None,
+    tol: float,
+    limit: int,
+    report: Report,
+) -> Forces:
+    """Newton's method from the last equilibrium, or from contact without adhesion; no other start,
+    which would lead to other branches."""
+    none = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
+    try:
+        if start is None:
+            start = _rest(problem) if problem.s.size else _frictionless(problem, tol, report)
+            start = newton(none, start, tol=tol, max_iterations=limit, report=report)
+        laws = none if friction is None else Condensed(problem, friction)
+        found = newton(laws, start, tol=tol, max_iterations=limit, report=report)
+        if not is_stable(laws, found):
+            raise NotConverged("newton: the equilibrium that it found is unstable")
+        return found
+    except (NotConverged, LinAlgError) as error:
+        raise no_equilibrium(error) from error
 
 
 def _compliant(

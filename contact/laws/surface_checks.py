@@ -1,0 +1,50 @@
+"""What a step did to its surfaces: jumps of adhesion, and wear that passes the cells."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from contact.errors import JumpWarning, NoEquilibrium, warn
+
+Array = Any
+DEEP = 0.5  # worn depth over the size of the cells that causes a warning
+
+
+def no_equilibrium(error: Exception) -> NoEquilibrium:
+    """The error of a step with adhesion whose Newton iteration failed."""
+    return NoEquilibrium(
+        f"{error}; no equilibrium was found near the last one: adhesion may have pulled off or "
+        "jumped into contact; take smaller steps, control the motion instead of the force, or "
+        "refine until the cohesive zone has several points"
+    )
+
+
+def jump_between(touched: Array, was: Array, touches: Array, gap: Array, reach: float) -> str:
+    """Which instability a step passed: more than half of the points in contact were beyond the
+    reach of adhesion before ("contact"), or are beyond it now ("pull-off"); empty for neither."""
+    if touched.any() and (gap[touched] > reach).mean() > 0.5:
+        return "pull-off"
+    return "contact" if touches.any() and (was[touches] > reach).mean() > 0.5 else ""
+
+
+def warn_of_jump(jump: str) -> None:
+    """Warn (JumpWarning) in words."""
+    if jump:
+        event = "pulled off" if jump == "pull-off" else "jumped into contact"
+        warn(
+            f"adhesion: the surfaces {event} within this step, which passed an instability or was "
+            "too long to follow the path; take smaller steps before it to resolve the force there",
+            JumpWarning,
+        )
+
+
+def warn_of_wear(worn: Array, cell: float) -> None:
+    """Warn (ContactWarning) where wear passes a share of the size of the cells."""
+    deepest = float(np.max(worn, initial=0.0))
+    if deepest > DEEP * cell:
+        warn(
+            f"wear: the worn depth reaches {deepest:.3g}, more than {DEEP:g} of the size of the "
+            f"cells, {cell:.3g}: the mesh still has its first shape; model the worn one, and go on"
+        )
