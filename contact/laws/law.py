@@ -68,7 +68,6 @@ class Zones:
     turn: Array = 0.0
     known: Array = 0.0
 
-
     def pulls(self, form: str, through: Array) -> tuple[Array, Array]:
         """turn and known in the form "radial", Newton's, or "damped", at the last tension."""
         if form == "radial":

@@ -20,11 +20,10 @@ from contact.laws.condensed_newton import Condensed, is_stable, outer_step
 from contact.laws.friction import Coulomb, Friction, Tresca
 from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import check_held
-from contact.laws.newton import LIMITS, at_rounding, newton, proximal_point
+from contact.laws.newton import LIMITS, at_rounding, followed, newton, proximal_point
 from contact.laws.options import Options
 from contact.laws.primal_newton import primal_newton
 from contact.laws.qp_peers import solve_box_with
-from contact.laws.surface_checks import no_equilibrium
 from gpu import QPFactor, QPResult, solve_qp
 
 Array = NDArray[np.float64]
@@ -130,17 +129,14 @@ def _adhesive(
     """Newton's method from the last equilibrium, or from contact without adhesion; no other start,
     which would lead to other branches."""
     none = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
-    try:
-        if start is None:
-            start = _rest(problem) if problem.s.size else _frictionless(problem, tol, report)
-            start = newton(none, start, tol=tol, max_iterations=limit, report=report)
-        laws = none if friction is None else Condensed(problem, friction)
-        found = newton(laws, start, tol=tol, max_iterations=limit, report=report)
-        if not is_stable(laws, found):
-            raise NotConverged("newton: the equilibrium that it found is unstable")
-        return found
-    except (NotConverged, LinAlgError) as error:
-        raise no_equilibrium(error) from error
+    for laws in (none, None if friction is None else Condensed(problem, friction)):
+        if laws is not None and (start is None or laws is not none or friction is None):
+            first = start
+            if first is None:
+                first = _rest(problem) if problem.s.size else _frictionless(problem, tol, report)
+            start = followed(laws, first, is_stable, tol=tol, max_iterations=limit, report=report)
+    assert start is not None
+    return start
 
 
 def _compliant(

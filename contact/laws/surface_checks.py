@@ -6,19 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from contact.errors import JumpWarning, NoEquilibrium, warn
+from contact.errors import JumpWarning, warn
 
 Array = Any
 DEEP = 0.5  # worn depth over the size of the cells that causes a warning
-
-
-def no_equilibrium(error: Exception) -> NoEquilibrium:
-    """The error of a step with adhesion whose Newton iteration failed."""
-    return NoEquilibrium(
-        f"{error}; no equilibrium was found near the last one: adhesion may have pulled off or "
-        "jumped into contact; take smaller steps, control the motion instead of the force, or "
-        "refine until the cohesive zone has several points"
-    )
 
 
 def jump_between(touched: Array, was: Array, touches: Array, gap: Array, reach: float) -> str:

@@ -111,6 +111,11 @@ class SurfaceLaw:
         return self.surface is not None and self.surface.adhesion is not None
 
     @property
+    def capped(self) -> bool:
+        """Whether a hardness bounds the forces."""
+        return self.surface is not None and self.surface.hardness is not None
+
+    @property
     def start(self) -> Array:
         """Penetration h(0) at which the pressure begins, of each point."""
         far = np.full(np.shape(self.area), -np.inf)

@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 
 from contact.arrays.krylov import gmres
-from contact.laws.friction import Friction
+from contact.laws.friction import Friction, lengths
 from contact.laws.law import ContactLaw, SlipLaw, State, Zones
 from contact.laws.surface_law import SurfaceLaw
 from contact.spectral.grid_problem import Grid, GridProblem
@@ -81,7 +82,28 @@ class Waves:
         step, motions = system.unpacked(change)
         moved = a.copy()
         moved[free] += motions
-        return kept + step, moved
+        l = kept + step
+        if self.surface is not None and self.surface.capped and 0 in free:
+            moved[0] += self._balancing(l, moved)
+        return l, moved
+
+    def _balancing(self, l: Grid, a: Any) -> float:
+        """The approach at which the forces of the next sets have the given sum: without it, all
+        points of a yielding surface may be capped, and none of them determines the approach."""
+        problem, xp = self.problem, self.problem.xp
+        c, v = problem.scale[0], problem.displacements(l, a)
+        slip = lengths(v[1:])
+
+        def excess(approach: float) -> float:
+            through = xp.where(problem.can_touch, v[0] - problem.gap + approach, -np.inf)
+            mu = self.surface.at(l[0], c * through, slip).mu  # type: ignore[union-attr]
+            return float(mu.sum()) - float(problem.force[0])
+
+        far = 2 * float(xp.abs(xp.where(problem.can_touch, v[0] - problem.gap, 0.0)).max())
+        far += float(xp.abs(l[0]).max()) / c
+        if excess(-far) >= 0 or excess(far) <= 0:
+            return 0.0
+        return float(scipy.optimize.brentq(excess, -far, far, xtol=1e-14 * far))
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from contact.errors import CHANGED, Infeasible, InputError, LargeMotionWarning, 
 from contact.laws.adhesion import Adhesion
 from contact.laws.friction import Friction, Tresca
 from contact.laws.iteration import Iteration
-from contact.laws.newton import LIMITS, newton, proximal_point
+from contact.laws.newton import LIMITS, followed, newton, proximal_point
 from contact.laws.status import Status
-from contact.laws.surface_checks import jump_between, no_equilibrium, warn_of_jump, warn_of_wear
+from contact.laws.surface_checks import jump_between, warn_of_jump, warn_of_wear
 from contact.laws.surface_law import SurfaceLaw, SurfaceState
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import (
@@ -272,7 +272,7 @@ class GridContact:
             before = problem.xp.asarray(after.forces[0])
         xp = problem.xp
         l, a = xp.zeros_like(problem.v0), np.zeros(len(problem.v0))
-        if surface is None or after is None or after._proof is None:
+        if surface is None or not surface.softens or after is None or after._proof is None:
             l[0], a[0] = frictionless(problem, before, tol=inner, report=report)
             _check_fixed(problem, l, a)
         else:
@@ -471,15 +471,16 @@ def _with_surface(
     rubs = bool((law.bound(problem.xp.ones_like(problem.gap)) > 0).any())
     wears = surface.surface is not None and surface.surface.wear is not None
     (l, a), whole = start, Waves(problem, law, surface)
+    solve, options = followed if surface.softens else newton, {"tol": tol, "report": report}
     try:
         if rubs or wears:
-            return newton(whole, start, tol=tol, max_iterations=_NEWTON, report=report)
+            return solve(whole, start, max_iterations=_NEWTON, **options)
         normal = Waves(NormalRows.of(problem), law, surface)
-        mu, lift = newton(normal, (l[:1], a[:1]), tol=tol, max_iterations=_STEPS, report=report)
-    except NotConverged as error:
-        if not surface.softens:
+        mu, lift = solve(normal, (l[:1], a[:1]), max_iterations=_STEPS, **options)
+    except NotConverged:
+        if surface.softens:
             raise
-        raise no_equilibrium(error) from error
+        return proximal_point(whole, start, max_iterations=30, **options)
     return problem.xp.concatenate((mu, 0.0 * l[1:])), np.concatenate((lift, 0.0 * a[1:]))
 
 
