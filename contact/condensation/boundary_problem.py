@@ -26,6 +26,14 @@ class Compliance(Protocol):
     def softens(self) -> bool:
         """Whether the points adhere: several equilibria may exist."""
 
+    @property
+    def pull(self) -> float:
+        """Largest adhesive force of a point."""
+
+    @property
+    def capped(self) -> bool:
+        """Whether a hardness bounds the forces."""
+
 
 @dataclass(frozen=True)
 class BoundaryProblem:
@@ -89,7 +97,8 @@ class BoundaryProblem:
             overlap, mu = np.maximum(-self.gap - self.compliance.start, 0.0), np.abs(mu)
         if self.bonded is not None:
             overlap, mu = np.where(self.bonded, np.abs((self.gap, mu)), (overlap, mu))
-        causes = (float(np.abs(part).max(initial=0.0)) for part in (self.v0, self.s, overlap))
+        pull = 0.0 if self.compliance is None else self.compliance.pull
+        causes = (float(np.abs(part).max(initial=pull)) for part in (self.v0, self.s, overlap))
         # Smaller forces are rounding of the data.
         tiny = 1e-12 * max(*causes, np.finfo(float).tiny)
         return max(float(mu.max(initial=0.0)), float(np.abs(t).max(initial=0.0)), tiny)

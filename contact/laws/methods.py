@@ -151,7 +151,14 @@ def _compliant(
         # Weak springs of Newton's method act on changes of free motions: at the solution they carry
         # no force.
         return newton(laws, found, tol=tol) if problem.s.size else found
-    return proximal_point(laws, start, tol=tol, report=report)
+    try:
+        return proximal_point(laws, start, tol=tol, report=report)
+    except NotConverged as error:
+        if problem.compliance is None or not problem.compliance.capped:
+            raise
+        raise NotConverged(
+            f"{error}; the load may be beyond what the hardness carries on the contact boundary"
+        ) from error
 
 
 def _from_coarse(

@@ -151,9 +151,7 @@ def followed(
                     compliance, start, form="damped", tol=1e-3, max_iterations=4 * max_iterations,
                     report=report,
                 )  # fmt: skip
-            found = newton(
-                compliance, start, tol=tol, max_iterations=max_iterations, report=report
-            )
+            found = newton(compliance, start, tol=tol, max_iterations=max_iterations, report=report)
             if stable(compliance, found):
                 return found
         except (NotConverged, LinAlgError) as error:

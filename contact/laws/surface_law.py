@@ -111,9 +111,19 @@ class SurfaceLaw:
         return self.surface is not None and self.surface.adhesion is not None
 
     @property
+    def _nonlinear(self) -> bool:
+        return self.surface is not None and isinstance(self.surface.wear, tuple)
+
+    @property
     def capped(self) -> bool:
         """Whether a hardness bounds the forces."""
         return self.surface is not None and self.surface.hardness is not None
+
+    @property
+    def pull(self) -> float:
+        """Largest adhesive force of a point."""
+        glue = None if self.surface is None else self.surface.adhesion
+        return 0.0 if glue is None else float(np.max(self.area)) * glue.tension
 
     @property
     def start(self) -> Array:
@@ -125,15 +135,20 @@ class SurfaceLaw:
         """The law at forces mu, penetrations and lengths of slip."""
         xp = namespace(mu)
         pull, turn = self._pull(mu, through)
-        depth, rise, worn = self._wear(mu, slip)
-        q = mu + through
-        found, h, slope = self._compliance(q - depth, rise)
+        q, force = mu + through, mu
+        for _ in range(50):  # Newton's method for k(p) p, one step if k is constant
+            depth, rise, worn = self._wear(force, slip)
+            found, h, slope = self._compliance(q - depth, rise)
+            missed, force = xp.abs(xp.maximum(force, 0.0) - found), found
+            if not self._nonlinear or not bool((missed > 1e-15 * found).any()):
+                break
         presses = found > 0
         if self.softens:
             found = xp.where(presses, found, q)
         touches = found > -pull
         slope = xp.where(presses, slope + rise, 0.0)
-        opening = xp.where(presses, h + rise * found + depth - slope * found, 0.0)
+        pressed = xp.where(presses, found, 0.0)
+        opening = xp.where(presses, h + (rise - slope) * pressed + depth, 0.0)
         given, known = ~touches & (pull > 0), -pull
         known = known - turn * xp.where(given, through, 0.0)
         found = xp.where(touches, found, -pull)
@@ -175,7 +190,7 @@ class SurfaceLaw:
         k = xp.asarray(surface.coefficients(p))
         each = k * p * s
         rise = slope = k.sum(axis=0)
-        if not isinstance(surface.wear, np.ndarray):  # d(k p) / dp by central differences
+        if self._nonlinear:  # d(k p) / dp by central differences
             step = 1e-5 * p + 1e-12 * float(p.max())
             up, down = (
                 surface.coefficients(q).sum(axis=0) * q  # type: ignore[union-attr]
