@@ -148,7 +148,7 @@ def followed(
         try:
             if slowly:
                 start = newton(
-                    compliance, start, form="damped", tol=1e-3, max_iterations=4 * max_iterations,
+                    compliance, start, form="damped", tol=1e-6, max_iterations=4 * max_iterations,
                     report=report,
                 )  # fmt: skip
             found = newton(compliance, start, tol=tol, max_iterations=max_iterations, report=report)

@@ -1,4 +1,4 @@
-"""What a step did to its surfaces: jumps of adhesion, and wear that passes the cells."""
+"""What a step did to its surfaces: jumps of adhesion, and deep wear."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from contact.errors import JumpWarning, warn
 
 Array = Any
-DEEP = 0.5  # worn depth over the size of the cells that causes a warning
+DEEP = 0.5  # worn depth over the spacing of contact points that causes a warning
 
 
 def jump_between(touched: Array, was: Array, touches: Array, gap: Array, reach: float) -> str:
@@ -32,10 +32,11 @@ def warn_of_jump(jump: str) -> None:
 
 
 def warn_of_wear(worn: Array, cell: float) -> None:
-    """Warn (ContactWarning) where wear passes a share of the size of the cells."""
+    """Warn (ContactWarning) where wear passes a share of the spacing of contact points."""
     deepest = float(np.max(worn, initial=0.0))
     if deepest > DEEP * cell:
         warn(
-            f"wear: the worn depth reaches {deepest:.3g}, more than {DEEP:g} of the size of the "
-            f"cells, {cell:.3g}: the mesh still has its first shape; model the worn one, and go on"
+            f"wear: the worn depth reaches {deepest:.3g}, more than {DEEP:g} of the spacing of the "
+            f"contact points, {cell:.3g}: the body is computed in its first shape; mesh the worn "
+            "one, and go on from there"
         )

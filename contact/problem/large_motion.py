@@ -193,7 +193,7 @@ def with_jump(result: Any, last: Any) -> Any:
     surface = result.system.surface
     if surface is None:
         return result
-    warn_of_wear(result.worn, cell_sizes(result.system))
+    warn_of_wear(result.worn, _spacing(result.system))
     if surface.adhesion is None or last is None:
         return result
     touched, touches = (
@@ -205,8 +205,8 @@ def with_jump(result: Any, last: Any) -> Any:
     return replace(result, jump=jump)
 
 
-def cell_sizes(system: Any) -> float:
-    """The size of a cell at the contact boundary, from the area of a contact point."""
+def _spacing(system: Any) -> float:
+    """The median distance of contact points, from their areas."""
     weights, dim = system.rows.weights, system.body.dim
     if system.body.is_ring:
         weights = weights / (2 * np.pi * np.maximum(system.rows.x[0], 1e-300))

@@ -550,9 +550,10 @@ def _state(arrays: dict[str, Any], about: dict[str, Any], xp: Any) -> GridState:
     for name in ("forces", "a", "friction", "slip_from", "travel"):
         if not np.all(np.isfinite(found.get(name, 0.0))):
             raise InputError(f"{name}: holds numbers that are not finite")
-    for name in ("gap", "friction", *_SURFACE):
-        least = -np.inf if name == "gap" else 0.0
-        if not np.all(found.get(name, np.zeros(1)) >= least):
+    if np.any(np.isnan(found["gap"])) or np.any(found["friction"] < 0):
+        raise InputError("gap, friction: hold NaN, or a negative coefficient")
+    for name in _SURFACE:
+        if not np.all(found.get(name, np.zeros(1)) >= 0):
             raise InputError(f"{name}: holds NaN, or negative values")
     if not np.all(np.isnan(found["motion"]) != np.isnan(found["force"])):
         raise InputError("motion, force: for each component one of the two must be NaN")
