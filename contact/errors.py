@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from skfem_adini.ground import errors
 from skfem_adini.ground.errors import (  # noqa: F401
     AdiniError,
@@ -22,6 +24,11 @@ class NoEquilibrium(NotConverged):
     too large. Take smaller steps, control the motion instead of the force, or refine where the
     cohesive zone has few points.
 
+    Attributes
+    ----------
+    history : tuple of Iteration
+        One entry an iteration, as in `ContactResult.history`.
+
     Examples
     --------
     A load beyond the tension that holds a plane:
@@ -36,6 +43,9 @@ class NoEquilibrium(NotConverged):
     ...     print(type(error).__name__)
     NoEquilibrium
     """
+
+    def __init__(self, message: str, history: tuple[Any, ...] = ()) -> None:
+        super().__init__(message, history)
 
 
 CHANGED = 0.25  # change of the gap relative to the penetration that causes a warning

@@ -22,6 +22,7 @@ from contact.errors import InputError
 from contact.laws.adhesion import Adhesion, checked_adhesion
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.wear import Wear, coefficients
+from contact.portable import carried
 from skfem_adini.ground.arrays import namespace
 
 Array = Any
@@ -54,6 +55,9 @@ class SurfaceState:
     wear: Any = None  # coefficients (2, m), or two functions of the pressure
     indented: Array = 0.0  # depth (m,)
     worn: Array = 0.0  # depths (2, m)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"wear": carried(self.wear)}
 
     @staticmethod
     def of(adhesion: Any, hardness: Any, wear: Any, x: Array) -> SurfaceState | None:
@@ -180,7 +184,7 @@ class SurfaceLaw:
         return sigma * self.area, slope * self.area * self.unit
 
     def _wear(self, mu: Array, slip: Array) -> tuple[Array, Array, Array]:
-        """Worn depth k |s| p as ``depth + rise mu``, scaled, and for each side, physical."""
+        """The worn depth as ``depth + rise mu``, scaled, and for each side, physical."""
         zero = 0.0 * mu
         if self.surface is None or self.surface.wear is None:
             return zero, zero, zero

@@ -48,6 +48,7 @@ _SAME: Any = object()  # stands for the obstacle of the problem or the last step
 
 
 @settled("make a new ContactProblem", "body", "boundary", "functional", "solver", "pairs")
+@settled("make a new ContactProblem", "adhesion", "hardness", "wear", "surface")
 @settled("set the obstacle, or make a new ContactProblem", "boundaries", "rows", "motion")
 class ContactProblem(Portable):
     """Contact of elastic bodies with each other and with rigid obstacles, frictional or not.
@@ -120,7 +121,7 @@ class ContactProblem(Portable):
     1.0
     """
 
-    _ANEW, _FUNCTIONS = ("_condensed",), ("_laws", "_surface")
+    _ANEW, _FUNCTIONS = ("_condensed",), ("_laws", "hardness", "wear")
     _condensed: tuple[Device, bool, Any, CondensedContact] | None = None
 
     @keywords_named
@@ -153,10 +154,10 @@ class ContactProblem(Portable):
         self.boundaries: ContactBoundaries | Interfaces
         self.rows: ContactRows
         self.motion: ObstacleMotion | None
-        self._surface = adhesion, hardness, wear
+        self.adhesion, self.hardness, self.wear = adhesion, hardness, wear
+        self.surface: SurfaceState | None
         self._discretise((obstacle, given, law))
         self.overclosure = overclosure
-        _ = self.surface  # raise its errors here
 
     def __repr__(self) -> str:
         return f"ContactProblem({self.body!r}, {self.friction.size} points, law={self.law!r})"
@@ -203,17 +204,12 @@ class ContactProblem(Portable):
     @overclosure.setter
     def overclosure(self, overclosure: OverclosureLike) -> None:
         count = int(self.rows.part.max(initial=0)) + 1
-        self._overclosure = checked(overclosure, count, self.rows.part.size > 0)
-
-    @property
-    def surface(self) -> SurfaceState | None:
-        """Adhesion, hardness and wear of the contact points, in a state of rest; None without."""
-        found = SurfaceState.of(*self._surface, self.rows.x)
-        if self._overclosure and any(one is not None for one in self._surface[:2]):
+        laws = checked(overclosure, count, self.rows.part.size > 0)
+        if laws and (self.adhesion is not None or self.hardness is not None):
             raise InputError(
                 "overclosure: it has no adhesion and no hardness; give one of the three"
             )
-        return found
+        self._overclosure = laws
 
     def _discretise(self, laws: Laws) -> None:
         """Compute the contact rows; their frames depend on the body's supports."""
@@ -225,7 +221,8 @@ class ContactProblem(Portable):
         self._take(laws, found)
         G, T = (self.body.embed(part) for part in (found.rows.G, found.rows.T))
         rows = replace(found.rows, G=G, T=T, gap=gap)
-        self.__dict__.update(boundaries=found, rows=rows, motion=motion)
+        surface = SurfaceState.of(self.adhesion, self.hardness, self.wear, rows.x)
+        self.__dict__.update(boundaries=found, rows=rows, motion=motion, surface=surface)
         self._supports = supports
         self._condensed = None
 
@@ -325,7 +322,7 @@ class ContactProblem(Portable):
     ) -> ObstacleMotion | None:
         """The motion of obstacles, with the path of their shapes up to this step."""
         last = self.rows.gap if after is None else after.system.given_gap
-        wears = self._surface[2] is not None
+        wears = self.wear is not None
         moved = self.boundaries.travel(
             since,
             now,

@@ -65,6 +65,7 @@ def sphere(lam, h, low, high, far, ramp):
     return stepper.obstacle(lambda t: Rigid(Parabola((0.0, 0.0), 1.0), displacement=(0.0, -t)))
 
 
+@pytest.mark.turns(4)
 @pytest.mark.parametrize(
     ("lam", "settings", "retreats"),
     [
@@ -86,27 +87,30 @@ def test_pull_off_of_a_sphere(lam, settings, retreats):
 
 
 def on_grid(lam, length, points, approaches, ramp):
-    ground = HalfSpace((length,) * 2, (points,) * 2, E=E, nu=NU)
-    ball = Parabola((length / 2, length / 2, 0.0), 1.0)
+    """A quarter of a periodic half space."""
+    layer = [(4 * length / points, 4, E, NU)]
+    ground = PeriodicLayers((length,) * 2, layer, (points,) * 2, sides=("x", "y"), base=(E, NU))
+    ball = Parabola((0.0, 0.0, 0.0), 1.0)
     steps = [Rigid(ball, displacement=(0.0, 0.0, d)) for d in approaches]
     law = Adhesion(lam * K / 2, WORK, ramp=ramp)
     results = GridContact(ground, steps[0], adhesion=law).history(steps)
-    return np.array([r.forces[0].sum() for r in results]) / (np.pi * WORK)
+    return np.array([4 * r.forces[0].sum() for r in results]) / (np.pi * WORK)
 
 
+@pytest.mark.turns(3)
 @pytest.mark.parametrize(
     ("lam", "settings"),
     [
-        pytest.param(0.03, (48.0, 128, (-0.05, -0.15, -0.2, -0.25), 0.1), id="DMT"),
-        pytest.param(1.0, (10.0, 160, (0.0, -0.1, -0.2, -0.3, -0.4), 0.2), id="between"),
-        pytest.param(4.0, (12.0, 640, (-0.1, -0.18, -0.24, -0.3), 0.5), id="JKR",
+        pytest.param(0.03, (24.0, 96, (-0.05, -0.15, -0.2, -0.25), 0.1), id="DMT"),
+        pytest.param(1.0, (5.0, 80, (0.0, -0.1, -0.2, -0.3), 0.2), id="between"),
+        pytest.param(4.0, (6.5, 576, (-0.2, -0.26, -0.31), 0.5), id="JKR",
                      marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_pull_off_on_a_grid(lam, settings):
     forces = on_grid(lam, *settings)
     assert 0 < forces.argmin() < forces.size - 1
-    assert forces.min() == pytest.approx(pull_off(lam), rel=0.012 if lam == 1.0 else 0.01)
+    assert forces.min() == pytest.approx(pull_off(lam), rel=0.01)
     assert lam == 1.0 or forces.min() == pytest.approx(-1.5 if lam > 1 else -2.0, rel=0.01)
 
 
@@ -193,6 +197,7 @@ def test_indentation_and_reloading(length, modulus):
     assert beyond.indentation.max() > 1.2 * most.indentation.max()
 
 
+@pytest.mark.turns(2)
 def test_fully_plastic_area_and_its_bounds():
     """A wave of Westergaard with a hardness: area of the elastic wave and F / H from below."""
     n, height, H = 512, 1e-2, 0.02
@@ -239,8 +244,9 @@ def test_worn_volume(friction):
     assert worn == pytest.approx([2.5e-4, 0.0], rel=1e-10)
 
 
+@pytest.mark.turns(2)
 @pytest.mark.parametrize("by", ["place", "pressure"])
-def test_worn_profile_of_a_pin(by):
+def test_worn_profile_of_a_pin(by, tmp_path):
     """Springs of stiffness C between a parabola and a stiff block: Archard's law point by point.
 
     k constant, exact as ds -> 0: w = c (1 - exp(-k C s)); k = b p: w = c (1 - 1 / (1 + b C C c s)).
@@ -270,6 +276,8 @@ def test_worn_profile_of_a_pin(by):
         assert np.abs(last.worn[0] - (c - implicit)).max() < 1e-6 * delta  # the block yields
         exact = c * (-np.expm1(-k * C * 5) if by == "place" else 1 - 1 / (1 + 150 * k * C * C * c))
         errors.append(np.abs(last.worn[0] - exact).max())
+    again = ContactResult.load(last.save(tmp_path / "pin"))
+    assert np.abs(again.worn - last.worn).max() < 1e-12 * delta
     order = np.log2(errors[0] / errors[2]) / 2
     assert 0.85 < order < 1.15
 
@@ -314,6 +322,7 @@ def check_law(p, gap, left, laws, tol=1e-9):
     assert np.all((gap + left)[np.isfinite(gap)] >= -tol)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.filterwarnings("ignore::contact.ContactWarning")
 def test_grids_beside_meshes(seed, tmp_path):
