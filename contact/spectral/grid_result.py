@@ -363,7 +363,7 @@ class GridResult(FieldsInside):
             pyvista is not installed.
         """
         image = image_data(self._lateral())
-        for name in ("pressure", "opening", "status"):
+        for name in ("pressure", "opening", "status", "indentation"):
             image.point_data[name] = getattr(self, name).ravel(order="F")
         for name in ("shear", "u"):
             rows = [part.ravel(order="F") for part in getattr(self, name)]
