@@ -127,7 +127,11 @@ class GridContact:
                 "compliance: its sides fix the normal displacement of every point of the grid; "
                 "take more cells"
             )
-        _ = self._gap, self._surface  # raise their errors here
+        _ = self._gap  # raise its errors here
+        if self._surface is not None and not isinstance(self.compliance.initial, np.ndarray):
+            raise InputError(
+                "compliance: on a device there is no adhesion, hardness and wear; leave xp=cupy"
+            )
 
     @property
     def _rigid(self) -> Rigid:
@@ -262,32 +266,31 @@ class GridContact:
 
         friction = self._friction()
         _check_forces(case, problem)
-        inner, law, surface = (
-            LIMITS.inner * tol,
-            case.friction_law(problem.xp),
-            case.surface_law(problem),
-        )
-        before = None
+        inner, surface = LIMITS.inner * tol, case.surface_law(problem)
+        law, xp, before = case.friction_law(problem.xp), problem.xp, None
         if after is not None and np.any(after.pressure > 0):
             before = problem.xp.asarray(after.forces[0])
-        xp = problem.xp
         l, a = xp.zeros_like(problem.v0), np.zeros(len(problem.v0))
-        if surface is None or not surface.softens or after is None or after._proof is None:
+        if surface is not None and surface.softens and after is not None and after._proof:
+            l, a = xp.asarray(after.forces), after._proof[1]
+        elif problem.force[0] < 0:  # pulled at adhesion: from surfaces that just touch
+            a[0] = float((problem.gap - problem.v0[0])[problem.can_touch].min())
+        else:
             l[0], a[0] = frictionless(problem, before, tol=inner, report=report)
             _check_fixed(problem, l, a)
-        else:
-            l, a = xp.asarray(after.forces), after._proof[1]
         mu = l[0]
-        if surface is not None:
-            l, a = _with_surface(problem, law, surface, (l, a), inner, report)
-        elif np.any(friction > 0) and (bool((mu > 0).any()) or isinstance(law, Tresca)):
+        rubs = np.any(friction > 0) and (bool((mu > 0).any()) or isinstance(law, Tresca))
+        if rubs and not l[1:].any():
             share = mu if bool((mu > 0).any()) else xp.broadcast_to(law.bound(mu), mu.shape)
             for i in problem.free:
                 if i:
                     l[i] = share / share.sum() * problem.force[i]
+        if surface is not None:
+            l, a = _with_surface(problem, law, surface, (l, a), inner, report)
+        elif rubs:
             l, a = _with_friction(problem, law, (l, a), inner, report)
-            if problem.at_rest is not None:
-                l[1:] = xp.where(problem.at_rest, 0.0, l[1:])
+        if rubs and problem.at_rest is not None:
+            l[1:] = xp.where(problem.at_rest, 0.0, l[1:])
         lines, given, way = tuple(history), case.motion, case.travel
         result = certified(problem, law, (l, a), given, tol, lines, way, surface)
         _check_motion(problem, result, way)

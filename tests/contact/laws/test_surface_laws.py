@@ -155,12 +155,28 @@ def test_no_equilibrium_beyond_pull_off():
         GridContact(ground, pulled, adhesion=Adhesion(0.01, 1e-5)).solve()
 
 
+def test_a_body_held_by_adhesion_alone():
+    """Free across the plane, its load turns from pressing to pulling, up to the tension."""
+    body = block().fix("left", "x")
+    law = Adhesion(0.02, 1e-4, "exponential")
+    stepper = LoadStepper(ContactProblem(body, "bottom", 0.0, adhesion=law), halvings=2)
+    stepper.load("top", (0.0, 1.0), lambda t: t)
+    for t in (-0.01, 0.005, 0.015, 0.0195):
+        result = stepper.step(t)
+        assert np.abs(result.pressure + t).max() < 1e-10
+        assert np.abs(result.gap).max() < 1e-10
+    with pytest.raises(NoEquilibrium):
+        stepper.step(0.0205)
+
+
 def test_force_and_motion_give_the_same():
     """A grid held by its force, and at the motion of that solution; the jump into contact."""
     ground, ball = HalfSpace((1.0, 1.0), (48, 48), 1.0, 0.3), Parabola((0.5, 0.5, 0.0), 2.0)
     law = Adhesion(0.02, 2e-5)
     driven = [Rigid(ball, force=(None, None, p)) for p in (2e-4, 0.0, -5e-5)]
     by_force = GridContact(ground, driven[0], adhesion=law).history(driven)
+    at_once = GridContact(ground, driven[2], adhesion=law).solve()
+    assert at_once.forces[0].sum() == pytest.approx(-5e-5)
     assert by_force[-1].forces[0].sum() == pytest.approx(-5e-5)
     steps = [Rigid(ball, displacement=tuple(np.r_[0.0, 0.0, r.motion[2]])) for r in by_force]
     by_motion = GridContact(ground, steps[0], adhesion=law).history(steps)
@@ -328,16 +344,17 @@ def check_law(p, gap, left, laws, tol=1e-9):
 def test_grids_beside_meshes(seed, tmp_path):
     friction, laws, path = random_laws(seed)
     layers = PeriodicLayers(
-        1.0, [(0.1, 2, 3.0, 0.2), (0.4, 4, 1.0, 0.3)], 16, sides="periodic", motion=(0.0, -0.01)
-    )
-    tool = Cylinder((0.5, -0.3), 0.3)
+        1.0, [(0.1, 2, 3.0, 0.2), (0.4, 4, 1.0, 0.3)], 16, sides=("periodic", "x")[seed % 4 == 3],
+        motion=(0.0, -0.01),
+    )  # fmt: skip
+    tool = Cylinder((0.5 if seed % 4 < 3 else 0.1, -0.3), 0.3)
     steps = [Rigid(tool, displacement=tuple(d)) for d in path]
     grids = GridContact(layers, steps[0], friction, **laws).history(steps)
     stepper = LoadStepper(ContactProblem(layers.elastic(), "bottom", tool, friction, **laws))
     stepper.obstacle(lambda t: steps[int(t)])
     meshes = stepper.run(np.arange(4.0), path=tmp_path / "run").results
     at = np.rint(meshes[0].x_nominal[0] * 16).astype(int)
-    inside = at < 16
+    inside = at < layers.shape[0]
     at, size = at[inside], max(np.abs(r.pressure).max() for r in meshes)
     indented, worn = 0.0, 0.0
     for grid, mesh in zip(grids, meshes, strict=True):
