@@ -15,8 +15,10 @@ from contact.errors import (
     ContactWarning,
     Infeasible,
     InputError,
+    JumpWarning,
     LargeMotionWarning,
     MissingDependency,
+    NoEquilibrium,
     NotConverged,
     Unbounded,
 )
@@ -24,9 +26,11 @@ from contact.histories.dynamic_history import DynamicHistory, DynamicStep
 from contact.histories.dynamic_stepper import DynamicStepper
 from contact.histories.load_history import LoadHistory, LoadStep
 from contact.histories.load_stepper import LoadStepper
+from contact.laws.adhesion import Adhesion
 from contact.laws.iteration import Iteration
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.status import Status
+from contact.laws.wear import Wear
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rough import Rough, self_affine
 from contact.obstacles.shapes import ClosestPoint, Cone, Cylinder, Moved, Parabola, Plane, Sphere
@@ -48,6 +52,7 @@ from contact.thermal.thermal_contact import ThermalContact
 from contact.thermal.thermal_result import ThermalResult
 
 __all__ = [
+    "Adhesion",
     "Anisotropic",
     "BodyResult",
     "ClosestPoint",
@@ -72,6 +77,7 @@ __all__ = [
     "Infeasible",
     "InputError",
     "Iteration",
+    "JumpWarning",
     "LargeMotionWarning",
     "LayeredBlock",
     "LoadHistory",
@@ -79,6 +85,7 @@ __all__ = [
     "LoadStepper",
     "MissingDependency",
     "Moved",
+    "NoEquilibrium",
     "NotConverged",
     "Orthotropic",
     "Pair",
@@ -99,6 +106,7 @@ __all__ = [
     "Tie",
     "Unbounded",
     "Uniqueness",
+    "Wear",
     "cross_check",
     "recheck",
     "save_pvtu",

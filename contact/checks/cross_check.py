@@ -209,6 +209,11 @@ def _check(problem: ContactProblem, result: ContactResult, solver: str) -> None:
             "result: it has compliant surfaces with an exponential law, which is no quadratic "
             "program; a table of pressures and overclosures is one"
         )
+    if result.system.surface is not None:
+        raise InputError(
+            "result: adhesion, hardness and wear are no part of the quadratic program; recheck has "
+            "a second certificate"
+        )
     if _has_cones(result) and solver != "clarabel":
         raise InputError(
             "cross_check: friction in 3-D is a cone problem, not a QP; use solver='clarabel'"

@@ -161,8 +161,11 @@ class PairedResiduals:
             "sign": _beyond(-mu[free], self.noise) / size,
             "complementarity": _largest(np.minimum(force, np.abs(through) / length)[free]),
         }
-        if self.system.overclosure:
-            found |= self.system.off_the_curve(mu, through, size, length)
+        if self.system.lawful:
+            slip = np.linalg.norm(self._relative()[1].rounded, axis=1)
+            found |= self.system.off_the_curve(mu, through, slip, size, length)
+            if self.system.surface is not None and self.system.surface.adhesion is not None:
+                del found["sign"]
         return found
 
     def _friction(self, u_t: Pairs) -> dict[str, float]:

@@ -136,6 +136,8 @@ def uniqueness(
     for name, count in (("starts", starts), ("seed", seed)):
         integer(name, count, 0)
     system = result.system
+    if system.surface is not None:
+        raise InputError("result: uniqueness is known without adhesion, hardness and wear")
     condensed = problem.condense().under(system.body)
     boundary = condensed.boundary_problem(
         system.load, system.rows.gap, system.slip_from, system.motion

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,26 @@ Index = NDArray[np.int64]
 
 
 class Compliance(Protocol):
-    """Laws ``u_n - d = h(mu)`` of compliant surfaces, in scaled units."""
+    """Normal laws of surfaces, in scaled units: a `contact.laws.surface_law.SurfaceLaw`."""
 
-    def closest(self, q: Array) -> tuple[Array, Array, Array]:
-        """The mu with ``mu + h(mu) = q``, h and its derivative there, shape (m,)."""
+    def at(self, mu: Array, through: Array, slip: Array) -> Any:
+        """The law at forces, penetrations and slips of shape (m,), and its tangent."""
 
     @property
     def start(self) -> Array:
         """h(0), shape (m,)."""
+
+    @property
+    def softens(self) -> bool:
+        """Whether the points adhere: several equilibria may exist."""
+
+    @property
+    def pull(self) -> float:
+        """Largest adhesive force of a point."""
+
+    @property
+    def capped(self) -> bool:
+        """Whether a hardness bounds the forces."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +51,7 @@ class BoundaryProblem:
     prescribed_slip: Array  # tangential displacement where prescribed, (m, dim - 1)
     K: Array | None = None  # stiffness of motions that are not rigid, C^T l + K a = s, (k, k)
     bonded: NDArray[np.bool_] | None = None  # u_n = d, u_t = 0 for any forces, shape (m,)
-    compliance: Compliance | None = None  # u_n - d = h(mu) replaces u_n = d
+    compliance: Compliance | None = None  # a `SurfaceLaw` replaces u_n = d
     swept: NDArray[np.bool_] | None = None  # one of two slips is prescribed: cannot stick, (m,)
 
     @property
@@ -82,10 +94,11 @@ class BoundaryProblem:
         """Scale of residuals: the largest force, at least 1e-12 times the size of the data."""
         overlap = np.maximum(-self.gap, 0.0)
         if self.compliance is not None:
-            overlap = np.maximum(-self.gap - self.compliance.start, 0.0)
+            overlap, mu = np.maximum(-self.gap - self.compliance.start, 0.0), np.abs(mu)
         if self.bonded is not None:
             overlap, mu = np.where(self.bonded, np.abs((self.gap, mu)), (overlap, mu))
-        causes = (float(np.abs(part).max(initial=0.0)) for part in (self.v0, self.s, overlap))
+        pull = 0.0 if self.compliance is None else self.compliance.pull
+        causes = (float(np.abs(part).max(initial=pull)) for part in (self.v0, self.s, overlap))
         # Smaller forces are rounding of the data.
         tiny = 1e-12 * max(*causes, np.finfo(float).tiny)
         return max(float(mu.max(initial=0.0)), float(np.abs(t).max(initial=0.0)), tiny)

@@ -31,7 +31,14 @@ from numpy.typing import NDArray
 from contact.body.distributed_body import DistributedBody
 from contact.errors import ContactError, InputError
 from contact.result.contact_result import ContactResult
-from contact.result.stored_result import OWN, problem_arrays, rebuild, rows_arrays, state_arrays
+from contact.result.stored_result import (
+    OWN,
+    problem_arrays,
+    rebuild,
+    rows_arrays,
+    state_arrays,
+    surface_arrays,
+)
 from skfem_adini.ground.archives import checksum, is_damaged, read_arrays, words, write_arrays
 from skfem_adini.ground.files import complete_file, remove_unfinished, try_lock
 
@@ -301,6 +308,8 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
     else:
         arrays |= {"load": system.load, "u0": system.body.constraint[1]}
     arrays |= {"friction": system.friction, "gap": system.rows.gap}
+    if system.surface is not None:
+        arrays |= surface_arrays(system, np.ones(system.rows.gap.size))
     arrays |= {f"motion/{name}": value for name, value in _of_rigid(system).items()}
     return checksum(arrays | {f"vector/{i}": vector for i, vector in enumerate(vectors)})
 
@@ -309,7 +318,7 @@ def same_conditions(now: ContactSystem, then: ContactSystem, same_rows: bool = T
     """Whether two steps have the same loads, supports, obstacles and, if `same_rows`, gaps."""
     pairs = [(now.load, then.load), (now.body.constraint[1], then.body.constraint[1])]
     if same_rows:
-        pairs += [(now.rows.gap, then.rows.gap), (now.friction, then.friction)]
+        pairs += [(now.given_gap, then.given_gap), (now.friction, then.friction)]
     one, other = _of_rigid(now), _of_rigid(then)
     if set(one) != set(other) or now.law != then.law:
         return False

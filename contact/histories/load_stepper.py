@@ -19,7 +19,7 @@ from contact.histories.history_folder import HistoryFolder, same_conditions
 from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.histories.load_program import LoadProgram
 from contact.laws.options import Options
-from contact.problem.large_motion import check_motion
+from contact.problem.large_motion import check_motion, with_jump
 from contact.problem.sagitta import warn_of_sagitta
 from contact.result.contact_result import ContactResult
 from contact.settled import settled
@@ -118,6 +118,8 @@ class LoadStepper(LoadProgram):
         choice("sliding", sliding, ("small", "finite"))
         if largest_rotation is not None and sliding == "small":
             raise InputError("largest_rotation: it belongs to sliding='finite'")
+        if sliding == "finite" and problem.surface is not None:
+            raise InputError("sliding: 'finite' takes no adhesion, hardness and wear; use 'small'")
         super().__init__(problem)
         self.halvings = halvings
         self._finite = FiniteSliding(problem, largest_rotation) if sliding == "finite" else None
@@ -359,7 +361,7 @@ class LoadStepper(LoadProgram):
         condensed = condensed.under(system.body)
         start = last if last is None else self._extrapolated(last, begin, end)
         result = problem.solve_system(system, condensed, self.options, start)
-        boundaries = problem.boundaries
+        result, boundaries = with_jump(result, last), problem.boundaries
         check_motion(result, boundaries, system.obstacle)
         warn_of_sagitta(result, boundaries.rise(system.obstacle), condensed, self.options)
         return result
@@ -372,6 +374,7 @@ class LoadStepper(LoadProgram):
         ahead = (end - begin) / (begin - float(self.history.times[-2]))
         if before.mu.shape != last.mu.shape or ahead > 2.0:
             return last
-        mu = np.maximum(last.mu + ahead * (last.mu - before.mu), 0.0)
+        mu, surface = last.mu + ahead * (last.mu - before.mu), last.system.surface
+        mu = mu if surface is not None and surface.adhesion else np.maximum(mu, 0.0)
         t, u = last.t + ahead * (last.t - before.t), last.u + ahead * (last.u - before.u)
         return replace(last, mu=mu, t=t, u=u)

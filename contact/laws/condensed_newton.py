@@ -6,7 +6,7 @@ are computed on the host from products with W.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -33,7 +33,12 @@ class Condensed:
     friction: Friction
     weak: float = 1e-9  # spring stiffness of free motions, over the square of max |C|
     anchored: bool = True  # springs act on the change of motions, else on motions
-    patience = 8
+
+    @property
+    def patience(self) -> int:
+        """Steps without progress; where adhesion peels, points part one after the other."""
+        surface = self.problem.compliance
+        return 8 if surface is None or not surface.softens else 60
 
     @cached_property
     def law(self) -> ContactLaw:
@@ -111,12 +116,17 @@ class Condensed:
         place, normal_place = np.full(tangent.shape, -1), np.full(zones.active.size, -1)
         place[rubbing] = n_n + np.arange(n - n_n)
         normal_place[zones.active] = np.arange(n_n)
-        slip = None
+        laws = []
         if zones.slip.any():
             at = np.flatnonzero(zones.slip)
             law = self.law.slip(zones, state.t, form, at)
-            slip = SlipRows.of(law, place[at], normal_place[at])
-            rhs[slip.rows] = slip.right(rhs)
+            laws.append(SlipRows.of(law, place[at], normal_place[at]))
+        if zones.given is not None and zones.given.any():
+            at = np.flatnonzero(zones.given)
+            turn, known = zones.pulls(form, state.through)
+            laws.append(SlipRows.given(turn[at], known[at], normal_place[at]))
+        for each in laws:
+            rhs[each.rows] = each.right(rhs)
         balance = np.zeros((k, n + k))
         if k:
             # The load balance.
@@ -133,11 +143,31 @@ class Condensed:
         last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
         system = ProductSystem if isinstance(problem.W, FactorCompliance) else DenseSystem
         # Solve for the change: its rounding error is relative to its size.
-        linear = system(problem.W, rows, added, C, balance, slip)
+        linear = system(problem.W, rows, added, C, balance, laws)
         solution = last + linear.solve(rhs - linear @ last)
         mu[zones.active] = solution[:n_n]
         t[rubbing] = solution[n_n:n]
         return Forces(mu, t, solution[n:])
+
+
+def is_stable(laws: Condensed, forces: Forces) -> bool:
+    """Whether the energy has a minimum at an equilibrium, friction apart: by the inertia of the
+    compliance of contact and adhering points, bordered by the free motions."""
+    problem, zones = laws.problem, laws.law.zones(laws.state(forces))
+    if zones.given is None or not np.any(zones.given & (zones.turn < 0)):
+        return True
+    at = np.flatnonzero(zones.active & (~zones.given | (zones.turn < 0)))
+    if at.size > 3000 or isinstance(problem.W, FactorCompliance):  # its eigenvalues would cost more
+        return True
+    pulled = zones.given[at]
+    size = np.where(pulled, np.sqrt(-np.where(pulled, zones.turn[at], -1.0)), 1.0)
+    rows, arrays = problem.normal[at], arrays_of(problem.W)
+    W = np.asarray(arrays.get(arrays.values(problem.W)[np.ix_(rows, rows)]))
+    matrix = size[:, None] * W * size - np.diag(pulled.astype(float))
+    C = size[:, None] * problem.C[rows]
+    K = np.zeros((C.shape[1],) * 2) if problem.K is None else problem.K
+    left = np.linalg.eigvalsh(np.block([[matrix, C], [C.T, -K]]))
+    return int((left < 0).sum()) == int(pulled.sum()) + len(K)
 
 
 def outer_step(
@@ -162,7 +192,8 @@ def outer_step(
 
 @dataclass(frozen=True)
 class SlipRows:
-    """The law ``own t - of_v v = normal mu + known`` of p slipping points, as rows of a system."""
+    """The law ``own t - of_v v = normal mu + known`` of p slipping points, as rows of a system; or
+    of points whose normal force is given, with t and v in normal direction."""
 
     at: NDArray[np.int64]  # (p, dim - 1) rows of the tangents, -1 if prescribed
     of_v: Array  # (p, dim - 1, dim - 1)
@@ -178,6 +209,12 @@ class SlipRows:
         weighted = law.weight * law.a
         normal = (weighted * law.coefficient).T[:, :, None]
         return cls(at, of_v, (weighted * law.bound).T, own, normal, of_normal[:, None])
+
+    @classmethod
+    def given(cls, turn: Array, known: Array, at: NDArray[np.int64]) -> SlipRows:
+        """The rows ``mu - turn v = known`` of the normal forces (p,)."""
+        one, none = np.ones((at.size, 1, 1)), np.full((at.size, 1), -1)
+        return cls(at[:, None], turn[:, None, None] * one, known[:, None], one, 0.0 * one, none)
 
     @property
     def rows(self) -> NDArray[np.int64]:
@@ -209,16 +246,16 @@ def blocks_in(
 
 
 class DenseSystem:
-    """``[[W + D, -C], [balance]]`` with the rows of slip replaced, on the device of W."""
+    """``[[W + D, -C], [balance]]`` with the rows of laws replaced, on the device of W."""
 
     def __init__(
-        self, W: Any, rows: Any, added: Array, C: Array, balance: Array, slip: SlipRows | None
+        self, W: Any, rows: Any, added: Array, C: Array, balance: Array, laws: Sequence[SlipRows]
     ) -> None:
         self._arrays: HostArrays = arrays_of(W)
         put = self._arrays.xp.asarray
         A = self._arrays.bordered(W, rows, added, -C)
-        self._definite = slip is None and not len(balance)
-        if slip is not None:
+        self._definite = not laws and not len(balance)
+        for slip in laws:
             at, live = slip.at, slip.at >= 0
             if slip.of_v.any():  # a row of v = v0 - W l + C a is A x - rhs = -v
                 v_rows = put(live[:, :, None]) * A[put(np.where(live, at, 0))]
@@ -242,19 +279,27 @@ class DenseSystem:
 
 
 class ProductSystem:
-    """``[[M (W + D), -M C], [balance]]`` plus terms of slip, as an operator."""
+    """``[[M (W + D), -M C], [balance]]`` plus terms of laws, as an operator."""
 
     def __init__(
-        self, W: Any, rows: Any, added: Array, C: Array, balance: Array, slip: SlipRows | None
+        self, W: Any, rows: Any, added: Array, C: Array, balance: Array, laws: Sequence[SlipRows]
     ) -> None:
         self._W, self._rows, self._added, self._C, self._balance = W, rows, added, C, balance
         self._of_rows: Any = None
-        if slip is not None:
-            kept, n, at = np.ones(rows.size), rows.size, slip.at
+        self._of_forces: Any = None
+        n, kept = rows.size, np.ones(rows.size)
+        for slip in laws:
+            at: Any = slip.at
+            before: Any = self._of_rows
             kept[slip.rows] = 0.0
-            self._of_rows = blocks_in(n, at, at, slip.of_v) + sparse.diags_array(kept)
-            normal = blocks_in(n, at, slip.of_normal, slip.normal)
-            self._of_forces = blocks_in(n, at, at, slip.own) - normal
+            of_rows = blocks_in(n, at, at, slip.of_v)
+            of_forces = blocks_in(n, at, at, slip.own)
+            of_forces = of_forces - blocks_in(n, at, slip.of_normal, slip.normal)
+            if before is not None:
+                of_rows, of_forces = before + of_rows, self._of_forces + of_forces
+            self._of_rows, self._of_forces = of_rows, of_forces
+        if laws:
+            self._of_rows = self._of_rows + sparse.diags_array(kept)
 
     def __matmul__(self, x: Array) -> Array:
         return self._times(x, self._W.__matmul__)

@@ -2,9 +2,9 @@ r"""The law of contact and friction at points, and its linearisation.
 
 Points have forces (mu, t), penetrations u_n - d, tangential displacements v, and a parameter c, a
 force per displacement. Where ``mu + c (u_n - d) > 0`` they are active with ``u_n = d``; elsewhere
-mu = 0. On compliant surfaces ``u_n - d = h(mu)``, and h is linearised at the solution of ``mu +
-h(mu) = q`` for the last q = mu + u_n - d. For friction with bound g let q = t + c v, b = q / |q|
-and r = g / |q|:
+mu = 0. On other surfaces (`contact.laws.surface_law`) active points have ``u_n - d = opening +
+slope mu``, or a given force ``mu = known + turn (u_n - d)``, linearised at the last iterate. For
+friction with bound g let q = t + c v, b = q / |q| and r = g / |q|:
 
 * g = 0: t = 0;
 * stick, |q| <= g: v = 0;
@@ -28,7 +28,7 @@ State University, 2012.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,8 +62,18 @@ class Zones:
     q: Array
     g: Array
     c: Array
-    opening: Array = 0.0  # of compliant surfaces: u_n - d = opening + slope mu
+    opening: Array = 0.0  # of other surfaces: c (u_n - d) = opening + slope mu
     slope: Array = 0.0
+    given: Array | None = None  # active points whose force is known + turn c (u_n - d) instead
+    turn: Array = 0.0
+    known: Array = 0.0
+
+    def pulls(self, form: str, through: Array) -> tuple[Array, Array]:
+        """turn and known in the form "radial", Newton's, or "damped", at the last tension."""
+        if form == "radial":
+            return self.turn, self.known
+        at = namespace(self.known).where(self.given, through, 0.0)
+        return 0.0 * self.turn, self.known + self.turn * at
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,7 @@ class ContactLaw:
     live: Array | None = None  # tangential components that can move, (dim - 1, ...)
     bonded: Array | None = None  # points tied to the obstacle
     swept: Array | None = None  # points that slip as prescribed, for any forces
-    surface: Any = None  # a `contact.result.contact_system.SurfaceCompliance`
+    surface: Any = None  # a `contact.laws.surface_law.SurfaceLaw`
 
     def bound(self, mu: Array) -> Array:
         """The friction bound under normal forces mu, infinite at bonded points."""
@@ -89,8 +99,10 @@ class ContactLaw:
         """Largest violation of the contact and the friction law, a force."""
         mu, t, xp = state.mu, state.t, namespace(state.mu)
         trial = mu + self.scale[0] * state.through
-        closest = xp.maximum(trial, 0.0) if self.surface is None else self.surface.closest(trial)[0]
-        contact = mu - closest
+        if self.surface is None:
+            contact = mu - xp.maximum(trial, 0.0)
+        else:
+            contact = mu - self.surface.at(mu, trial - mu, lengths(state.v)).mu
         if self.bonded is not None:
             tied = self.bonded & np.isfinite(state.through)
             contact = np.where(tied, state.through, contact)
@@ -100,12 +112,13 @@ class ContactLaw:
 
     def zones(self, state: State) -> Zones:
         """The sets of the primal-dual active set method."""
-        t, v, xp, opening, slope = state.t, state.v, namespace(state.mu), 0.0, 0.0
-        trial = state.mu + self.scale[0] * state.through
-        if self.surface is not None:
-            trial, h, slope = self.surface.closest(trial)
-            opening = h - slope * trial
+        t, v, xp = state.t, state.v, namespace(state.mu)
+        through = self.scale[0] * state.through
+        trial, tangent = state.mu + through, None
         active = trial > 0
+        if self.surface is not None:
+            tangent = self.surface.at(state.mu, through, lengths(v))
+            trial, active = tangent.mu, tangent.touches | tangent.given
         if self.bonded is not None:
             active |= self.bonded & np.isfinite(state.through)
         g, c = self.bound(xp.where(active, trial, 0.0)), self.scale[1]
@@ -119,7 +132,8 @@ class ContactLaw:
             q = self._moving(t + c * v)
             length = lengths(q)
         rubs = g > 0 if self.live is None else (g > 0) & self.live.any(axis=0)
-        return Zones(active, rubs & (length <= g), rubs & (length > g), q, g, c, opening, slope)
+        zones = Zones(active, rubs & (length <= g), rubs & (length > g), q, g, c)
+        return zones if tangent is None else replace(zones, **tangent.rows())
 
     def slip(self, zones: Zones, t: Array, form: str, at: Any = slice(None)) -> SlipLaw:
         """The linearised law in the form "radial" or "damped", of the points `at`."""

@@ -16,11 +16,11 @@ from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.factor_compliance import FactorCompliance
 from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError, Infeasible, InputError, NotConverged
-from contact.laws.condensed_newton import Condensed, outer_step
+from contact.laws.condensed_newton import Condensed, is_stable, outer_step
 from contact.laws.friction import Coulomb, Friction, Tresca
 from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import check_held
-from contact.laws.newton import LIMITS, at_rounding, newton, proximal_point
+from contact.laws.newton import LIMITS, at_rounding, followed, newton, proximal_point
 from contact.laws.options import Options
 from contact.laws.primal_newton import primal_newton
 from contact.laws.qp_peers import solve_box_with
@@ -47,8 +47,10 @@ def solve_boundary(
     if isinstance(problem, PrimalProblem):
         return primal_newton(problem, friction, options, start, report), 0.0
     _refuse(problem, options)
-    check_held(problem, friction)
     tol, limit = options.tol * LIMITS.inner, options.max_iterations
+    if problem.compliance is not None and problem.compliance.softens:
+        return _adhesive(problem, friction, start, tol, limit, report), 0.0
+    check_held(problem, friction)
     monolithic = options.method == "newton"
     if isinstance(problem.W, FactorCompliance):
         with suppress(NotConverged, LinAlgError):
@@ -116,6 +118,27 @@ def _refuse(problem: BoundaryProblem, options: Options) -> None:
         raise InputError(f"method={options.method!r}: it takes no compliant surfaces; {use}")
 
 
+def _adhesive(
+    problem: BoundaryProblem,
+    friction: Friction | None,
+    start: Forces | None,
+    tol: float,
+    limit: int,
+    report: Report,
+) -> Forces:
+    """Newton's method from the last equilibrium, or from contact without adhesion; no other start,
+    which would lead to other branches."""
+    none = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
+    for laws in (none, None if friction is None else Condensed(problem, friction)):
+        if laws is not None and (start is None or laws is not none or friction is None):
+            first = start
+            if first is None:
+                first = _rest(problem) if problem.s.size else _frictionless(problem, tol, report)
+            start = followed(laws, first, is_stable, tol=tol, max_iterations=limit, report=report)
+    assert start is not None
+    return start
+
+
 def _compliant(
     problem: BoundaryProblem, start: Forces | None, tol: float, report: Report
 ) -> Forces:
@@ -128,7 +151,14 @@ def _compliant(
         # Weak springs of Newton's method act on changes of free motions: at the solution they carry
         # no force.
         return newton(laws, found, tol=tol) if problem.s.size else found
-    return proximal_point(laws, start, tol=tol, report=report)
+    try:
+        return proximal_point(laws, start, tol=tol, report=report)
+    except NotConverged as error:
+        if problem.compliance is None or not problem.compliance.capped:
+            raise
+        raise NotConverged(
+            f"{error}; the load may be beyond what the hardness carries on the contact boundary"
+        ) from error
 
 
 def _from_coarse(

@@ -9,12 +9,13 @@ ends after finitely many steps.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from contact.errors import NotConverged
+from contact.errors import NoEquilibrium, NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.laws.law import ContactLaw, State, Zones
 
@@ -128,6 +129,38 @@ def newton(
         # Radial return without progress is cycling: the damped form ends the cycle.
         radial, zones = size < LIMITS.near and not (radial and size > 0.9 * before), None
     return progress.best_of(phase)
+
+
+def followed(
+    compliance: Any,
+    start: Any,
+    stable: Callable[[Any, Any], bool] = lambda compliance, forces: True,
+    *,
+    tol: float,
+    max_iterations: int,
+    report: Report = lambda iteration: None,
+) -> Any:
+    """The equilibrium with adhesion near a start, by Newton's method; where that ends at none, or
+    at one not `stable`, by an iteration with the tensions of the last iterate first: more tension
+    closes gaps, so that it is monotone, an overdamped motion. `NoEquilibrium` if both fail."""
+    failure: Exception = NotConverged("newton: the equilibrium that it found is unstable")
+    for slowly in (False, True):
+        try:
+            if slowly:
+                start = newton(
+                    compliance, start, form="damped", tol=1e-6, max_iterations=4 * max_iterations,
+                    report=report,
+                )  # fmt: skip
+            found = newton(compliance, start, tol=tol, max_iterations=max_iterations, report=report)
+            if stable(compliance, found):
+                return found
+        except (NotConverged, LinAlgError) as error:
+            failure = error
+    raise NoEquilibrium(
+        f"{failure}; no equilibrium was found near the last one: adhesion may have pulled off or "
+        "jumped into contact; take smaller steps, control the motion instead of the force, or "
+        "refine until the cohesive zone has several points"
+    ) from failure
 
 
 def proximal_point(

@@ -25,6 +25,9 @@ def points_frame(result: Any) -> Any:
         shear = shear + result.tie_shear
     for name, values in (("shear", shear), ("slip", slip)):
         columns |= dict(zip(_directions(name, values.shape[1]), values.T, strict=True))
+    if result.system.surface is not None:
+        columns |= {"indentation": result.indentation, "worn": result.worn[0]}
+        columns |= {"worn_other": result.worn[1]}
     return _frame(columns).rename_axis("point")
 
 
@@ -59,8 +62,10 @@ def grid_dataset(result: Any) -> Any:
         "shear": (["direction", *along], result.shear),
         "slip": (["direction", *along], result.slip),
         "displacement": (["component", *along], result.u),
+        "indentation": (along, result.indentation),
+        "worn": (["side", *along], result.worn),
     }
-    names = {"direction": along, "component": components}
+    names = {"direction": along, "component": components, "side": ["body", "obstacle"]}
     return xarray.Dataset(fields, {**places, **names}, {**result.kkt})
 
 

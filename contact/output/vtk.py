@@ -114,6 +114,9 @@ def _fields(result: Drawn) -> dict[str, Any]:
         return _vectors(np.einsum("mj,djm->md", along, rows.tangents))
 
     ties = {"tie_pressure": result.tie_pressure, "tie_shear": in_space(result.tie_shear)}
+    lost: dict[str, Any] = {}
+    if getattr(result.system, "surface", None) is not None:
+        lost = {name: np.asarray(getattr(result, name)).T for name in ("indentation", "worn")}
     return {
         "pressure": result.pressure,
         "shear": in_space(result.shear),
@@ -122,6 +125,7 @@ def _fields(result: Drawn) -> dict[str, Any]:
         "normal": _vectors(rows.normals.T),
         "gap": np.where(np.isfinite(result.gap), result.gap, np.nan),
         "status": result.status,
+        **lost,
     }
 
 

@@ -17,14 +17,17 @@ from contact.condensation.condensed_contact import CondensedContact
 from contact.condensation.device_choice import Device, chosen_device
 from contact.condensation.primal import PrimalContact
 from contact.errors import InputError, warn
+from contact.laws.adhesion import Adhesion
 from contact.laws.iteration import Iteration
 from contact.laws.options import Options
 from contact.laws.pressure_overclosure import PressureOverclosure, checked
+from contact.laws.surface_law import SurfaceState
+from contact.laws.wear import Wear
 from contact.obstacles.rigid import ObstacleMotion
 from contact.obstacles.rigid_motion import same_gaps
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
-from contact.problem.large_motion import check_motion
+from contact.problem.large_motion import check_motion, with_jump
 from contact.problem.sagitta import warn_of_sagitta
 from contact.problem.solve_system import solve_system
 from contact.result.contact_result import ContactResult
@@ -45,6 +48,7 @@ _SAME: Any = object()  # stands for the obstacle of the problem or the last step
 
 
 @settled("make a new ContactProblem", "body", "boundary", "functional", "solver", "pairs")
+@settled("make a new ContactProblem", "adhesion", "hardness", "wear", "surface")
 @settled("set the obstacle, or make a new ContactProblem", "boundaries", "rows", "motion")
 class ContactProblem(Portable):
     """Contact of elastic bodies with each other and with rigid obstacles, frictional or not.
@@ -81,6 +85,13 @@ class ContactProblem(Portable):
     overclosure : None, float, PressureOverclosure, or a list of these, one a boundary
         Law of compliant surfaces; a number is a stiffness, pressure per length of overclosure.
         None is hard contact.
+    adhesion : Adhesion, optional
+        Tension between the surfaces, of all contact points; not together with `overclosure`.
+    hardness : float, callable x -> array, or ndarray of shape (m,), optional
+        Largest pressure of an elastic, perfectly plastic surface; it keeps the indentation that the
+        pressure has left, see `ContactResult.indentation`. Not together with `overclosure`.
+    wear : float, callable x -> array, ndarray of shape (m,), or Wear, optional
+        Coefficient of Archard's law, area per force, see `Wear` and `ContactResult.worn`.
 
     Raises
     ------
@@ -110,7 +121,7 @@ class ContactProblem(Portable):
     1.0
     """
 
-    _ANEW, _FUNCTIONS = ("_condensed",), ("_laws",)
+    _ANEW, _FUNCTIONS = ("_condensed",), ("_laws", "hardness", "wear")
     _condensed: tuple[Device, bool, Any, CondensedContact] | None = None
 
     @keywords_named
@@ -124,6 +135,10 @@ class ContactProblem(Portable):
         functional: str | Sequence[str | None] | None = None,
         solver: str = "auto",
         overclosure: OverclosureLike = None,
+        *,
+        adhesion: Adhesion | None = None,
+        hardness: FrictionLike | None = None,
+        wear: FrictionLike | Wear | None = None,
     ) -> None:
         if not isinstance(solver, str):
             raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
@@ -139,6 +154,8 @@ class ContactProblem(Portable):
         self.boundaries: ContactBoundaries | Interfaces
         self.rows: ContactRows
         self.motion: ObstacleMotion | None
+        self.adhesion, self.hardness, self.wear = adhesion, hardness, wear
+        self.surface: SurfaceState | None
         self._discretise((obstacle, given, law))
         self.overclosure = overclosure
 
@@ -187,7 +204,12 @@ class ContactProblem(Portable):
     @overclosure.setter
     def overclosure(self, overclosure: OverclosureLike) -> None:
         count = int(self.rows.part.max(initial=0)) + 1
-        self._overclosure = checked(overclosure, count, self.rows.part.size > 0)
+        laws = checked(overclosure, count, self.rows.part.size > 0)
+        if laws and (self.adhesion is not None or self.hardness is not None):
+            raise InputError(
+                "overclosure: it has no adhesion and no hardness; give one of the three"
+            )
+        self._overclosure = laws
 
     def _discretise(self, laws: Laws) -> None:
         """Compute the contact rows; their frames depend on the body's supports."""
@@ -199,7 +221,8 @@ class ContactProblem(Portable):
         self._take(laws, found)
         G, T = (self.body.embed(part) for part in (found.rows.G, found.rows.T))
         rows = replace(found.rows, G=G, T=T, gap=gap)
-        self.__dict__.update(boundaries=found, rows=rows, motion=motion)
+        surface = SurfaceState.of(self.adhesion, self.hardness, self.wear, rows.x)
+        self.__dict__.update(boundaries=found, rows=rows, motion=motion, surface=surface)
         self._supports = supports
         self._condensed = None
 
@@ -258,7 +281,7 @@ class ContactProblem(Portable):
         displacement, if the caller knows it. The obstacles of pairs are lists, one entry per pair.
         """
         self._follow_body()
-        rows, motion, now = self.rows, self.motion, obstacle
+        rows, motion, now, surface = self.rows, self.motion, obstacle, self.surface
         if obstacle is not _SAME:
             rows = replace(rows, gap=self.boundaries.gap(obstacle))
             motion = self.boundaries.motion(obstacle)
@@ -271,9 +294,15 @@ class ContactProblem(Portable):
         if since is not _SAME:
             motion = self.with_travel(motion, since, now, said, after, rows.gap)
         slip_from = None if after is None else np.where(rows.ties[:, None], 0.0, after.slip)
+        if surface is not None:
+            if after is not None and after.system.surface is not None:
+                surface = surface.after(after.indentation, after.worn)
+            rows = replace(rows, gap=rows.gap + surface.lost)
         loads, law, laws = body.loads, self.law, self.overclosure
         rigid = self.rigid(now)
-        return ContactSystem(body, rows, loads, law, friction, slip_from, motion, laws, rigid)
+        return ContactSystem(
+            body, rows, loads, law, friction, slip_from, motion, laws, rigid, surface
+        )
 
     def rigid(self, opposite: Any) -> Any:
         """The rigid obstacles; for pairs None where the other side is elastic."""
@@ -292,13 +321,14 @@ class ContactProblem(Portable):
         gap: Array,
     ) -> ObstacleMotion | None:
         """The motion of obstacles, with the path of their shapes up to this step."""
-        last = self.rows.gap if after is None else after.system.rows.gap
+        last = self.rows.gap if after is None else after.system.given_gap
+        wears = self.wear is not None
         moved = self.boundaries.travel(
             since,
             now,
             said,
             unchanged=same_gaps(last, gap),
-            felt=self.friction,
+            felt=np.ones_like(gap) if wears else self.friction,
             first=after is None,
         )
         before = None if after is None else after.system.motion
@@ -444,6 +474,7 @@ class ContactProblem(Portable):
         condensed = self.condense()
         system = self.system_of(self.body.snapshot(), after, said=motion)
         result = self.solve_system(system, condensed, options, start, report)
+        result = with_jump(result, after)
         check_motion(result, self.boundaries, self.opposite)
         warn_of_sagitta(result, self.boundaries.rise(self.opposite), condensed, options)
         if isinstance(self.boundaries, Interfaces):

@@ -8,7 +8,7 @@ cells indicate normal motions that are too large."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,8 @@ from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 from contact.body.elastic_body import ElasticBody
 from contact.body.jacobians import middle_determinants
 from contact.errors import CHANGED, InputError, LargeMotionWarning, warn
+from contact.laws.status import Status
+from contact.laws.surface_checks import jump_between, warn_of_jump, warn_of_wear
 from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.interfaces import Interfaces, facet_lengths
 
@@ -184,3 +186,28 @@ def _projected(
     distance, nearest = tree.query((rows.x_nominal[:, points] + moved).T)
     left = (now.gap - now.G @ result.u)[there[nearest]] - result.gap[points]
     return np.where(distance <= 0.5 * size, left, np.inf)
+
+
+def with_jump(result: Any, last: Any) -> Any:
+    """The result with its `jump` since the last step; warns of it, and of deep wear."""
+    surface = result.system.surface
+    if surface is None:
+        return result
+    warn_of_wear(result.worn, _spacing(result.system))
+    if surface.adhesion is None or last is None:
+        return result
+    touched, touches = (
+        (one.status != Status.OPEN) & ~one.system.rows.ties for one in (last, result)
+    )
+    gap, was = (np.maximum(one.gap, 0.0) for one in (result, last))
+    jump = jump_between(touched, was, touches, gap, surface.adhesion.range)
+    warn_of_jump(jump)
+    return replace(result, jump=jump)
+
+
+def _spacing(system: Any) -> float:
+    """The median distance of contact points, from their areas."""
+    weights, dim = system.rows.weights, system.body.dim
+    if system.body.is_ring:
+        weights = weights / (2 * np.pi * np.maximum(system.rows.x[0], 1e-300))
+    return float(np.median(weights)) ** (1.0 if dim == 2 else 0.5)

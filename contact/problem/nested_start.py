@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.errors import InputError
 from contact.laws.friction import Friction
+from contact.laws.status import Status
 
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult
@@ -40,7 +41,10 @@ def start_forces(
     mu, t = mu * scale, t * scale[:, None]
     motion = np.zeros(problem.s.size)
     if motion.size:
-        motion = _motion(problem, mu, t, system.scaled_friction(scale))
+        closed = problem.can_touch & ((mu > 1e-9 * mu.max(initial=0.0)) | problem.ties)
+        if same and problem.compliance is not None and problem.compliance.softens:
+            closed |= problem.can_touch & (result.status != Status.OPEN)  # under tension, too
+        motion = _motion(problem, mu, t, system.scaled_friction(scale), closed)
     return Forces(mu, t, motion)
 
 
@@ -71,11 +75,13 @@ def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, 
     return mu, t
 
 
-def _motion(problem: BoundaryProblem, mu: Array, t: Array, friction: Friction | None) -> Array:
-    """Free rigid motions of the body and its obstacles by least squares, shape (k,)."""
+def _motion(
+    problem: BoundaryProblem, mu: Array, t: Array, friction: Friction | None, loaded: Any
+) -> Array:
+    """Free rigid motions of the body and its obstacles by least squares over the points in contact,
+    shape (k,)."""
     u_n, u_t = problem.displacements(mu, t, np.zeros(problem.s.size))
     # Smaller forces are rounding; a force within a thousandth of its bound counts as slip.
-    loaded = problem.can_touch & ((mu > 1e-9 * mu.max(initial=0.0)) | problem.ties)
     g = problem.bound(np.zeros(mu.size) if friction is None else friction.bound(mu))
     sticks = (problem.tangent >= 0) & (np.linalg.norm(t, axis=1) < 0.999 * g)[:, None]
     at = np.concatenate((problem.normal[loaded], problem.tangent[sticks]))

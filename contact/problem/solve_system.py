@@ -16,7 +16,7 @@ from contact.body.basis_solid import BasisSolid
 from contact.body.free_motions import not_held, strained_by_rotation
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import CondensedContact
-from contact.errors import Infeasible, NotConverged, Unbounded
+from contact.errors import Infeasible, NoEquilibrium, NotConverged, Unbounded
 from contact.laws.friction import Friction
 from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import BALANCE, at_the_limit, by_friction_alone, undetermined_slip
@@ -86,6 +86,8 @@ def _solved(
         if error.certificate is None:
             raise
         raise driven(condensed, error.certificate) from error
+    except NoEquilibrium as error:
+        raise NoEquilibrium(str(error), tuple(history)) from error
     except NotConverged as error:
         slender = whole and (condensed.thin or condensed.slender)
         if slender and options.max_iterations >= 50:  # otherwise the limit may be why it failed

@@ -56,6 +56,8 @@ class ContactResult(BodyFields, ContactState):
         empty, if there are none; the path of moved shapes is included in ``slip``.
     tol, slack : float
         Tolerances of the certificate, see `certify`; tol None is the default of the method.
+    jump : str
+        With adhesion "pull-off" or "contact" if the step passed such an instability, else empty.
 
     Examples
     --------
@@ -212,7 +214,8 @@ class ContactResult(BodyFields, ContactState):
     def gap(self) -> Array:
         """Gap in the deformed state, d - (u_n - w_n), shape (m,).
 
-        On compliant surfaces under pressure it is minus the overclosure.
+        On compliant surfaces under pressure it is minus the overclosure. What has been worn or
+        indented in earlier steps is part of d; what this step adds is minus the gap in contact.
         """
         return self.system.rows.gap - self.system.relative(self.u, self.motion)[0]
 
@@ -222,12 +225,40 @@ class ContactResult(BodyFields, ContactState):
         part = self.system.rows.part
         return part if part.size else np.zeros(self.mu.size, dtype=np.int64)
 
+    @property
+    def indentation(self) -> Array:
+        """Permanent indentation of the surface by its hardness, up to this step, shape (m,)."""
+        return self._left[0]
+
+    @property
+    def worn(self) -> Array:
+        """Depths worn off the body and off the other side, up to this step, shape (2, m)."""
+        return self._left[1]
+
+    @property
+    def worn_volume(self) -> Array:
+        """Volumes worn off the body and off the other side, shape (2,); in 2-D areas."""
+        return np.asarray(self.worn @ self.system.rows.weights)
+
+    @cached_property
+    def _left(self) -> tuple[Array, Array]:
+        surface = self.system.surface
+        if surface is None:
+            return np.zeros(self.mu.size), np.zeros((2, self.mu.size))
+        indented, worn = self.system.left(self.u, self.mu, self.motion)
+        return surface.indented + indented, surface.worn + worn
+
     @cached_property
     def status(self) -> NDArray[np.int8]:
         """`Status` of each contact point, shape (m,)."""
         size = max(float(self.mu.max(initial=0.0)), float(np.abs(self.t).max(initial=0.0)))
         g = self.system.bound(self.mu)
         loaded = self.mu > 1e-12 * size
+        if self.system.surface is not None and self.system.surface.adhesion is not None:
+            tension = self.system.surface.adhesion.tension * self.system.rows.weights
+            loaded = loaded | (self.mu > -(1 - 1e-9) * tension) & (
+                np.abs(self.gap) <= 1e-10 * self.system.body.largest_displacement(self.u)
+            )
         if self.system.law == "tresca":
             loaded = loaded | (g > 0)
         force = np.linalg.norm(self.t, axis=1)

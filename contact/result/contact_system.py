@@ -13,6 +13,7 @@ from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca, against, p
 from contact.laws.iteration import Iteration
 from contact.laws.newton import LIMITS
 from contact.laws.pressure_overclosure import PressureOverclosure
+from contact.laws.surface_law import SurfaceLaw, SurfaceState
 from contact.obstacles.rigid import ObstacleMotion
 from contact.portable import carried
 from contact.rows.contact_rows import ContactRows
@@ -36,6 +37,7 @@ class ContactSystem:
     overclosure: tuple[PressureOverclosure | None, ...] = ()  # by boundary; empty: hard contact
     obstacle: Any = None  # source of the gap; the next step derives its motion from it
     moduli: Array | None = None  # sum of the moduli of the load's terms, if they cancel, as inertia
+    surface: SurfaceState | None = None  # `rows.gap` includes what it has lost
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"obstacle": carried(self.obstacle)}
@@ -95,14 +97,34 @@ class ContactSystem:
             return None
         return Coulomb(self.friction) if self.law == "coulomb" else Tresca(self.friction * scale)
 
-    def compliance(self, scale: Array) -> SurfaceCompliance | None:
-        """The laws of compliant surfaces, if any: forces times scale, displacements over it."""
-        return self._laws(self.rows.weights * scale, scale) if self.overclosure else None
+    @property
+    def lawful(self) -> bool:
+        """Whether the normal law is another than Signorini's."""
+        return bool(self.overclosure) or self.surface is not None
 
-    def _laws(self, area: Array, unit: Array) -> SurfaceCompliance:
+    @property
+    def given_gap(self) -> Array:
+        """Gap of the obstacle, without what earlier steps took off the surfaces."""
+        return self.rows.gap if self.surface is None else self.rows.gap - self.surface.lost
+
+    def compliance(self, scale: Array) -> SurfaceLaw | None:
+        """The laws of the surfaces, if any: forces times scale, displacements over it."""
+        return self._laws(self.rows.weights * scale, scale, scale) if self.lawful else None
+
+    def _laws(self, area: Array, unit: Array, along: Any) -> SurfaceLaw:
         rows = self.rows
         part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
-        return SurfaceCompliance(self.overclosure, np.where(rows.ties, -1, part), area, unit)
+        number = np.where(rows.ties, -1, part)
+        return SurfaceLaw(area, unit, along, self.surface, self.overclosure, number, rows.ties)
+
+    def left(self, u: Array, mu: Array, w: Array | None) -> tuple[Array, Array]:
+        """Depths indented (m,) and worn (2, m) in this step."""
+        u_n, u_t = self.relative(u, w)
+        unit = np.ones(mu.size)
+        gap = np.where(np.isfinite(self.rows.gap), self.rows.gap, 0.0)
+        through = np.where(np.isfinite(self.rows.gap), u_n - gap, -np.inf)
+        slip = np.linalg.norm(self.slip_increment(u_t), axis=1)
+        return self._laws(self.rows.weights, unit, 1.0).left(mu, through, slip)
 
     def kkt(self, u: Array, mu: Array, t: Array, w: Array | None = None) -> dict[str, float]:
         """Relative residuals of every law; `ContactResult.kkt` defines their scales."""
@@ -140,8 +162,11 @@ class ContactSystem:
             "cone": _beyond((np.linalg.norm(t, axis=1) - g)[free], noise) / size,
             "slip": _beyond(np.abs(returned[free]), noise) / size,
         }
-        if self.overclosure:
-            result |= self.off_the_curve(mu, through, size, length)
+        if self.lawful:
+            moved = np.linalg.norm(u_t, axis=1)
+            result |= self.off_the_curve(mu, through, moved, size, length)
+            if self.surface is not None and self.surface.adhesion is not None:
+                del result["sign"]
         if ties.any():
             opened = max(_largest((u_n - rows.gap)[ties]), _largest(u_t[ties]))
             result["tie"] = opened / length
@@ -152,14 +177,14 @@ class ContactSystem:
         return result
 
     def off_the_curve(
-        self, mu: Array, closed: Array, size: float, length: float
+        self, mu: Array, closed: Array, slip: Array, size: float, length: float
     ) -> dict[str, float]:
-        """Deficit and excess of mu relative to the force on the curve of a compliant surface.
+        """Deficit and excess of mu relative to the force on the curve of a surface.
         The point on the curve has the same ``mu + size / length (u_n - d)``; `closed` is ``u_n -
-        d``."""
-        laws = self._laws(self.rows.weights, np.full(mu.size, length / size))
+        d``, `slip` the length of the slip increment."""
+        laws = self._laws(self.rows.weights, np.full(mu.size, length / size), 1.0)
         free = ~self.rows.ties
-        off = (laws.closest(mu + size / length * closed)[0] - mu)[free]
+        off = (laws.at(mu, size / length * closed, slip).mu - mu)[free]
         return {
             "penetration": _largest(np.maximum(off, 0.0)) / size,
             "complementarity": _largest(np.maximum(-off, 0.0)) / size,
@@ -209,6 +234,7 @@ class ContactState:
     motion: Array | None = None
     tol: float | None = None
     slack: float = 0.0
+    jump: str = ""
 
 
 def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any, terms: Any) -> float:
@@ -237,35 +263,3 @@ def _beyond(x: Array, bound: float) -> float:
 
 def _largest(x: Any) -> float:
     return float(np.abs(x).max(initial=0.0))
-
-
-@dataclass(frozen=True)
-class SurfaceCompliance:
-    """Laws h of the points: ``u_n - d = h(mu)`` where mu > 0, h nondecreasing."""
-
-    laws: tuple[PressureOverclosure | None, ...]
-    number: NDArray[np.int64]  # law of each point; -1 for hard contact and bonded points
-    area: Array  # force over pressure
-    unit: Array  # physical overclosure = scaled overclosure * unit
-
-    def closest(self, q: Array) -> tuple[Array, Array, Array]:
-        """mu with ``mu + h(mu) = q``, h and h' there (zero where mu = 0): the resolvent of the law,
-        max(0, q) for hard contact.
-        """
-        mu, h, slope = np.maximum(q, 0.0), np.zeros(q.size), np.zeros(q.size)
-        for k, law in enumerate(self.laws):
-            at = np.flatnonzero(self.number == k)
-            if law is None or at.size == 0:
-                continue
-            a, b = self.area[at], 1.0 / self.unit[at]
-            c = law.resolved(q[at], a, b)
-            p, dp = law.evaluated(c)
-            mu[at], h[at] = a * p, b * c
-            loaded = (p > 0) & (dp > 0)
-            slope[at] = np.where(loaded, b / (a * np.where(loaded, dp, 1.0)), 0.0)
-        return mu, h, slope
-
-    @property
-    def start(self) -> Array:
-        """h(0) of each point, shape (m,)."""
-        return self.closest(np.full(self.number.size, -np.inf))[1]

@@ -27,9 +27,11 @@ from contact.body.several_bodies import Bodies
 from contact.body.solid import Solid
 from contact.body.thermal_strain import checked_thermal
 from contact.errors import InputError, NotConverged
+from contact.laws.adhesion import Adhesion
 from contact.laws.iteration import Iteration
 from contact.laws.options import default_tolerance
 from contact.laws.pressure_overclosure import PressureOverclosure
+from contact.laws.surface_law import SurfaceState
 from contact.obstacles.rigid import ObstacleMotion
 from contact.output.archive import (
     Kinds,
@@ -222,7 +224,34 @@ def state_arrays(state: ContactState) -> dict[str, Any]:
         step["overclosure"] = laws
     if strained := strained_bodies(system.body):
         step["strains"] = strained
+    if state.jump:
+        step["jump"] = state.jump
+    if system.surface is not None:
+        parts |= surface_arrays(system, np.maximum(state.mu, 0.0) / system.rows.weights)
     return to_arrays(parts | {"step": words(step)})
+
+
+def surface_arrays(system: ContactSystem, p: Array) -> dict[str, Any]:
+    """Arrays of adhesion, hardness and wear, of functions of the pressures p by their values."""
+    surface = system.surface
+    assert surface is not None
+    parts = {f"surface/{name}": value for name, value in surface.stored(p).items()}
+    glue = None if surface.adhesion is None else asdict(surface.adhesion)
+    return to_arrays(parts | {"surface/adhesion": words({"law": glue})})
+
+
+def _surface(arrays: dict[str, Any], rows: ContactRows) -> SurfaceState | None:
+    if "surface/adhesion" not in arrays:
+        return None
+    names = [field.name for field in fields(SurfaceState)]
+    parts = from_arrays(arrays, names, "surface/")
+    glue, m = json.loads(str(parts.pop("adhesion")))["law"], rows.gap.size
+    shapes = {"hardness": (m,), "wear": (2, m), "indented": (m,), "worn": (2, m)}
+    for name, part in parts.items():
+        _check_shape(f"surface/{name}", part, shapes[name])
+        if np.any(np.isnan(part)) or np.any(part < 0):
+            raise InputError(f"surface/{name}: holds NaN or negative numbers")
+    return SurfaceState(None if glue is None else Adhesion(**glue), **parts)
 
 
 def read(path: str | Path) -> ContactState:
@@ -291,17 +320,11 @@ def _rebuild(
         names = [field.name for field in fields(ObstacleMotion)]
         motion = ObstacleMotion(**from_arrays(arrays, names, "motion/"))
     laws = tuple(PressureOverclosure.from_stored(law) for law in step.get("overclosure", ()))
+    since, surface = arrays.get("slip_from"), _surface(arrays, rows)
     system = ContactSystem(
-        body,
-        rows,
-        arrays["load"],
-        step["law"],
-        arrays["friction"],
-        arrays.get("slip_from"),
-        motion,
-        laws,
-        moduli=arrays.get("moduli"),
-    )
+        body, rows, arrays["load"], step["law"], arrays["friction"], since, motion, laws,
+        moduli=arrays.get("moduli"), surface=surface,
+    )  # fmt: skip
     # Format 2 did not store the slack of `fixed_point`, the only method with one.
     unknown = 1e-3 if step["method"] == "fixed_point" and not with_checksum else 0.0
     return ContactState(
@@ -311,6 +334,7 @@ def _rebuild(
         history=tuple(Iteration(**line) for line in step["history"]),
         tol=step.get("tol"),
         slack=step.get("slack", unknown),
+        jump=step.get("jump", ""),
     )
 
 

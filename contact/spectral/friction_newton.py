@@ -7,10 +7,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 
 from contact.arrays.krylov import gmres
-from contact.laws.friction import Friction
+from contact.laws.friction import Friction, lengths
 from contact.laws.law import ContactLaw, SlipLaw, State, Zones
+from contact.laws.surface_law import SurfaceLaw
 from contact.spectral.grid_problem import Grid, GridProblem
 from skfem_adini.ground.arrays import host
 
@@ -23,12 +25,18 @@ class Waves:
 
     problem: GridProblem
     friction: Friction
-    patience = 12
+    surface: SurfaceLaw | None = None
+
+    @property
+    def patience(self) -> int:
+        """Steps without progress; where adhesion peels, points part one after the other."""
+        return 60 if self.surface is not None and self.surface.softens else 12
 
     @cached_property
     def law(self) -> ContactLaw:
         """The law of all points."""
-        return ContactLaw(self.friction, self.problem.scale, swept=self.problem.swept)
+        scale, swept = self.problem.scale, self.problem.swept
+        return ContactLaw(self.friction, scale, swept=swept, surface=self.surface)
 
     def state(self, forces: tuple[Grid, Any]) -> State:
         """Forces and the displacements that they cause."""
@@ -54,11 +62,17 @@ class Waves:
     def step(self, state: State, zones: Zones, form: str, size: float) -> tuple[Grid, Any]:
         """Solve the linearised laws for the change of the forces and of the free motions."""
         problem, xp, free, (l, a) = self.problem, self.problem.xp, self.problem.free, state.forces
+        if zones.given is not None:
+            turn, known = zones.pulls(form, problem.scale[0] * state.through)
+            zones = replace(zones, turn=turn, known=known)
         system = _System.of(problem, zones, self.law.slip(zones, state.t, form))
         kept, slip = xp.where(system.live, l, 0.0), system.slip
         # Changes to zero force also change the displacements of the other points.
         off = -system.rows(kept, problem.displacements(kept, a))
-        off[0] -= xp.where(zones.active, problem.scale[0] * problem.gap, 0.0)
+        c, gap = problem.scale[0], xp.where(problem.can_touch, problem.gap, 0.0)
+        off[0] -= xp.where(zones.active & ~system.given, c * gap + zones.opening, 0.0)
+        if system.given.any():
+            off[0] += xp.where(system.given, zones.known - zones.turn * c * gap, 0.0)
         off[1:] += xp.where(zones.slip, slip.a * slip.weight * slip.bound, 0.0)
         balance = (problem.force - problem.sums(kept))[free]
         right = system.packed(off, balance * system.unit)
@@ -68,7 +82,28 @@ class Waves:
         step, motions = system.unpacked(change)
         moved = a.copy()
         moved[free] += motions
-        return kept + step, moved
+        l = kept + step
+        if self.surface is not None and self.surface.capped and 0 in free:
+            moved[0] += self._balancing(l, moved)
+        return l, moved
+
+    def _balancing(self, l: Grid, a: Any) -> float:
+        """The approach at which the forces of the next sets have the given sum: without it, all
+        points of a yielding surface may be capped, and none of them determines the approach."""
+        problem, xp = self.problem, self.problem.xp
+        c, v = problem.scale[0], problem.displacements(l, a)
+        slip = lengths(v[1:])
+
+        def excess(approach: float) -> float:
+            through = xp.where(problem.can_touch, v[0] - problem.gap + approach, -np.inf)
+            mu = self.surface.at(l[0], c * through, slip).mu  # type: ignore[union-attr]
+            return float(mu.sum()) - float(problem.force[0])
+
+        far = 2 * float(xp.abs(xp.where(problem.can_touch, v[0] - problem.gap, 0.0)).max())
+        far += float(xp.abs(l[0]).max()) / c
+        if excess(-far) >= 0 or excess(far) <= 0:
+            return 0.0
+        return float(scipy.optimize.brentq(excess, -far, far, xtol=1e-14 * far))
 
 
 @dataclass(frozen=True)
@@ -108,6 +143,7 @@ class _System:
     zones: Zones
     slip: SlipLaw
     of_normal: Grid  # coefficient of mu: the bound F mu is an unknown
+    given: Grid  # points whose normal force is given, as a function of the gap
     unit: float
     columns: list[Grid]
     gram: Any
@@ -119,10 +155,11 @@ class _System:
         live = xp.stack([zones.active, *[zones.stick | zones.slip] * along])
         # For small slip, rows are nearly those of stick and are preconditioned alike.
         begun = zones.stick | (zones.slip & (slip.ratio > 0.5))
-        held = xp.stack([zones.active, *[begun] * along])
+        given = xp.zeros_like(zones.active) if zones.given is None else zones.given
+        held = xp.stack([zones.active & ~given, *[begun] * along])
         of_normal, unit = slip.weight * slip.coefficient, 1.0 / problem.gap.size**0.5
         at, columns = xp.flatnonzero(live), []
-        system = cls(problem, live, at, held, zones, slip, of_normal, unit, [], None)
+        system = cls(problem, live, at, held, zones, slip, of_normal, given, unit, [], None)
         for i in problem.free:
             rows = xp.zeros_like(problem.v0)
             rows[i] = 1.0
@@ -134,7 +171,9 @@ class _System:
         """The laws at forces x and displacements v, without the gap and Tresca's bound."""
         c, zones, slip, xp = self.problem.scale, self.zones, self.slip, self.problem.xp
         out = xp.zeros_like(x)
-        out[0] = xp.where(zones.active, -c[0] * v[0], 0.0)
+        out[0] = xp.where(zones.active, zones.slope * x[0] - c[0] * v[0], 0.0)
+        if zones.given is not None:
+            out[0] = xp.where(self.given, x[0] - zones.turn * c[0] * v[0], out[0])
         sliding = slip.left(x[1:], slip.c * v[1:]) - slip.a * self.of_normal * x[0]
         out[1:] = xp.where(zones.stick, -c[1] * v[1:], xp.where(zones.slip, sliding, 0.0))
         return out
@@ -161,14 +200,19 @@ class _System:
 
     def _forces(self, y: Grid) -> Grid:
         """Approximate forces for given rows."""
-        problem, xp, slip = self.problem, self.problem.xp, self.slip
+        problem, xp, slip, zones = self.problem, self.problem.xp, self.slip, self.zones
         held = xp.where(self.held, y, 0.0)
         held[0] /= problem.scale[0]
         held[1:] /= problem.scale[1]
+        if zones.given is not None:
+            held[0] /= 1.0 + zones.slope
         x = xp.where(self.held, problem.S(held), 0.0)
+        x[0] += xp.where(self.given, y[0], 0.0)
         if problem.fixed is not None:  # forces there cause no displacement but balance a motion
             x = xp.where(self.held & problem.fixed, y, x)
-        rest = self.zones.slip & ~self.held[1]
+        if len(y) == 1:
+            return x
+        rest = zones.slip & ~self.held[1]
         weight = xp.where(rest, slip.weight, 1.0)
         x[1:] += xp.where(rest, (y[1:] + slip.a * self.of_normal * x[0]) / weight, 0.0)
         return x

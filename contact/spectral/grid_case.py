@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca
+from contact.laws.surface_law import SurfaceLaw, SurfaceState
 from contact.portable import carried
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
@@ -30,6 +31,7 @@ class GridCase:
     slip_from: Array | None  # slip of the last step, from which friction counts
     travel: Array | None = None  # path of the obstacle's own shape along the surface
     obstacle: Any = None  # obstacle from which the gap was computed, if known
+    surface: SurfaceState | None = None  # the gap is without what it has lost
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"obstacle": carried(self.obstacle)}
@@ -48,10 +50,12 @@ class GridCase:
         """The problem in normal and tangential components, on the compliance's device."""
         initial, motion, force = self.compliance.initial, self.motion, self.force
         travel = np.zeros(motion.size) if self.travel is None else self.travel
+        wears = self.surface is not None and self.surface.wear is not None
         if not np.any(self.friction > 0):  # without friction, tangential forces are not balanced
             across = np.asarray(self.compliance.normal) == 0
-            motion, force = np.where(across, 0.0, motion), np.where(across, np.nan, force)
-            travel = np.zeros(motion.size)
+            force = np.where(across, np.nan, force)
+            if not wears:
+                motion, travel = np.where(across, 0.0, motion), np.zeros(motion.size)
         problem = GridProblem(self.compliance, initial, initial[0], force)
         xp = problem.xp
         order, sign = problem.order
@@ -65,7 +69,16 @@ class GridCase:
                 size = max(float(xp.abs(part).max()) for part in (since, moved))
                 still = problem.fixed[1:] & (xp.abs(v0[1:]) <= UNMOVED * size)
                 v0[1:] = xp.where(still, 0.0, v0[1:])
-        return GridProblem(self.compliance, v0, xp.asarray(self.gap), -turn * force[order])
+        gap = self.gap if self.surface is None else self.gap + self.surface.lost
+        return GridProblem(self.compliance, v0, xp.asarray(gap), -turn * force[order])
+
+    def surface_law(self, problem: GridProblem) -> SurfaceLaw | None:
+        """The normal law of the points, if another than Signorini's."""
+        if self.surface is None:
+            return None
+        one = problem.xp.ones_like(problem.gap)
+        area = problem.xp.asarray(self.areas) * one
+        return SurfaceLaw(area, one / problem.scale_normal, one, self.surface)
 
     def friction_law(self, xp: Any) -> Friction:
         """The law for forces on points, with arrays of NumPy or CuPy."""

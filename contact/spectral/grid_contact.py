@@ -12,9 +12,13 @@ import scipy
 from numpy.typing import NDArray
 
 from contact.errors import CHANGED, Infeasible, InputError, LargeMotionWarning, NotConverged, warn
+from contact.laws.adhesion import Adhesion
 from contact.laws.friction import Friction, Tresca
 from contact.laws.iteration import Iteration
-from contact.laws.newton import LIMITS, newton, proximal_point
+from contact.laws.newton import LIMITS, followed, newton, proximal_point
+from contact.laws.status import Status
+from contact.laws.surface_checks import jump_between, warn_of_jump, warn_of_wear
+from contact.laws.surface_law import SurfaceLaw, SurfaceState
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import (
     RigidMotion,
@@ -31,7 +35,7 @@ from contact.spectral.friction_newton import Waves
 from contact.spectral.frictionless import frictionless
 from contact.spectral.grid_case import GridCase
 from contact.spectral.grid_compliance import GridCompliance
-from contact.spectral.grid_problem import GridProblem
+from contact.spectral.grid_problem import GridProblem, NormalRows
 from contact.spectral.grid_result import GridResult, certified
 from skfem_adini.ground.arguments import evaluated, numbers
 from skfem_adini.ground.arrays import host
@@ -39,6 +43,7 @@ from skfem_adini.ground.arrays import host
 Array = NDArray[np.float64]
 
 _NEWTON = 60  # steps of Newton's method at most
+_STEPS = 200  # where adhesion peels, or a surface yields, point by point
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,6 +63,8 @@ class GridContact:
     friction : float, callable or array
         The coefficient of Coulomb's law; the bound, a traction, of Tresca's.
     law : "coulomb" or "tresca"
+    adhesion, hardness, wear : optional
+        As in `ContactProblem`; values by place in the shape of the grid.
 
     Raises
     ------
@@ -90,6 +97,9 @@ class GridContact:
     obstacle: ObstacleLike | Rigid
     friction: Any = 0.0
     law: str = "coulomb"
+    adhesion: Adhesion | None = None
+    hardness: Any = None
+    wear: Any = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.law, str) or self.law not in ("coulomb", "tresca"):
@@ -103,7 +113,7 @@ class GridContact:
         if rigid.rotation is not None or rigid.moment is not None:
             raise InputError("obstacle: a periodic one does not turn; leave rotation and moment")
         motion = self._controls()[0]
-        rubs = bool(np.any(self._friction() > 0))
+        rubs = bool(np.any(self._friction() > 0)) or self.wear is not None
         for i in np.flatnonzero(np.asarray(self.compliance.constant)):
             across = np.asarray(self.compliance.normal)[i] == 0
             if not np.isnan(motion[i]) and (rubs or not across):
@@ -118,6 +128,10 @@ class GridContact:
                 "take more cells"
             )
         _ = self._gap  # raise its errors here
+        if self._surface is not None and not isinstance(self.compliance.initial, np.ndarray):
+            raise InputError(
+                "compliance: on a device there is no adhesion, hardness and wear; leave xp=cupy"
+            )
 
     @property
     def _rigid(self) -> Rigid:
@@ -172,6 +186,10 @@ class GridContact:
         x = self.points()
         normal = normal.reshape((-1,) + (1,) * (x.ndim - 1))
         return evaluate_gap(self._rigid.obstacle, x, np.broadcast_to(normal, x.shape))
+
+    @cached_property
+    def _surface(self) -> SurfaceState | None:
+        return SurfaceState.of(self.adhesion, self.hardness, self.wear, self.points())
 
     def _friction(self) -> Array:
         return self._given_friction
@@ -248,28 +266,38 @@ class GridContact:
 
         friction = self._friction()
         _check_forces(case, problem)
-        inner = LIMITS.inner * tol
-        before = None
+        inner, surface = LIMITS.inner * tol, case.surface_law(problem)
+        law, xp, before = case.friction_law(problem.xp), problem.xp, None
         if after is not None and np.any(after.pressure > 0):
             before = problem.xp.asarray(after.forces[0])
-        mu, lift = frictionless(problem, before, tol=inner, report=report)
-        xp = problem.xp
         l, a = xp.zeros_like(problem.v0), np.zeros(len(problem.v0))
-        l[0], a[0] = mu, lift
-        _check_fixed(problem, l, a)
-        law = case.friction_law(xp)
-        if np.any(friction > 0) and (bool((mu > 0).any()) or isinstance(law, Tresca)):
+        if surface is not None and surface.softens and after is not None and after._proof:
+            l, a = xp.asarray(after.forces), after._proof[1]
+        elif problem.force[0] < 0:  # pulled at adhesion: from surfaces that just touch
+            a[0] = float((problem.gap - problem.v0[0])[problem.can_touch].min())
+        else:
+            l[0], a[0] = frictionless(problem, before, tol=inner, report=report)
+            _check_fixed(problem, l, a)
+        mu = l[0]
+        rubs = np.any(friction > 0) and (bool((mu > 0).any()) or isinstance(law, Tresca))
+        if rubs and not l[1:].any():
             share = mu if bool((mu > 0).any()) else xp.broadcast_to(law.bound(mu), mu.shape)
             for i in problem.free:
                 if i:
                     l[i] = share / share.sum() * problem.force[i]
+        if surface is not None:
+            l, a = _with_surface(problem, law, surface, (l, a), inner, report)
+        elif rubs:
             l, a = _with_friction(problem, law, (l, a), inner, report)
-            if problem.at_rest is not None:
-                l[1:] = xp.where(problem.at_rest, 0.0, l[1:])
+        if rubs and problem.at_rest is not None:
+            l[1:] = xp.where(problem.at_rest, 0.0, l[1:])
         lines, given, way = tuple(history), case.motion, case.travel
-        result = certified(problem, law, (l, a), given, tol, lines, way)
+        result = certified(problem, law, (l, a), given, tol, lines, way, surface)
         _check_motion(problem, result, way)
-        return replace(result, _proof=(case, a, tol))
+        result = replace(result, jump=_jump(after, result, case), _proof=(case, a, tol))
+        if surface is not None:
+            warn_of_wear(host(result._fields["worn"]), min(self.compliance.spacing))
+        return result
 
     def history(
         self,
@@ -339,7 +367,7 @@ class GridContact:
             known = along_normal(last.obstacle, now, first)
             if last.obstacle is not None or gap_tells_place(now):
                 known = known or bool(np.all(same_gaps(last.gap, self._gap)))
-            if not known and np.any(self._friction() > 0):
+            if not known and (np.any(self._friction() > 0) or self.wear is not None):
                 raise unknown_motion(last.obstacle, now)
             return last.travel
         if motion.still:
@@ -349,12 +377,15 @@ class GridContact:
 
     def _case(self, after: GridResult | None) -> GridCase:
         motion, force = self._controls()
-        since = None if after is None else after.slip
+        since, surface = None if after is None else after.slip, self._surface
+        if surface is not None and after is not None:
+            surface = surface.after(after.indentation, after.worn)
         friction = self._friction()
         obstacle = self._rigid.obstacle
         return GridCase(
-            self.compliance, self._gap, friction, self.law, motion, force, since, None, obstacle
-        )
+            self.compliance, self._gap, friction, self.law, motion, force, since, None, obstacle,
+            surface,
+        )  # fmt: skip
 
     def _check(self, tol: Any, after: Any = None) -> None:
         if numbers("tol", tol).shape != () or not 0 < tol < 1:
@@ -369,8 +400,14 @@ class GridContact:
 
 
 def _check_forces(case: GridCase, problem: GridProblem) -> None:
-    total, friction = problem.force[0], case.friction
-    if total < 0:
+    total, friction, surface = problem.force[0], case.friction, case.surface
+    if surface is not None and surface.hardness is not None:
+        most = float((np.isfinite(case.gap) * surface.hardness * host(case.areas)).sum())
+        if total >= most * (1 - 1e-12):
+            raise Infeasible(
+                f"obstacle: the force {total:.6g} is beyond what the hardness carries, {most:.6g}"
+            )
+    if total < 0 and (surface is None or surface.adhesion is None):
         raise Infeasible("obstacle: the force pulls it off the body; turn it round")
     if total > 0 and not bool(problem.can_touch.any()):
         raise Infeasible("obstacle: it is within reach of no point that the force could press")
@@ -428,6 +465,38 @@ def _check_fixed(problem: GridProblem, l: Any, a: Any) -> None:
             f"obstacle: it enters grid point {point} by {deepest:.6g}, where a side holds the "
             "normal displacement"
         )
+
+
+def _with_surface(
+    problem: GridProblem, law: Friction, surface: SurfaceLaw, start: Any, tol: float, report: Any
+) -> Any:
+    """Newton's method for adhesion, hardness and wear; without friction on normal rows alone."""
+    rubs = bool((law.bound(problem.xp.ones_like(problem.gap)) > 0).any())
+    wears = surface.surface is not None and surface.surface.wear is not None
+    (l, a), whole = start, Waves(problem, law, surface)
+    solve, options = followed if surface.softens else newton, {"tol": tol, "report": report}
+    try:
+        if rubs or wears:
+            return solve(whole, start, max_iterations=_NEWTON, **options)
+        normal = Waves(NormalRows.of(problem), law, surface)
+        mu, lift = solve(normal, (l[:1], a[:1]), max_iterations=_STEPS, **options)
+    except NotConverged:
+        if surface.softens:
+            raise
+        return proximal_point(whole, start, max_iterations=30, **options)
+    return problem.xp.concatenate((mu, 0.0 * l[1:])), np.concatenate((lift, 0.0 * a[1:]))
+
+
+def _jump(last: GridResult | None, result: GridResult, case: GridCase) -> str:
+    """The instability that a step with adhesion has passed, with a warning; else empty."""
+    if last is None or case.surface is None or case.surface.adhesion is None:
+        return ""
+    status, opening = (host(result._fields[name]) for name in ("status", "opening"))
+    touched, touches = (one != Status.OPEN for one in (last.status, status))
+    reach = case.surface.adhesion.range
+    jump = jump_between(touched, last.opening, touches, opening, reach)
+    warn_of_jump(jump)
+    return jump
 
 
 def _with_friction(problem: GridProblem, law: Friction, start: Any, tol: float, report: Any) -> Any:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from contact.errors import InputError
-from contact.laws.friction import project
+from contact.laws.friction import lengths, project
+from contact.laws.surface_law import SurfaceLaw
 from contact.spectral.grid_compliance import GridCompliance
 from skfem_adini.ground.arrays import namespace
 
@@ -158,7 +159,7 @@ class GridProblem:
     def size(self, forces: Grid) -> float:
         """Scale of residuals: the largest force, at least 1e-12 of the forces due to the data."""
         overlap = self.xp.where(self.can_touch, self.v0[0] - self.gap, -np.inf).max()
-        along = float(self.xp.abs(self.v0[1:]).max())
+        along = float(self.xp.abs(self.v0[1:]).max()) if len(self.v0) > 1 else 0.0
         causes = (self.scale_normal * float(overlap), self.scale_along * along if along else 0.0)
         given = np.abs(self.force[self.free]).max(initial=0.0) / self.gap.size
         largest = float(self.xp.abs(forces).max())
@@ -169,7 +170,44 @@ class GridProblem:
         return np.array([float(part.sum()) for part in forces])
 
 
-def residuals(problem: GridProblem, l: Grid, v: Grid, bound: Grid) -> dict[str, float]:
+@dataclass(frozen=True)
+class NormalRows(GridProblem):
+    """The normal components of a problem alone: forces and displacements (1, nx[, ny])."""
+
+    @classmethod
+    def of(cls, problem: GridProblem) -> NormalRows:
+        """The normal part of a problem without friction."""
+        return cls(problem.compliance, problem.v0[:1], problem.gap, problem.force[:1])
+
+    @cached_property
+    def fixed(self) -> Grid | None:
+        """Normal components of points that a side fixes, (1, nx[, ny])."""
+        fixed = super().fixed
+        return None if fixed is None else fixed[:1]
+
+    def W(self, forces: Grid) -> Grid:
+        """Compliance times normal forces."""
+        return self._filtered("apply_normal", self.compliance.apply, forces)
+
+    def S(self, displacements: Grid) -> Grid:
+        """The preconditioner, an approximate inverse of W."""
+        return self._filtered("precondition_normal", self.compliance.precondition, displacements)
+
+    def _filtered(self, name: str, product: Any, values: Grid) -> Grid:
+        if hasattr(self.compliance, name):
+            return getattr(self.compliance, name)(values[0])[None]
+        local = self.xp.zeros((len(self.order[0]), *self.gap.shape))
+        local[0] = values[0]
+        return self.turned(product(self.turned_back(local)))[:1]
+
+    def W_normal(self, mu: Grid) -> Grid:
+        """Normal displacements under normal forces."""
+        return self.W(mu[None])[0]
+
+
+def residuals(
+    problem: GridProblem, l: Grid, v: Grid, bound: Grid, surface: SurfaceLaw | None = None
+) -> dict[str, float]:
     """Relative residuals of the laws and the balance, with the names of `ContactResult.kkt`."""
     xp, size = problem.xp, problem.size(l)
     length = max(float(xp.abs(v).max()), size / problem.scale_normal)
@@ -185,6 +223,12 @@ def residuals(problem: GridProblem, l: Grid, v: Grid, bound: Grid) -> dict[str, 
         "cone": xp.maximum(excess, 0.0).max() / size,
         "slip": xp.abs(returned).max() / size,
     }
+    if surface is not None:
+        off = surface.at(l[0], problem.scale_normal * through, lengths(v[1:])).mu - l[0]
+        worst["penetration"] = xp.maximum(off, 0.0).max() / size
+        worst["complementarity"] = xp.maximum(-off, 0.0).max() / size
+        if surface.softens:
+            del worst["sign"]
     kkt = {name: float(value) for name, value in worst.items()}
     if problem.free:
         off = (problem.sums(l) - problem.force)[problem.free]

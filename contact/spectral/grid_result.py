@@ -11,9 +11,11 @@ import skfem
 from numpy.typing import NDArray
 
 from contact.errors import InputError, NotConverged
-from contact.laws.friction import Friction, Tresca
+from contact.laws.adhesion import Adhesion
+from contact.laws.friction import Friction, Tresca, lengths
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
+from contact.laws.surface_law import SurfaceLaw, SurfaceState
 from contact.output.archive import (
     Kinds,
     from_arrays,
@@ -70,6 +72,12 @@ class GridResult(FieldsInside):
     history : tuple of Iteration
     forces : ndarray, shape (dim, nx[, ny])
         Multipliers (mu, t); forces on the body are their opposites.
+    indentation : ndarray, shape (nx[, ny])
+        Permanent indentation by the hardness, up to this step.
+    worn : ndarray, shape (2, nx[, ny])
+        Depths worn off the body and off the obstacle, up to this step.
+    jump : str
+        With adhesion "pull-off" or "contact" if the step passed such an instability, else empty.
 
     Examples
     --------
@@ -90,6 +98,7 @@ class GridResult(FieldsInside):
     history: tuple[Iteration, ...]
     _fields: dict[str, Grid]  # on their device until accessed
     _proof: tuple[GridCase, Array, float] | None = None  # case, computed motions, tolerance
+    jump: str = ""
 
     def __getattr__(self, name: str) -> Any:
         """A field, copied to the host on first access."""
@@ -171,8 +180,9 @@ class GridResult(FieldsInside):
         state = problem.xp.asarray(forces), a
         with proving(unproved(path)):
             result = certified(
-                problem, law, state, case.motion, loosened(tol), history, case.travel
-            )
+                problem, law, state, case.motion, loosened(tol), history, case.travel,
+                case.surface_law(problem),
+            )  # fmt: skip
         return replace(result, _proof=(case, a, tol))
 
     def __repr__(self) -> str:
@@ -206,8 +216,20 @@ class GridResult(FieldsInside):
 
     @property
     def area(self) -> float:
-        """Contact area (2-D: length), from the number of points under pressure."""
-        return float((self._weights * (self.pressure > 0)).sum() * self.cell)
+        """Contact area (2-D: length), from the number of points under pressure; with adhesion of
+        those without a gap."""
+        return float((self._weights * self._touching).sum() * self.cell)
+
+    @property
+    def _touching(self) -> NDArray[np.bool_]:
+        proof = self._proof
+        adheres = proof is not None and getattr(proof[0].surface, "adhesion", None) is not None
+        return self.status != Status.OPEN if adheres else self.pressure > 0
+
+    @property
+    def worn_volume(self) -> Array:
+        """Volumes worn off the body and off the obstacle, shape (2,); for a profile areas."""
+        return np.asarray((self.worn * self._weights).reshape(2, -1).sum(axis=1) * self.cell)
 
     @property
     def perimeter(self) -> float:
@@ -341,7 +363,7 @@ class GridResult(FieldsInside):
             pyvista is not installed.
         """
         image = image_data(self._lateral())
-        for name in ("pressure", "opening", "status"):
+        for name in ("pressure", "opening", "status", "indentation"):
             image.point_data[name] = getattr(self, name).ravel(order="F")
         for name in ("shear", "u"):
             rows = [part.ravel(order="F") for part in getattr(self, name)]
@@ -359,13 +381,14 @@ def certified(
     tol: float,
     history: tuple[Iteration, ...],
     travel: Array | None = None,
+    surface: SurfaceLaw | None = None,
 ) -> GridResult:
     """The result for forces and motions; raises `NotConverged` if a residual exceeds tol. `given`
     are prescribed motions of the obstacle, else NaN, `travel` is the path of its shape."""
     (l, a), xp = state, problem.xp
     pressed, bound = problem.W(l), law.bound(l[0])
     v = problem.v0 - pressed + problem.moved(a)
-    kkt = residuals(problem, l, v, bound)
+    kkt = residuals(problem, l, v, bound, surface)
     missed = {name: value for name, value in kkt.items() if not value <= tol}
     if missed:
         found = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
@@ -381,6 +404,19 @@ def certified(
         open_ = problem.at_rest.all(axis=0) & (bound > 0)
         rubs = xp.where(open_, int(Status.UNDETERMINED), rubs)
     touches = (l[0] > 0) | ((bound > 0) & isinstance(law, Tresca))
+    lost: dict[str, Grid] = {
+        "indentation": xp.zeros_like(l[0]),
+        "worn": xp.zeros((2, *l[0].shape)),
+    }
+    if surface is not None and surface.surface is not None:
+        through = xp.where(problem.can_touch, v[0] - problem.gap, -np.inf)
+        now = l[0], problem.scale_normal * through, lengths(v[1:])
+        touches = touches | surface.at(*now).touches
+        indented, worn = surface.left(*now)
+        lost = {
+            "indentation": xp.asarray(surface.surface.indented) + indented,
+            "worn": xp.asarray(surface.surface.worn) + worn,
+        }
     order, sign = problem.order
     motion = np.empty(len(order))
     motion[order] = -np.asarray(a) * np.array([sign] + [1.0] * (len(order) - 1))
@@ -404,6 +440,7 @@ def certified(
             "slip": relative,
             "status": xp.where(touches, rubs, int(Status.OPEN)),
             "forces": l,
+            **lost,
         },
     )
 
@@ -451,6 +488,7 @@ def corrected_area(
 
 
 _FORMAT = 1
+_SURFACE = ("hardness", "wear", "indented", "worn")
 _OF_CASE = ("gap", "friction", "motion", "force", "slip_from", "travel")
 _ELEMENTS = Kinds(
     *(skfem.ElementQuad1, skfem.ElementHex1, ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
@@ -479,6 +517,9 @@ def write(state: GridState, path: str | Path) -> Path:
         "history": [asdict(line) for line in state.history],
     }
     parts = {name: getattr(case, name) for name in _OF_CASE}
+    if case.surface is not None:
+        parts |= case.surface.stored(np.maximum(state.forces[0], 0.0) / host(case.areas))
+        about["adhesion"] = asdict(case.surface.adhesion) if case.surface.adhesion else None
     parts |= {"forces": state.forces, "a": state.a, "about": words(about)}
     return write_arrays(file, to_arrays(parts))
 
@@ -499,7 +540,8 @@ def _state(arrays: dict[str, Any], about: dict[str, Any], xp: Any) -> GridState:
     expected = {
         "gap": shape, "friction": shape, "motion": (dim,), "force": (dim,),
         "forces": (dim, *shape), "a": (dim,), "slip_from": (dim - 1, *shape),
-        "travel": (dim,),
+        "travel": (dim,), "hardness": shape, "wear": (2, *shape), "indented": shape,
+        "worn": (2, *shape),
     }  # fmt: skip
     found = {name: numbers(name, part) for name, part in from_arrays(arrays, expected).items()}
     for name, value in found.items():
@@ -510,11 +552,17 @@ def _state(arrays: dict[str, Any], about: dict[str, Any], xp: Any) -> GridState:
             raise InputError(f"{name}: holds numbers that are not finite")
     if np.any(np.isnan(found["gap"])) or np.any(found["friction"] < 0):
         raise InputError("gap, friction: hold NaN, or a negative coefficient")
+    for name in _SURFACE:
+        if not np.all(found.get(name, np.zeros(1)) >= 0):
+            raise InputError(f"{name}: holds NaN, or negative values")
     if not np.all(np.isnan(found["motion"]) != np.isnan(found["force"])):
         raise InputError("motion, force: for each component one of the two must be NaN")
     if about["law"] not in ("coulomb", "tresca") or not 0 < about["tol"] < 1:
         raise InputError(f"law {about['law']!r} or tolerance {about['tol']!r} out of range")
     given: dict[str, Any] = {name: found.get(name) for name in _OF_CASE}
+    if "adhesion" in about:
+        glue = None if about["adhesion"] is None else Adhesion(**about["adhesion"])
+        given["surface"] = SurfaceState(glue, **{name: found.get(name) for name in _SURFACE})
     case = GridCase(compliance=compliance, law=about["law"], **given)
     lines = tuple(Iteration(**line) for line in about["history"])
     return GridState(case, found["forces"], found["a"], about["tol"], lines)

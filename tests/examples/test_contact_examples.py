@@ -155,3 +155,22 @@ def test_rough_surface(run, example, tmp_path):
     assert image.points[at] == pytest.approx(points[:, 7, 11], abs=1e-6)
     assert image["von Mises"][at] == pytest.approx(stress[7, 11])
     assert stress.max() < 2 * rough.loads["coated block"][-1].pressure.max()
+
+
+def test_adhesion(run):
+    results, force = run("adhesion", says="pull-off", files=["adhesion.png"])
+    assert min(force) == pytest.approx(-1.6007, rel=0.01)  # Maugis' closed form
+    assert [r.jump for r in results if r.jump] == ["contact", "pull-off"]
+
+
+@pytest.mark.turns(3)
+def test_hard_surface(run):
+    steps = run("hard_surface", says="share in contact", files=["hard_surface.png"])
+    assert np.ptp(steps[-1].indentation - steps[6].indentation) < 1e-12
+    assert 0.7 < steps[6].area < 0.74
+
+
+def test_wear_pin(run):
+    history = run("wear_pin", says="0.004000000 worn", files=["wear_pin.png"])
+    assert history.results[-1].worn_volume[0] == pytest.approx(4e-3, rel=1e-10)
+    assert history.results[-1].pressure.max() < 0.6 * history.results[0].pressure.max()

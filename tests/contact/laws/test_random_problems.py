@@ -11,7 +11,7 @@ from contact.errors import ContactError
 from contact.laws.friction import Coulomb, Tresca
 from contact.laws.methods import solve_boundary
 from contact.laws.options import Options
-from contact.result.contact_system import SurfaceCompliance
+from contact.laws.surface_law import SurfaceLaw
 from gpu import GpuError
 
 TOLERANCE = 1e-10  # what `solve` promises by default: the solvers aim a hundred times lower
@@ -214,7 +214,8 @@ def test_ties_and_compliant_surfaces(seed):
         PressureOverclosure.exponential(unit * 10.0 ** rng.uniform(-2, 1), 0.1 * unit),
         None,
     ][seed % 4]
-    laws = law and SurfaceCompliance((law,), np.where(bonded, -1, 0), np.ones(m), np.ones(m))
+    one, number = np.ones(m), np.where(bonded, -1, 0)
+    laws = law and SurfaceLaw(one, one, one, laws=(law,), number=number, bonded=bonded)
     problem = BoundaryProblem(
         W, v0, np.zeros((n, 0)), np.zeros(0), gap, np.arange(m),
         m + np.arange(m * dim_t).reshape(dim_t, m).T, np.zeros((m, dim_t)),
@@ -228,7 +229,7 @@ def test_ties_and_compliant_surfaces(seed):
         off = np.minimum(forces.mu, gap - u_n)
         assert np.abs(off[free]).max(initial=0.0) <= 1e-9 * size
     else:
-        slope = laws.closest(forces.mu + u_n - gap)[2]
+        slope = laws.at(forces.mu, u_n - gap, 0.0 * gap).slope
         off = np.abs(law.pressure(u_n - gap) - forces.mu) * np.minimum(slope, 1.0)
         assert np.max(off[free & (slope > 0)], initial=0.0) <= 1e-9 * size
         assert np.all((u_n - gap - law.start)[free & (slope == 0)] <= 1e-9 * size)
