@@ -296,11 +296,10 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
     return checksum(arrays | {f"vector/{i}": vector for i, vector in enumerate(vectors)})
 
 
-def same_conditions(now: ContactSystem, then: ContactSystem, same_rows: bool = True) -> bool:
-    """Whether two steps have the same loads, supports, obstacles and, if `same_rows`, gaps."""
+def same_conditions(now: ContactSystem, then: ContactSystem) -> bool:
+    """Whether two steps have the same loads, supports, obstacles and gaps."""
     pairs = [(now.load, then.load), (now.body.constraint[1], then.body.constraint[1])]
-    if same_rows:
-        pairs += [(now.rows.gap, then.rows.gap), (now.friction, then.friction)]
+    pairs += [(now.rows.gap, then.rows.gap), (now.friction, then.friction)]
     one, other = _of_rigid(now), _of_rigid(then)
     if set(one) != set(other) or now.law != then.law:
         return False
@@ -313,7 +312,8 @@ def _of_rigid(system: ContactSystem) -> dict[str, Array]:
     motion = system.motion
     if motion is None or not motion.prescribed.size:
         return {}
-    return {name: value for name, value in vars(motion).items() if name != "travel"}
+    arrays = {name: value for name, value in vars(motion).items() if name != "travel"}
+    return {name: value for name, value in arrays.items() if value is not None}
 
 
 def _same(a: Array, b: Array) -> bool:

@@ -133,6 +133,7 @@ class ObstacleMotion:
     prescribed: Array  # NaN for a free motion, shape (k,)
     force: Array  # force or moment on a free motion, else NaN, (k,)
     travel: Array | None = None  # tangential path of shapes since rest, (m, dim - 1)
+    turns: Array | None = None  # rotation of each `Rigid`, in finite sliding, (n, dim, dim)
 
     @classmethod
     def of_all(cls, found: Sequence[ObstacleMotion]) -> ObstacleMotion | None:
