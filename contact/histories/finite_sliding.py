@@ -115,7 +115,7 @@ class FiniteSliding:
         rest = np.zeros(body.f.size) if last is None else last.u
         step = self._step(last, moving)
         poses = self._poses(step)
-        u, result, change = (rest if near is None else near), last, np.inf
+        u, result, change, least = (rest if near is None else near), last, np.inf, np.inf
         kept, lines = self._all_kept(), list[Iteration]()
         most = 30  # projections in one step
         for k in range(most):
@@ -130,9 +130,12 @@ class FiniteSliding:
             else:
                 result = found
             before, change = change, body.largest_displacement(result.u - u)
+            size = body.largest_displacement(result.u) or 1.0
+            if k > 5 and change > 0.5 * least:  # halfway, out of a cycle between flanks of a tool
+                result = halfway(result, u, label)
             poses, moved = self._moved(poses, system, result, step)
-            u, size = result.u, body.largest_displacement(result.u) or 1.0
-            change = max(change, moved)
+            u, change = result.u, max(change, moved)
+            least = min(least, change)
             lines += [*(result.history if found is None else ()), _line(k, result, change / size)]
             # Change by the next Newton step, if this one was a Newton step.
             ahead = change if found is None else min(change, change**2 / before)
@@ -143,7 +146,7 @@ class FiniteSliding:
             w = None if again.motion is None else _labels(poses, step)
             result = replace(result, system=again, history=tuple(lines), motion=w)
             certify(result, options.tol, result.slack)
-            self._check_tools(result, here, step)
+            self._check_tools(result, here)
             refuse_large_rotations(self._interfaces, u, self._angle)
             return result
         raise NotConverged(
@@ -378,7 +381,7 @@ class FiniteSliding:
         rigid = [isinstance(side, ContactBoundaries) for side in self._interfaces.sides]
         return np.flatnonzero(np.array(rigid)[self._part(rows)])
 
-    def _check_tools(self, result: ContactResult, here: Interfaces, step: _Step) -> None:
+    def _check_tools(self, result: ContactResult, here: Interfaces) -> None:
         """Raise if a tool has passed through a boundary, or overlaps the body beside it."""
         for found, own, side in zip(here.projected, here.points, here.sides, strict=True):
             if not isinstance(found, ToolRows) or not isinstance(side, ContactBoundaries):
@@ -396,6 +399,12 @@ class FiniteSliding:
     def _slice(self, side: Any) -> slice:
         bodies = self._interfaces.bodies
         return bodies.slices[bodies.number_of_trace(side.body)]
+
+
+def halfway(result: ContactResult, u: Array, label: Array) -> ContactResult:
+    """A result halfway from the displacement u and the motions `label`."""
+    motion = None if result.motion is None else 0.5 * (label + result.motion)
+    return replace(result, u=0.5 * (u + result.u), motion=motion)
 
 
 def flat(side: Any) -> tuple[Array, Array] | None:

@@ -307,6 +307,14 @@ def same_conditions(now: ContactSystem, then: ContactSystem) -> bool:
     return all(_same(a, b) for a, b in pairs)
 
 
+def same_path(now: ContactSystem, then: ContactSystem) -> bool:
+    """Whether obstacles travelled alike in a step, as far as one that was not halved tells."""
+    rest = np.zeros((now.rows.gap.size, now.rows.tangents.shape[1]))
+    since = [rest if one.slip_from is None else one.slip_from for one in (now, then)]
+    way = [rest if m is None or m.travel is None else m.travel for m in (now.motion, then.motion)]
+    return not _same(*since) or _same(*way)
+
+
 def _of_rigid(system: ContactSystem) -> dict[str, Array]:
     """Arrays of the motions of `Rigid` obstacles, without the paths of shapes."""
     motion = system.motion

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, NotConverged
 from contact.histories.finite_sliding import FiniteSliding
-from contact.histories.history_folder import HistoryFolder, same_conditions
+from contact.histories.history_folder import HistoryFolder, same_conditions, same_path
 from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.histories.load_program import LoadProgram
 from contact.laws.options import Options
@@ -273,7 +273,7 @@ class LoadStepper(LoadProgram):
         body = self._body_at(end)
         if self._finite is not None:
             now = self._finite.system_at(body, last, result, self._moving(last, begin, end))
-            return same_conditions(now, result.system)
+            return same_conditions(now, result.system) and same_path(now, result.system)
         moving = {"obstacle": self._obstacle_at(end)} if self._obstacle else {}
         now = self.problem.system_of(body, **moving)
         return same_conditions(now, result.system) and self._travels_so(last, result, begin, end)
