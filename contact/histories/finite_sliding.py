@@ -11,7 +11,7 @@ P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -116,39 +116,43 @@ class FiniteSliding:
         step = self._step(last, moving)
         poses = self._poses(step)
         u, result, change, least = (rest if near is None else near), last, np.inf, np.inf
-        kept, lines = self._all_kept(), list[Iteration]()
+        kept, lines, settled = self._all_kept(), list[Iteration](), False
         most = 30  # projections in one step
         for k in range(most):
             system, here = self._system(body, u, poses, last, step)
             condensed = kept.touched_by(body, system.rows)
             label = _labels(poses, step)
-            found = None
+            found, before = None, change
             if k:
                 found = self._newton(system, here, condensed, rest, result, options, step, label)
-            if found is None:
+            if found is not None:
+                change = self._change(system, found, u, label)
+            if found is None or not change <= 10.0 * before:  # a Newton step may go too far
+                found = None
                 result = self._problem.solve_system(system, condensed, options, result)
+                change = self._change(system, result, u, label)
             else:
                 result = found
-            before, change = change, body.largest_displacement(result.u - u)
             size = body.largest_displacement(result.u) or 1.0
             if k > 5 and change > 0.5 * least:  # halfway, out of a cycle between flanks of a tool
                 result = halfway(result, u, label)
-            poses, moved = self._moved(poses, system, result, step)
-            u, change = result.u, max(change, moved)
-            least = min(least, change)
+            poses = self._moved(poses, system, result, step)
+            u, least = result.u, min(least, change)
             lines += [*(result.history if found is None else ()), _line(k, result, change / size)]
             # Change by the next Newton step, if this one was a Newton step.
             ahead = change if found is None else min(change, change**2 / before)
-            if ahead <= max(1e-2 * options.tol * size, self._rounding(poses)):
+            settled = ahead <= max(1e-2 * options.tol * size, self._rounding(poses))
+            if settled:
                 break
         again, here = self._system(body, u, poses, last, step)
         if result is not None and again.rows.gap.size == result.mu.size:
             w = None if again.motion is None else _labels(poses, step)
             result = replace(result, system=again, history=tuple(lines), motion=w)
-            certify(result, options.tol, result.slack)
-            self._check_tools(result, here)
-            refuse_large_rotations(self._interfaces, u, self._angle)
-            return result
+            with nullcontext() if settled else suppress(NotConverged):
+                certify(result, options.tol, result.slack)
+                self._check_tools(result, here)
+                refuse_large_rotations(self._interfaces, u, self._angle)
+                return result
         raise NotConverged(
             f"finite sliding: after {most} projections the displacement still changes by "
             f"{change:.1e} (before: {before:.1e}); take smaller steps",
@@ -237,21 +241,29 @@ class FiniteSliding:
 
     def _moved(
         self, poses: list[Pose], system: ContactSystem, result: ContactResult, step: _Step
-    ) -> tuple[list[Pose], float]:
-        """The poses after the free motions of a result, and the largest motion of a point."""
+    ) -> list[Pose]:
+        """The poses after the free motions of a result."""
         motion = system.motion
         if motion is None or result.motion is None or not np.any(motion.free):
-            return poses, 0.0
+            return poses
         change = result.motion - _labels(poses, step)
-        found, k = [], 0
+        found, k = list[Pose](), 0
         for o, pose in zip(step.now, poses, strict=True):
             own = slice(k, k + pose.motion.size)
             k = own.stop if isinstance(o, Rigid) else k
             found.append(pose.moved(change[own]) if isinstance(o, Rigid) else pose)
-        felt = result.mu > 0
-        w_n, w_t = motion.normal @ change, (motion.tangent @ change).reshape(felt.size, -1)
-        largest = max(np.abs(w[felt]).max(initial=0.0) for w in (w_n, w_t))
-        return found, float(largest)
+        return found
+
+    def _change(
+        self, system: ContactSystem, result: ContactResult, u: Array, label: Array
+    ) -> float:
+        """The largest motion of a point of the bodies, or of a tool where it is in contact."""
+        largest, motion = float(system.body.largest_displacement(result.u - u)), system.motion
+        if motion is None or result.motion is None or not np.any(motion.free):
+            return largest
+        w_n, felt = motion.normal @ (result.motion - label), result.mu > 0
+        w_t = (motion.tangent @ (result.motion - label)).reshape(felt.size, -1)
+        return max(largest, *(float(np.abs(w[felt]).max(initial=0.0)) for w in (w_n, w_t)))
 
     def _rounding(self, poses: list[Pose]) -> float:
         """Rounding of places."""

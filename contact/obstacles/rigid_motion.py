@@ -186,5 +186,6 @@ def unknown_motion(before: Any, now: Any, where: str = "") -> InputError:
         "how far its surface moved along the boundary, which friction needs, cannot be read from "
         "it; say how far it has moved, motion=lambda t: (x, y) of LoadStepper.obstacle, or motion= "
         "of solve and of GridContact.history, where 0 stands for along the normal only; or give "
-        "the same shape in every step, as Moved(shape, displacement) does"
+        "the same shape in every step, as Moved(shape, displacement) does, or a Rigid in finite "
+        "sliding"
     )
