@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
+from contact.arrays.blas_threads import one_blas_thread
 from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.basis_solid import BasisSolid
 from contact.condensation.boundary_problem import Forces
@@ -290,7 +291,7 @@ class FiniteSliding:
             return None
         if system.motion is not None:
             result = replace(result, motion=label)
-        with suppress(NotConverged, LinAlgError):
+        with suppress(NotConverged, LinAlgError), one_blas_thread(condensed.size):
             u, mu, t, motion = newton_step(system, condensed, change, result, options.tol)
             return replace(result, system=system, u=u, mu=mu, t=t, motion=motion)
         return None
