@@ -35,7 +35,8 @@ from contact import (
     Sphere,
     SurfaceMesh,
 )
-from contact.obstacles.rigid_motion import RigidMotion
+from contact.errors import Unbounded
+from contact.obstacles.rigid_motion import RigidMotion, matrix_of
 from contact.obstacles.tool import Pose, Tool
 from contact.rows.tool_rows import ToolRows
 from skfem_adini import ElementQuadAdini
@@ -52,9 +53,8 @@ def block(element=ElementQuad1, n=20, shift=0.0, E=1.0, size=1.0):
         mesh = MeshQuad.init_tensor(np.linspace(-1, 1, n + 1) + shift, down)
         mesh = mesh.to_meshtri() if element in PLANE[:2] else mesh
     else:
-        mesh = MeshHex.init_tensor(
-            np.linspace(-1, 1, n + 1), np.linspace(-0.5, 0.5, n // 2 + 1), down
-        )
+        across = np.linspace(-0.5, 0.5, n // 2 + 1)
+        mesh = MeshHex.init_tensor(np.linspace(-1, 1, n + 1), across, down)
         mesh = mesh.to_meshtet() if element is ElementTetP1 else mesh
     names = {"top": lambda x: x[-1] == 0, "bottom": lambda x: x[-1] == -0.5}
     mesh = mesh.with_boundaries(names).scaled(size)
@@ -70,10 +70,7 @@ def disk(n=300):
 
 def meshed_ball(rings=24):
     """A sphere of triangles that touches z = 0."""
-    polar, around = (
-        np.pi * np.arange(1, rings) / rings,
-        2 * np.pi * np.arange(2 * rings) / (2 * rings),
-    )
+    polar, around = np.pi * np.arange(1, rings) / rings, np.pi * np.arange(2 * rings) / rings
     x = [np.outer(np.sin(polar), f(around)).ravel() for f in (np.cos, np.sin)]
     x.append(np.repeat(np.cos(polar), 2 * rings))
     points = BALL * np.hstack((np.array(x), [[0, 0], [0, 0], [1, -1]])) + [[0], [0], [BALL]]
@@ -121,21 +118,15 @@ def run(problem, tool, times, **more):
 
 
 def rows_of(rigid, pose, before, u, last, side):
-    tool = Tool.of(
-        rigid, pose, before, RigidMotion.at_rest(), (side.points.x[:, 0], side.points.normals)
-    )
+    flat = side.points.x[:, 0], side.points.normals
+    tool = Tool.of(rigid, pose, before, RigidMotion.at_rest(), flat)
     return ToolRows.of(side.points, side.rows, tool, u, last)
 
 
-@pytest.mark.parametrize(
-    ("dim", "name"),
-    [
-        (dim, name)
-        for dim, tools in ((2, IN_PLANE), (3, IN_SPACE))
-        for name in tools
-        if name != "SurfaceMesh"
-    ],
-)
+SHAPES = [(dim, name) for dim, tools in ((2, IN_PLANE), (3, IN_SPACE)) for name in tools]
+
+
+@pytest.mark.parametrize(("dim", "name"), [tool for tool in SHAPES if tool[1] != "SurfaceMesh"])
 def test_derivatives_of_rows(dim, name):
     """Of gap, slip, forces on body and tool, by displacement and pose: central differences."""
     rng, k = np.random.default_rng(3), dim * (dim + 1) // 2
@@ -153,13 +144,9 @@ def test_derivatives_of_rows(dim, name):
     d = here.derivative(mu, t)
 
     def values(found):
-        forces = [found.rows.G.T @ mu + found.rows.T.T @ t.ravel()]
-        return (
-            found.distance,
-            found.slip.ravel(),
-            *forces,
-            found.normal.T @ mu + found.tangent.T @ t.ravel(),
-        )
+        on_body = found.rows.G.T @ mu + found.rows.T.T @ t.ravel()
+        on_tool = found.normal.T @ mu + found.tangent.T @ t.ravel()
+        return found.distance, found.slip.ravel(), on_body, on_tool
 
     smooth = name not in ("Rough", "half a distance", "Parabola")  # distances to first order
     tolerance = 2e-4 if "istance" in name or name in ("Cone", "Rough", "Parabola") else 1e-7
@@ -311,12 +298,7 @@ def test_driven_by_forces_as_by_the_motions_they_cause(moment):
     for one, other in zip(driven, led, strict=True):
         assert np.abs(one.u - other.u).max() <= 1e-10 * np.abs(one.u).max()
         assert abs(other.resultant[1] + 0.03 * min(1, one.resultant[1] / -0.03)) <= 1e-10
-        # Moment of the contact forces on the axle, from places and resultants alone.
-        rows, t = other.system.rows, other.t[:, 0]
-        assert (
-            abs(R * t.sum() * np.sign(rows.tangents[0, 0] @ other.mu) - moment) <= 2e-10
-            or moment == 0
-        )
+        assert abs(abs(R * other.t.sum()) - moment) <= 1e-10  # normals meet the axle
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -337,9 +319,7 @@ def test_a_tool_that_spins(dim, friction):
         ContactProblem(body, "top", shape, friction=friction), tool, [1.0, 2.0, 5.0]
     )
     if not friction:
-        assert (
-            np.abs(once.u - pressed.u).max() <= 1e-12 and np.abs(more.u - pressed.u).max() <= 1e-12
-        )
+        assert max(np.abs(r.u - pressed.u).max() for r in (once, more)) <= 1e-12
         return
     for result in (once, more):
         size = np.linalg.norm(result.t, axis=1)
@@ -393,8 +373,6 @@ def test_tool_and_body_moved_together(dim, angle):
     shape = ROLLER if dim == 2 else Sphere((0, 0, BALL), BALL)
     far = np.r_[3.0, -2.0, 1.5][:dim]
     spin = np.r_[angle] if dim == 2 else angle * np.r_[0.6, 0.0, 0.8]
-    from contact.obstacles.rigid_motion import matrix_of
-
     R_all = matrix_of(spin)
     centre = (0.0,) * (dim - 1) + (radius,)
     problem = ContactProblem(body, "top", shape, friction=0.5)
@@ -442,7 +420,8 @@ def test_ironing_in_space_with_a_meshed_tool():
     for result in history.results[2:]:
         x = result.resultant
         rub = np.hypot(*(x[:2]))
-        assert 0.7 * F < rub / abs(x[2]) < 1.3 * F and x[0] > 0 and x[2] < 0
+        assert 0.7 * F < -rub / x[2] < 1.3 * F
+        assert x[0] > 0
         assert result.kkt["slip"] <= 1e-10
     # Beside the sphere that the triangles approximate.
     meshed_force = history.results[-1].contact_force
@@ -460,7 +439,9 @@ def test_a_roller_over_an_edge():
     tool = lambda t: Moved(ROLLER, (t, -0.03))  # noqa: E731
     history = run(ContactProblem(body, names, ROLLER, friction=F), tool, np.arange(0.2, 2.2, 0.2))
     force = np.array([result.contact_force for result in history])
-    assert np.all(np.diff(force[3:]) <= 0) and force[0] > 0 and force[-1] == 0.0
+    assert np.all(np.diff(force[3:]) <= 0)
+    assert force[0] > 0
+    assert force[-1] == 0.0
     for result in history:
         assert (result.gap > -1e-10).all()
 
@@ -471,12 +452,10 @@ def test_a_tool_that_leaves_the_contact_boundary():
     tool = lambda t: Moved(ROLLER, (t - 0.5, -0.03))  # noqa: E731
     stepper = LoadStepper(ContactProblem(body, "left", ROLLER), sliding="finite").obstacle(tool)
     stepper.run([0.1, 0.3])
-    with pytest.raises(InputError, match="left the contact boundary .* as far as the tool moves"):
+    with pytest.raises(InputError, match=r"left the contact boundary .* as far as the tool moves"):
         stepper.run([1.1])
     lost = LoadStepper(ContactProblem(block(), "top", ROLLER), sliding="finite")
     lost.obstacle(lambda t: Rigid(ROLLER, (4.0 * t, None), force=(None, -0.01), centre=AXLE))
-    from contact.errors import Unbounded
-
     with pytest.raises(Unbounded, match="the obstacle is not held"):
         lost.run([0.1, 1.0])
 
@@ -485,7 +464,7 @@ def test_steps_beyond_the_closest_point():
     deep = LoadStepper(ContactProblem(block(), "top", ROLLER), sliding="finite", halvings=0)
     deep.obstacle(lambda t: Moved(ROLLER, (0.0, -R * (t > 1))))
     deep.run([1.0])
-    with pytest.raises(NotConverged, match="no unique closest point|take smaller steps"):
+    with pytest.raises(NotConverged, match=r"no unique closest point|take smaller steps"):
         deep.run([2.0])
     turned = LoadStepper(
         ContactProblem(block(), "top", Plane((0, 0), (0, -1)), friction=F), sliding="finite"
