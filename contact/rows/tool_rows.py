@@ -330,8 +330,13 @@ def _at(values: Array, entry: Index, size: int) -> Array:
 
 
 def _of_spin(spin: Array, v: Array) -> Array:
-    """Change of a rotation vector by a small rotation v after it, to fourth order."""
+    r"""Change of a rotation vector :math:`\omega` by a small rotation v after it,
+    :math:`v - \omega \times v / 2 + (1 - \alpha \cot \alpha) \, \omega \times (\omega \times v)
+    / \omega^2` with :math:`\alpha = |\omega| / 2`."""
     if spin.size == 1:
         return v
-    across = np.cross(spin, v)
-    return np.asarray(v - 0.5 * across + np.cross(spin, across) / 12.0)
+    half, across = 0.5 * float(np.linalg.norm(spin)), np.cross(spin, v)
+    # At whole turns, where the quotient has a pole, its limit at rest.
+    curved = half > 1e-4 and abs(np.sin(half)) > 1e-2
+    factor = (1.0 - half / np.tan(half)) / (4.0 * half**2) if curved else 1.0 / 12.0
+    return np.asarray(v - 0.5 * across + factor * np.cross(spin, across))
