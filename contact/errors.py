@@ -77,9 +77,10 @@ class LargeMotionWarning(ContactWarning):
     """Loaded points have moved along the obstacle so far that their gaps have changed.
 
     Contact is linearised in the undeformed state: points keep their partners, normals and gaps. Let
-    bodies slide with `LoadStepper(..., sliding="finite")`; place a rigid obstacle where it has
-    moved to, as `LoadStepper.obstacle` does, instead of a large motion of a `Rigid`; or measure the
-    gap by `ClosestPoint`, which a motion along a plane does not change. If the gaps change by more
+    bodies slide, and rigid shapes move and turn, with `LoadStepper(..., sliding="finite")`; place a
+    rigid obstacle where it has moved to, as `LoadStepper.obstacle` does, instead of a large motion
+    of a `Rigid`; or measure the gap by `ClosestPoint`, which a motion along a plane does not
+    change. If the gaps change by more
     than the penetration, the result is refused with an `InputError`.
 
     Examples

@@ -53,6 +53,12 @@ class BoundaryProblem:
     bonded: NDArray[np.bool_] | None = None  # u_n = d, u_t = 0 for any forces, shape (m,)
     compliance: Compliance | None = None  # a `SurfaceLaw` replaces u_n = d
     swept: NDArray[np.bool_] | None = None  # one of two slips is prescribed: cannot stick, (m,)
+    D: Array | None = None  # replaces C in the balance, if forces follow the motions, (n, k)
+
+    @property
+    def balanced(self) -> Array:
+        """The matrix whose transpose times the forces balances the loads, shape (n, k)."""
+        return self.C if self.D is None else self.D
 
     @property
     def ties(self) -> NDArray[np.bool_]:

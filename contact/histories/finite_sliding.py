@@ -1,17 +1,18 @@
-"""Steps in which bodies of small strain slide by more than a facet.
+"""Steps in which bodies of small strain slide by more than a facet, also on rigid tools.
 
-Contact rows are recomputed at the positions :math:`x + u` of the last iterate until u converges.
-The first problem of a step assumes small sliding and uses the factorisation of the bodies, which
-keeps all dofs of both boundaries; in the plane, unless a body floats, the others are Newton steps
-(`newton_step`). Friction opposes the step's displacement along the current tangents. A result and
-its certificate use the rows at its displacement.
+Contact rows are recomputed at the positions :math:`x + u` of the last iterate, and the poses of
+tools there, until both converge. The first problem of a step assumes small sliding and uses the
+factorisation of the bodies, which keeps all dofs of the boundaries; unless a body floats, the
+others are Newton steps (`newton_step`). Friction opposes the step's displacement along the current
+tangents, that of a tool's surface included. A result and its certificate use the rows at its
+displacement and pose.
 
 P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4 and 9."""
 
 from __future__ import annotations
 
-from contextlib import suppress
-from dataclasses import replace
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,25 +20,36 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
+from contact.arrays.blas_threads import one_blas_thread
+from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.basis_solid import BasisSolid
 from contact.condensation.boundary_problem import Forces
 from contact.condensation.condensed_contact import CondensedContact
-from contact.errors import InputError, NotConverged
+from contact.errors import CHANGED, InputError, NotConverged
 from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.newton import LIMITS, newton
 from contact.laws.status import Status
-from contact.obstacles.rigid import ObstacleMotion
-from contact.obstacles.rigid_motion import same_gaps
+from contact.obstacles.rigid import ObstacleMotion, Rigid
+from contact.obstacles.rigid_motion import (
+    RigidMotion,
+    closest_rotation,
+    motion_between,
+    said_motion,
+    same_gaps,
+    unknown_motion,
+)
+from contact.obstacles.tool import Pose, Tool, is_tool
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
-from contact.rows.contact_boundaries import ContactBoundaries
+from contact.rows.contact_boundaries import ArcGap, ContactBoundaries, is_axial
 from contact.rows.contact_rows import ContactRows
 from contact.rows.interfaces import Interfaces
 from contact.rows.mortar.mortar_rows import Interface
 from contact.rows.outline import Outline
+from contact.rows.tool_rows import RowsInMotion, ToolRows
 from skfem_adini.ground.arguments import numbers
 
 if TYPE_CHECKING:
@@ -47,33 +59,40 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class _Step:
+    """The obstacles of a step: those opposite each side now, and what moved them since the last."""
+
+    now: list[Any]
+    since: list[Any]
+    said: Any  # displacements given by the caller, one a side, or None
+    last: list[Pose]  # poses of `Rigid` obstacles at the last step
+    moves: list[RigidMotion | None]  # of the shapes of tools inside a `Rigid`; None: no tool
+
+
 class FiniteSliding:
-    """Solves the steps of a history in which the bodies of a problem slide.
+    """Solves the steps of a history in which bodies slide on each other and on rigid tools.
     `largest_rotation` in radians is 0.1 by default: the strain error is then 5e-3. Raises
-    InputError without two touching bodies, with a given clearance, or for no angle."""
+    InputError with a given clearance, for layers, or for no angle."""
 
     def __init__(self, problem: ContactProblem, largest_rotation: float | None = None) -> None:
-        interfaces = problem.boundaries
-        if not isinstance(interfaces, Interfaces):
-            raise InputError(
-                "sliding: finite sliding is that of elastic bodies on each other; a problem with a "
-                "rigid obstacle alone has none"
-            )
+        found = problem.boundaries
+        interfaces = (
+            found
+            if isinstance(found, Interfaces)
+            else Interfaces.of_obstacles(problem.body, found, problem.obstacle)
+        )
         if any(pair.two_bodies and pair.opposite.clearance is not None for pair in problem.pairs):
             raise InputError(
                 "clearance: in finite sliding the gap is that between the meshes where the bodies "
                 "are; leave clearance out"
             )
-        for side in interfaces.sides:
-            if isinstance(side, ContactBoundaries):
-                continue
-            for k in {interfaces.bodies.number_of_trace(o.body) for o in (side.first, side.second)}:
-                body = interfaces.bodies.bodies[k]
-                if not isinstance(body, BasisSolid):
-                    raise InputError(
-                        f"sliding: {interfaces.bodies.called(k)} is a {type(body).__name__}, whose "
-                        "condensation keeps one set of contact rows; let block.elastic() slide"
-                    )
+        for k, body in enumerate(interfaces.bodies.bodies):
+            if not isinstance(body, BasisSolid):
+                raise InputError(
+                    f"sliding: {interfaces.bodies.called(k)} is a {type(body).__name__}, whose "
+                    "condensation keeps one set of contact rows; let block.elastic() slide"
+                )
         angle = 0.1 if largest_rotation is None else largest_rotation
         value = numbers("largest_rotation", angle)
         if value.shape != () or not 0.0 < value < 0.5 * np.pi:
@@ -95,35 +114,163 @@ class FiniteSliding:
         `moving` has rigid obstacles that vary, as `ContactProblem.system_of`. Raises NotConverged,
         or InputError if boundaries separate completely or a body rotates too far."""
         rest = np.zeros(body.f.size) if last is None else last.u
-        u, result, change = (rest if near is None else near), last, np.inf
-        kept, lines = self._all_kept(), list[Iteration]()
+        step = self._step(last, moving)
+        poses = self._poses(step)
+        u, result, change, least = (rest if near is None else near), last, np.inf, np.inf
+        kept, lines, settled = self._all_kept(), list[Iteration](), False
         most = 30  # projections in one step
         for k in range(most):
-            system, here = self._system(body, u, last, moving)
+            system, here = self._system(body, u, poses, last, step)
             condensed = kept.touched_by(body, system.rows)
-            found = self._newton(system, here, condensed, rest, result, options) if k else None
-            if found is None:
+            label = _labels(poses, step)
+            found, before = None, change
+            if k:
+                found = self._newton(system, here, condensed, rest, result, options, step, label)
+            if found is not None:
+                change = self._change(system, found, u, label)
+            if found is None or not change <= 10.0 * before:  # a Newton step may go too far
+                found = None
                 result = self._problem.solve_system(system, condensed, options, result)
+                change = self._change(system, result, u, label)
             else:
                 result = found
-            before, change = change, body.largest_displacement(result.u - u)
-            u, size = result.u, body.largest_displacement(result.u) or 1.0
+            size = body.largest_displacement(result.u) or 1.0
+            if k > 5 and change > 0.5 * least:  # halfway, out of a cycle between flanks of a tool
+                result = halfway(result, u, label)
+            poses = self._moved(poses, system, result, step)
+            u, least = result.u, min(least, change)
             lines += [*(result.history if found is None else ()), _line(k, result, change / size)]
             # Change by the next Newton step, if this one was a Newton step.
             ahead = change if found is None else min(change, change**2 / before)
-            if ahead <= 1e-2 * options.tol * size:
+            settled = ahead <= max(1e-2 * options.tol * size, self._rounding(poses))
+            if settled:
                 break
-        again, _ = self._system(body, u, last, moving)
+        again, here = self._system(body, u, poses, last, step)
         if result is not None and again.rows.gap.size == result.mu.size:
-            result = replace(result, system=again, history=tuple(lines))
-            certify(result, options.tol, result.slack)
-            refuse_large_rotations(self._interfaces, u, self._angle)
-            return result
+            w = None if again.motion is None else _labels(poses, step)
+            result = replace(result, system=again, history=tuple(lines), motion=w)
+            with nullcontext() if settled else suppress(NotConverged):
+                certify(result, options.tol, result.slack)
+                self._check_tools(result, here)
+                refuse_large_rotations(self._interfaces, u, self._angle)
+                return result
         raise NotConverged(
             f"finite sliding: after {most} projections the displacement still changes by "
             f"{change:.1e} (before: {before:.1e}); take smaller steps",
             tuple(lines),
         )
+
+    def following(self, result: ContactResult, obstacle: Any) -> NDArray[np.bool_]:
+        """Contact points (m,) whose rows are those at the displacement, not at rest."""
+        sides = zip(self._interfaces.sides, self._each(obstacle), strict=True)
+        follow = [isinstance(side, Interface) or is_tool(o) for side, o in sides]
+        return np.asarray(np.array(follow)[self._part(result.system.rows)])
+
+    def system_at(
+        self, body: Any, last: ContactResult | None, result: ContactResult, moving: dict[str, Any]
+    ) -> ContactSystem:
+        """The system of a step at the displacement and the poses of a result."""
+        step = self._step(last, moving)
+        return self._system(body, result.u, self._stored(step.now, result), last, step)[0]
+
+    def _stored(self, obstacles: list[Any], result: ContactResult | None) -> list[Pose]:
+        """The poses of obstacles in a result, None: at rest."""
+        dim, k, poses = self._interfaces.bodies.dim, 0, []
+        size = dim * (dim + 1) // 2
+        motion = None if result is None else result.system.motion
+        for o in obstacles:
+            pose = Pose.at_rest(dim)
+            if isinstance(o, Rigid) and result is not None and result.motion is not None:
+                turns = None if motion is None else motion.turns
+                if turns is None or len(turns) <= k:
+                    raise InputError("obstacle: the step is none of finite sliding of this Rigid")
+                pose = Pose(result.motion[size * k : size * (k + 1)], turns[k])
+                k += 1
+            poses.append(pose)
+        return poses
+
+    def _each(self, given: Any) -> list[Any]:
+        """What is given for all sides, as a list with one entry for each."""
+        count = len(self._interfaces.sides)
+        several = self._problem.pairs or isinstance(self._problem.opposite, list | tuple)
+        if several and isinstance(given, list | tuple) and len(given) == count:
+            return list(given)
+        return [given] * count
+
+    def _step(self, last: ContactResult | None, moving: dict[str, Any]) -> _Step:
+        """The obstacles of a step, with the motions of tools. Raises InputError if nothing slides,
+        or a motion that friction needs is unknown."""
+        sides, rest = self._interfaces.sides, self._problem.opposite
+        given = moving.get("obstacle", rest), moving.get("since", rest), moving.get("said")
+        now, since, said = (self._each(v) for v in given)
+        moves: list[RigidMotion | None] = []
+        for i, (side, was, o, own) in enumerate(zip(sides, since, now, said, strict=True)):
+            tool = isinstance(side, ContactBoundaries) and is_tool(o)
+            moves.append(self._move(i, was, o, own, last is None) if tool else None)
+        if not any(moves) and not any(isinstance(side, Interface) for side in sides):
+            raise InputError(
+                "sliding: finite sliding is that of elastic bodies on each other and on rigid "
+                "shapes; a gap given as a number, an array or a function of x has no shape to "
+                "slide on: give a Plane, Sphere, SurfaceMesh, ... as the obstacle"
+            )
+        known = said if any(v is not None for v in said) else None
+        return _Step(now, since, known, self._stored(since, last), moves)
+
+    def _move(self, i: int, was: Any, now: Any, said: Any, first: bool) -> RigidMotion:
+        """Motion of a tool's shape since the last step, without that of its `Rigid`."""
+        given = said_motion(said, self._interfaces.bodies.dim)
+        if given is not None:
+            return RigidMotion.between(0.0 * given, given)
+        found = motion_between(was, now)
+        if found is None and first and not is_tool(was):
+            return RigidMotion.at_rest()  # it starts where it is
+        ring = self._interfaces.bodies.plane == AXISYMMETRIC
+        if found is None or (ring and not is_axial(found)):
+            felt = self._problem.friction[self._part(self._problem.rows) == i] > 0
+            if np.any(felt):
+                raise unknown_motion(was, now)
+            return RigidMotion.at_rest()
+        return found
+
+    def _poses(self, step: _Step) -> list[Pose]:
+        """The poses of `Rigid` tools before their free motions are known."""
+        dim = self._interfaces.bodies.dim
+        return [
+            pose.under(o.components(dim)[0]) if isinstance(o, Rigid) else Pose.at_rest(dim)
+            for o, pose in zip(step.now, step.last, strict=True)
+        ]
+
+    def _moved(
+        self, poses: list[Pose], system: ContactSystem, result: ContactResult, step: _Step
+    ) -> list[Pose]:
+        """The poses after the free motions of a result."""
+        motion = system.motion
+        if motion is None or result.motion is None or not np.any(motion.free):
+            return poses
+        change = result.motion - _labels(poses, step)
+        found, k = list[Pose](), 0
+        for o, pose in zip(step.now, poses, strict=True):
+            own = slice(k, k + pose.motion.size)
+            k = own.stop if isinstance(o, Rigid) else k
+            found.append(pose.moved(change[own]) if isinstance(o, Rigid) else pose)
+        return found
+
+    def _change(
+        self, system: ContactSystem, result: ContactResult, u: Array, label: Array
+    ) -> float:
+        """The largest motion of a point of the bodies, or of a tool where it is in contact."""
+        largest, motion = float(system.body.largest_displacement(result.u - u)), system.motion
+        if motion is None or result.motion is None or not np.any(motion.free):
+            return largest
+        w_n, felt = motion.normal @ (result.motion - label), result.mu > 0
+        w_t = (motion.tangent @ (result.motion - label)).reshape(felt.size, -1)
+        return max(largest, *(float(np.abs(w[felt]).max(initial=0.0)) for w in (w_n, w_t)))
+
+    def _rounding(self, poses: list[Pose]) -> float:
+        """Rounding of places."""
+        dim = self._interfaces.bodies.dim
+        far = max((float(np.abs(pose.motion[:dim]).max()) for pose in poses), default=0.0)
+        return 20 * float(np.finfo(float).eps) * (self._interfaces.bodies.extent + far)
 
     def _newton(
         self,
@@ -133,18 +280,20 @@ class FiniteSliding:
         rest: Array,
         result: ContactResult | None,
         options: Options,
+        step: _Step,
+        label: Array,
     ) -> ContactResult | None:
         """The next iterate with the derivative of the projection; None if unavailable."""
         if result is None or options.method != "newton" or condensed.N.shape[1]:
             return None
-        if system.rows.gap.size != result.mu.size or system.motion is not None:
-            return None
-        change = here.in_motion(result.u, rest, result.mu, result.t)
+        change = here.in_motion(result.u, rest, result.mu, result.t, step.now)
         if change is None:
             return None
-        with suppress(NotConverged, LinAlgError):
-            u, mu, t = newton_step(system, condensed, change, result, options.tol)
-            return replace(result, system=system, u=u, mu=mu, t=t)
+        if system.motion is not None:
+            result = replace(result, motion=label)
+        with suppress(NotConverged, LinAlgError), one_blas_thread(condensed.size):
+            u, mu, t, motion = newton_step(system, condensed, change, result, options.tol)
+            return replace(result, system=system, u=u, mu=mu, t=t, motion=motion)
         return None
 
     def _all_kept(self) -> CondensedContact:
@@ -159,28 +308,33 @@ class FiniteSliding:
         return kept[1]
 
     def _system(
-        self, body: Any, u: Array, last: ContactResult | None, moving: dict[str, Any]
+        self, body: Any, u: Array, poses: list[Pose], last: ContactResult | None, step: _Step
     ) -> tuple[ContactSystem, Interfaces]:
         """The system of small sliding about the displacement u, and its projected rows."""
-        problem = self._problem
+        problem, rest = self._problem, np.zeros(u.size) if last is None else last.u
+        tools = [
+            None if move is None else Tool.of(o, pose, was, move, flat(side))
+            for o, pose, was, move, side in zip(
+                step.now, poses, step.last, step.moves, self._interfaces.sides, strict=True
+            )
+        ]
         try:
-            here = self._interfaces.displaced(u)
+            here = self._interfaces.displaced(u, tools, rest)
         except InputError:  # possibly due to a rotation
             refuse_large_rotations(self._interfaces, u, self._angle)
             raise
-        rows, now = here.rows, moving.get("obstacle", problem.opposite)
-        if moving:
-            rows = replace(rows, gap=here.gap(now))
-        friction = here.friction(problem.given_friction)
-        motion, before = self._motion(here, rows, friction, last, moving)
+        rows = replace(here.rows, gap=here.gap(step.now))
+        friction = here.friction(problem.given_friction) if problem.pairs else problem.friction
+        motion, slip_from = self._motion(here, rows, friction, u, poses, last, step)
         if problem.law == "tresca":
             friction = friction * rows.weights
-        slip_from = None
-        if last is not None:
-            slip_from = (rows.T @ last.u).reshape(rows.gap.size, -1) - before
-            slip_from[rows.ties] = 0.0
+        if not problem.pairs:  # as of one body
+            none = np.zeros(0, dtype=np.int64)
+            part = rows.part if len(here.sides) > 1 else none
+            rows = replace(rows, owner=none, part=part, axes=np.zeros((0, 0, 0)))
         law, laws = problem.law, problem.overclosure
-        rigid = problem.rigid(now)
+        several = problem.pairs or isinstance(problem.opposite, list | tuple)
+        rigid = problem.rigid(step.now if several else step.now[0])
         system = ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws, rigid)
         return system, here
 
@@ -189,42 +343,115 @@ class FiniteSliding:
         here: Interfaces,
         rows: ContactRows,
         friction: Array,
+        u: Array,
+        poses: list[Pose],
         last: ContactResult | None,
-        moving: dict[str, Any],
-    ) -> tuple[ObstacleMotion | None, Array]:
-        """Current motions of rigid obstacles, and w_t of the last step at the current points."""
-        now = moving.get("obstacle", self._problem.opposite)
-        motion = here.motion(now)
-        travel = np.zeros((rows.gap.size, rows.tangents.shape[1]))
-        gap, before = self._problem.rows.gap, None
-        if last is not None:  # points opposite rigid obstacles stay but are renumbered
-            gap, before = last.system.rows.gap, last.system.motion
-        at, of = (
-            self.rigid_points(r) for r in (rows, last.system.rows if last else self._problem.rows)
-        )
-        was, w = np.full(rows.gap.size, np.nan), travel.copy()
-        was[at] = gap[of]
+        step: _Step,
+    ) -> tuple[ObstacleMotion | None, Array | None]:
+        """Current motions of rigid obstacles, and the displacement from which slip counts."""
+        motion = here.motion(step.now)
+        m, slips = rows.gap.size, rows.tangents.shape[1]
+        travel, w, was = np.zeros((m, slips)), np.zeros((m, slips)), np.full(m, np.nan)
+        at = self.rigid_points(rows)
+        of = self.rigid_points(last.system.rows if last else self._problem.rows)
+        was[at] = (last.system.rows if last else self._problem.rows).gap[of]
+        before = None if last is None else last.system.motion
         if before is not None and last is not None and last.motion is not None:
             w[at] = before.displacement(last.motion)[1][of]
             if before.travel is not None:
                 travel[at] = before.travel[of]
-        if moving:
-            travel = travel + here.travel(
-                moving["since"],
-                now,
-                moving["said"],
-                unchanged=same_gaps(was, rows.gap),
-                felt=friction,
-                first=last is None,
-            )
+        same = same_gaps(was, rows.gap)
+        travel = travel + here.travel(
+            step.since, step.now, step.said, unchanged=same, felt=friction, first=last is None
+        )
+        from_last = None
+        if last is not None:
+            from_last = (rows.T @ last.u).reshape(m, slips) - w
+            from_last[rows.ties] = 0.0
+        if motion is not None:
+            rigid = [p.turn for o, p in zip(step.now, poses, strict=True) if isinstance(o, Rigid)]
+            motion = replace(motion, turns=np.array(rigid))
+            w = (motion.tangent @ _labels(poses, step)).reshape(m, slips)
+        else:
+            w = np.zeros((m, slips))
+        slip = (rows.T @ u).reshape(m, slips) - w
+        for k, (found, own) in enumerate(zip(here.projected, here.points, strict=True)):
+            if isinstance(found, ToolRows):  # total and increment of the slip are the true ones
+                until = np.zeros((own.size, slips))
+                if last is not None and from_last is not None:
+                    mine = np.flatnonzero(self._part(last.system.rows) == k)
+                    until = from_last[own] = last.slip[mine]
+                travel[own] = slip[own] - until - found.slip
         if np.any(travel):
             motion = ObstacleMotion.with_travel(motion, travel)
-        return motion, w
+        return motion, from_last
+
+    def _part(self, rows: ContactRows) -> NDArray[np.int64]:
+        return rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
 
     def rigid_points(self, rows: ContactRows) -> NDArray[np.int64]:
         """Contact points opposite rigid obstacles, in their order."""
         rigid = [isinstance(side, ContactBoundaries) for side in self._interfaces.sides]
-        return np.flatnonzero(np.array(rigid)[rows.part])
+        return np.flatnonzero(np.array(rigid)[self._part(rows)])
+
+    def _check_tools(self, result: ContactResult, here: Interfaces) -> None:
+        """Raise if a tool has passed through a boundary, or overlaps the body beside it."""
+        for found, own, side in zip(here.projected, here.points, here.sides, strict=True):
+            if not isinstance(found, ToolRows) or not isinstance(side, ContactBoundaries):
+                continue
+            loaded = result.mu[own] > 1e-9 * result.mu.max(initial=0.0)
+            wrong = np.flatnonzero(loaded & ~found.faces)
+            if wrong.size:
+                where = side.rows.x_nominal[:, wrong[0]].round(6).tolist()
+                raise NotConverged(
+                    f"finite sliding: the closest point of the obstacle to {where} lies behind the "
+                    "boundary, as if it had passed through the body; take smaller steps"
+                )
+            refuse_overlap_beside(side, found.tool, result.u[self._slice(side)])
+
+    def _slice(self, side: Any) -> slice:
+        bodies = self._interfaces.bodies
+        return bodies.slices[bodies.number_of_trace(side.body)]
+
+
+def halfway(result: ContactResult, u: Array, label: Array) -> ContactResult:
+    """A result halfway from the displacement u and the motions `label`."""
+    motion = None if result.motion is None else 0.5 * (label + result.motion)
+    return replace(result, u=0.5 * (u + result.u), motion=motion)
+
+
+def flat(side: Any) -> tuple[Array, Array] | None:
+    """A point of a boundary opposite an obstacle, and its normals."""
+    if not isinstance(side, ContactBoundaries):
+        return None
+    return side.points.x[:, 0], side.points.normals
+
+
+def _labels(poses: list[Pose], step: _Step) -> Array:
+    """Components of the motions of all `Rigid` obstacles."""
+    each = zip(step.now, poses, strict=True)
+    return np.concatenate([np.zeros(0), *(p.motion for o, p in each if isinstance(o, Rigid))])
+
+
+def refuse_overlap_beside(side: ContactBoundaries, tool: Tool, u: Array) -> None:
+    """Raise InputError where a tool overlaps vertices of the body beside the contact boundary.
+    Planes and other open shapes often stand for a tool that ends where the boundary does."""
+    rule, body = side.rules[0], side.body
+    if isinstance(rule, ArcGap) or not tool.bounded:
+        return
+    assert rule.source is not None
+    every = np.unique(body.mesh.facets[:, body.mesh.boundary_facets()])
+    beside = np.setdiff1d(every, rule.source[0].corners)
+    X = body.mesh.p[:, beside]
+    with suppress(NotConverged):
+        phi = tool.distance(X + _of_vertices(body, u)[:, beside])[0]
+        worst = int(phi.argmin()) if phi.size else 0
+        if phi.size and phi[worst] < -CHANGED * body.deformation(u):
+            raise InputError(
+                f"obstacle: it has left the contact boundary and overlaps the body by "
+                f"{-phi[worst]:.3g} at {X[:, worst].round(6).tolist()}, where there are no contact "
+                "points; let the contact boundary reach as far as the tool moves"
+            )
 
 
 def _line(k: int, result: ContactResult, change: float) -> Iteration:
@@ -234,54 +461,75 @@ def _line(k: int, result: ContactResult, change: float) -> Iteration:
     return Iteration(k + 1, "projection", active, int(stick), int(slip), change)
 
 
-if TYPE_CHECKING:
-    from contact.condensation.condensed_contact import CondensedContact
-    from contact.result.contact_result import ContactResult
-    from contact.result.contact_system import ContactSystem
-    from contact.rows.interfaces import RowsInMotion
-
-
 def newton_step(
     system: ContactSystem,
     condensed: CondensedContact,
     change: RowsInMotion,
     last: ContactResult,
     tol: float,
-) -> tuple[Array, Array, Array]:
-    r"""The next iterate (u, mu, t) by Newton's method with the derivative of the projection.
+) -> tuple[Array, Array, Array, Array | None]:
+    r"""The next iterate (u, mu, t, w) by Newton's method with the derivative of the projection.
 
-    With derivatives E of the contact conditions and K of the forces in the displacement,
+    With free motions a of obstacles, derivatives E of the contact conditions and K of the forces,
 
-    .. math:: (S + K) \delta + B^T l = f - S u, \qquad v = v(u) + (B + E) \delta ,
+    .. math::
+        (S + K) \delta + K_a a + B^T l = f - S u, \qquad v = v(u) + (B + E) \delta + (E_a - R) a,
+        \qquad -R^T l - L \delta - L_a a = q ,
 
     and the laws between v and l, on boundary dofs only. Raises NotConverged, or LinAlgError."""
-    u, points = last.u, condensed.points
+    u, points, motion = last.u, condensed.points, system.motion
     left = system.load - system.body.internal(u)
     live_n = points.normal >= 0
     live_t = (points.tangent >= 0).ravel()
     E = sparse.vstack([change.normal[live_n], change.tangential[live_t]], format="csr")
     B, rows = condensed.B.toarray(), condensed.restrict(sparse.csr_array(E))
+    rows[int(live_n.sum()) :] += change.swing[live_t] @ condensed.restrict(change.turning)
     K = condensed.restrict(sparse.csr_array(condensed.restricted_columns(change.force)))
+    free = np.zeros(0, dtype=bool) if motion is None else motion.free
+    R = np.zeros((len(B), int(free.sum())))
+    if motion is not None:
+        R = np.vstack((motion.normal[live_n], motion.tangent[live_t]))[:, free]
+    push, pull = (sparse.csr_array(v) for v in (change.push[:, free], change.pull[free]))
+    lean = change.lean[np.ix_(free, free)]
+    K_a = condensed.restricted_columns(push).toarray()
+    L = condensed.restrict(pull)
     factor = lu_factor(condensed.stiffness + K, check_finite=False)
-    response = lu_solve(factor, np.column_stack((condensed.carried(left), B.T)), check_finite=False)
-    moved = (B + rows) @ response
+    right = np.column_stack((condensed.carried(left), K_a, B.T))
+    response = lu_solve(factor, right, check_finite=False)
+    k = 1 + R.shape[1]
+    moved, pulled = (B + rows) @ response, L @ response
     u_n, u_t = system.relative(u, last.motion)
     v = points.stacked(u_n, system.slip_increment(u_t)) + moved[:, 0]
     scale = condensed.point_scale
     of_rows = points.stacked(scale, np.repeat(scale[:, None], u_t.shape[1], axis=1))
+    E_a = np.vstack((np.zeros((int(live_n.sum()), k - 1)), change.slip[live_t][:, free]))
+    C = (E_a - R - moved[:, 1:k]) / of_rows[:, None]
+    D = (pulled[:, k:].T - R) / of_rows[:, None]
+    size = np.abs(D).max(axis=0, initial=0.0)
+    unit = 1.0 / np.where(size > 0, size, 1.0)  # so that motions and displacements are alike
+    force = np.zeros(0) if motion is None else motion.force[free]
     problem = replace(
-        condensed.boundary_problem(system.load, system.rows.gap, system.slip_from, system.motion),
-        W=moved[:, 1:] / of_rows / of_rows[:, None],
+        condensed.boundary_problem(system.load, system.rows.gap, system.slip_from, motion),
+        W=moved[:, k:] / of_rows / of_rows[:, None],
         v0=v / of_rows,
+        C=C * unit,
+        D=D * unit if k > 1 else None,
+        K=(pulled[:, 1:k] - lean) * unit * unit[:, None] if k > 1 else None,
+        s=unit * (force + pulled[:, 0]),
         compliance=system.compliance(scale),
     )
     friction = system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
-    start = Forces(last.mu * scale, last.t * scale[:, None], np.zeros(0))
+    start = Forces(last.mu * scale, last.t * scale[:, None], np.zeros(k - 1))
     forces = newton(Condensed(problem, friction), start, tol=LIMITS.inner * tol)
-    l = problem.forces(forces.mu, forces.t) / of_rows
-    du = condensed.moved(left, response[:, 0] - response[:, 1:] @ l)
-    u, mu = u + du, forces.mu / scale
-    return u, mu, system.with_held_points(u, mu, forces.t / scale[:, None], last.motion)
+    l, a = problem.forces(forces.mu, forces.t) / of_rows, unit * forces.a
+    du = condensed.moved(
+        left - push @ a, response[:, 0] - response[:, 1:k] @ a - response[:, k:] @ l
+    )
+    u, mu, w = u + du, forces.mu / scale, last.motion
+    if w is not None and k > 1:
+        w = w.copy()
+        w[free] += a
+    return u, mu, system.with_held_points(u, mu, forces.t / scale[:, None], w), w
 
 
 def refuse_large_rotations(interfaces: Interfaces, u: Array, largest: float) -> None:
@@ -290,9 +538,12 @@ def refuse_large_rotations(interfaces: Interfaces, u: Array, largest: float) -> 
     be negligible (P. Wriggers, Computational Contact Mechanics, 2006, section 3.1)."""
     bodies = interfaces.bodies
     for side in interfaces.sides:
-        if not isinstance(side, Interface):
-            continue
-        for outline in (side.first, side.second):
+        if isinstance(side, Interface):
+            outlines = [side.first, side.second]
+        else:
+            source = side.rules[0].source
+            outlines = [] if source is None else [source[0]]
+        for outline in outlines:
             k = bodies.number_of_trace(outline.body)
             for what, angle in _angles(outline, u[bodies.slices[k]]):
                 if angle > largest:
@@ -327,13 +578,8 @@ def _of_vertices(body: Any, u: Array) -> Array:
 
 
 def rotation(X: Array, u: Array, weight: Array) -> float:
-    """Angle in radians of the rotation that takes places X closest to X + u, both (dim, n).
-    Least squares with weights (n,): W. Kabsch, Acta Cryst. A 32 (1976), 922-923."""
-    x = X + u
-    here, there = (v - (v @ weight / weight.sum())[:, None] for v in (X, x))
-    U, _, V = np.linalg.svd((there * weight) @ here.T)
-    U[:, -1] *= np.sign(np.linalg.det(U @ V))
-    R = U @ V
+    """Angle in radians of the rotation that takes places X closest to X + u, both (dim, n)."""
+    R = closest_rotation(X, X + u, weight)
     if len(R) == 2:
         return float(abs(np.arctan2(R[1, 0] - R[0, 1], np.trace(R))))
     turn = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])

@@ -314,11 +314,10 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
     return checksum(arrays | {f"vector/{i}": vector for i, vector in enumerate(vectors)})
 
 
-def same_conditions(now: ContactSystem, then: ContactSystem, same_rows: bool = True) -> bool:
-    """Whether two steps have the same loads, supports, obstacles and, if `same_rows`, gaps."""
+def same_conditions(now: ContactSystem, then: ContactSystem) -> bool:
+    """Whether two steps have the same loads, supports, obstacles and gaps."""
     pairs = [(now.load, then.load), (now.body.constraint[1], then.body.constraint[1])]
-    if same_rows:
-        pairs += [(now.given_gap, then.given_gap), (now.friction, then.friction)]
+    pairs += [(now.given_gap, then.given_gap), (now.friction, then.friction)]
     one, other = _of_rigid(now), _of_rigid(then)
     if set(one) != set(other) or now.law != then.law:
         return False
@@ -326,12 +325,21 @@ def same_conditions(now: ContactSystem, then: ContactSystem, same_rows: bool = T
     return all(same_values(a, b) for a, b in pairs)
 
 
+def same_path(now: ContactSystem, then: ContactSystem) -> bool:
+    """Whether obstacles travelled alike in a step, as far as one that was not halved tells."""
+    rest = np.zeros((now.rows.gap.size, now.rows.tangents.shape[1]))
+    since = [rest if one.slip_from is None else one.slip_from for one in (now, then)]
+    way = [rest if m is None or m.travel is None else m.travel for m in (now.motion, then.motion)]
+    return not same_values(*since) or same_values(*way)
+
+
 def _of_rigid(system: ContactSystem) -> dict[str, Array]:
     """Arrays of the motions of `Rigid` obstacles, without the paths of shapes."""
     motion = system.motion
     if motion is None or not motion.prescribed.size:
         return {}
-    return {name: value for name, value in vars(motion).items() if name != "travel"}
+    arrays = {name: value for name, value in vars(motion).items() if name != "travel"}
+    return {name: value for name, value in arrays.items() if value is not None}
 
 
 def same_values(a: Array, b: Array) -> bool:

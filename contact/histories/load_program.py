@@ -215,9 +215,10 @@ class LoadProgram(Portable):
         Parameters
         ----------
         of_time : callable t -> obstacle, number, array or callable
-            E.g. ``lambda t: Moved(tool, (0.3 * t, -0.02))``, or a `Rigid` whose small motion or
-            force depends on t. A `ClosestPoint` must keep its directions, those of the problem's
-            own: within a `Rigid` it may move.
+            E.g. ``lambda t: Moved(tool, (0.3 * t, -0.02))``, or a `Rigid` whose motion or force
+            depends on t: a small motion, or any with ``sliding="finite"``. Without it a
+            `ClosestPoint` must keep its directions, those of the problem's own; within a `Rigid` it
+            may move.
         motion : callable t -> sequence of float, or 0, optional
             Displacement of the obstacle's contact points since the state of rest, without that of a
             `Rigid`, if its shape does not determine it. 0, constant or returned: motion along the

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, NotConverged
 from contact.histories.finite_sliding import FiniteSliding
-from contact.histories.history_folder import HistoryFolder, same_conditions
+from contact.histories.history_folder import HistoryFolder, same_conditions, same_path
 from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.histories.load_program import LoadProgram
 from contact.laws.options import Options
@@ -59,9 +59,11 @@ class LoadStepper(LoadProgram):
     halvings : int
         How often a step that does not converge may be halved, at times between the given ones.
     sliding : {"small", "finite"}
-        "finite" recomputes in every step which points of two bodies face each other, for bodies
-        that slide by more than a facet, see `contact.histories.finite_sliding`. Rigid obstacles
-        and tied boundaries of the same problem keep their rows.
+        "finite" recomputes in every step which points face each other, for bodies that slide by
+        more than a facet on each other or on rigid shapes, which may move and turn by any amount,
+        as functions of time (`obstacle`) or under the motions and forces of a `Rigid`; see
+        `contact.histories.finite_sliding`. Tied boundaries and gaps given as numbers or functions
+        keep their rows.
     largest_rotation : float, optional
         Largest rotation in radians of a sliding body or its contact boundary; larger ones are
         refused.
@@ -256,10 +258,7 @@ class LoadStepper(LoadProgram):
         with folder.locked():
             history, last, begin = LoadHistory(), None, np.nan
             for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
-                moving = {"obstacle": self._obstacle_at(float(t))} if self._obstacle else {}
-                now = self.problem.system_of(self._body_at(float(t)), **moving)
-                alike = same_conditions(now, result.system, self._finite is None)
-                if not alike or not self._travels_so(last, result, begin, float(t)):
+                if not self._belongs(last, result, begin, float(t)):
                     raise another  # different function of time
                 last, begin = result, float(t)
                 history = history.extended(float(t), result)
@@ -268,6 +267,18 @@ class LoadStepper(LoadProgram):
             left = folder.times[len(self.history) :]
             logger.info("resuming after %d of %d steps", len(self.history), folder.times.size)
             return self._run(left, folder, progress, callback)
+
+    def _belongs(
+        self, last: ContactResult | None, result: ContactResult, begin: float, end: float
+    ) -> bool:
+        """Whether a step from a file has the loads, supports and obstacles of this history."""
+        body = self._body_at(end)
+        if self._finite is not None:
+            now = self._finite.system_at(body, last, result, self._moving(last, begin, end))
+            return same_conditions(now, result.system) and same_path(now, result.system)
+        moving = {"obstacle": self._obstacle_at(end)} if self._obstacle else {}
+        now = self.problem.system_of(body, **moving)
+        return same_conditions(now, result.system) and self._travels_so(last, result, begin, end)
 
     def _travels_so(
         self, last: ContactResult | None, result: ContactResult, begin: float, end: float
@@ -291,15 +302,7 @@ class LoadStepper(LoadProgram):
 
         def stored(step: ContactResult | None) -> Array:
             motion = None if step is None else step.system.motion
-            if step is None or motion is None or motion.travel is None:
-                return rest
-            if self._finite is None:
-                return motion.travel
-            travel = rest.copy()
-            travel[self._finite.rigid_points(rows)] = motion.travel[
-                self._finite.rigid_points(step.system.rows)
-            ]
-            return travel
+            return rest if motion is None or motion.travel is None else motion.travel
 
         direct, found = path(np.array([begin, end])), stored(result) - stored(last)
         curve = rest
@@ -339,8 +342,9 @@ class LoadStepper(LoadProgram):
                 moving = self._moving(np.nan if last is None else begin, end)
                 body = self._body_at(end)
                 result = self._finite.step(body, last, near, self.options, moving)
-                opposite = moving.get("obstacle")
-                check_motion(result, self.problem.boundaries, opposite, sliding=True)
+                opposite = moving.get("obstacle", self.problem.opposite)
+                follow = self._finite.following(result, opposite)
+                check_motion(result, self.problem.boundaries, opposite, follow)
                 return result
             return self._small_step(last, begin, end)
         except NotConverged:

@@ -55,7 +55,7 @@ class Condensed:
     def residual(self, state: State) -> float:
         """Largest violation of the laws and the load balance, over the largest force."""
         p, now = self.problem, state.forces
-        balance = p.C.T @ p.forces(now.mu, now.t) - p.s
+        balance = p.balanced.T @ p.forces(now.mu, now.t) - p.s
         if p.K is not None:
             balance = balance + p.K @ now.a
         worst = max(self.law.violation(state), float(np.abs(balance).max(initial=0.0)))
@@ -68,7 +68,7 @@ class Condensed:
         gap = np.where(np.isfinite(p.gap), np.abs(p.gap), 0.0)
         # W is positive definite with a diagonal of about one, which bounds all entries.
         moved = np.abs(p.v0) + l.sum() + C @ a
-        balanced = C.T @ l + np.abs(p.s)
+        balanced = np.abs(p.balanced.T) @ l + np.abs(p.s)
         if p.K is not None:
             balanced = balanced + np.abs(p.K) @ a
         largest = max(float(part.max(initial=0.0)) for part in (moved, balanced, gap))
@@ -131,7 +131,7 @@ class Condensed:
         if k:
             # The load balance.
             springs = np.full(k, self.weak * float(np.abs(problem.C).max()) ** 2)
-            balance[:, :n] = C.T
+            balance[:, :n] = problem.balanced[rows].T
             if problem.K is not None:
                 springs[np.diag(problem.K) > 0] = 0.0  # elastic motions have their own stiffness
                 balance[:, n:] = problem.K

@@ -24,10 +24,11 @@ class Rigid:
     The contact law acts on the relative displacement: :math:`u_n - w_n \le d`, and friction on
     :math:`u_t - w_t`. Every component of the translation c and of the rotation theta is either
     prescribed or free; a free one is found such that the contact forces balance the given force or
-    moment. Motions are assumed small: the gap changes by w_n at the original contact points. For a
-    large motion give the obstacle at its new position, in a history as a `Moved`, possibly inside
-    the `Rigid`:
-    friction acts on the sum of both motions.
+    moment. Motions are assumed small: the gap changes by w_n at the original contact points. With
+    `LoadStepper` and ``sliding="finite"`` they may have any size, for shapes: the rotation is then
+    about the axis of theta, whole turns count, and the moment acts about the displaced `centre`.
+    Elsewhere give the obstacle at its new position, in a history as a `Moved`, possibly inside the
+    `Rigid`: friction acts on the sum of both motions.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ class Rigid:
         External force on the obstacle, per unit depth in 2-D; None in directions with a prescribed
         displacement. A force that presses a foundation below the body against it points up.
     rotation : float (2-D) or sequence of 3 (3-D), optional
-        Prescribed rotation in radians, counter-clockwise; small.
+        Prescribed rotation in radians, counter-clockwise.
     moment : float (2-D) or sequence of 3 (3-D), optional
         External moment on the obstacle about `centre`; it may then turn.
     centre : sequence of float, optional
@@ -133,6 +134,7 @@ class ObstacleMotion:
     prescribed: Array  # NaN for a free motion, shape (k,)
     force: Array  # force or moment on a free motion, else NaN, (k,)
     travel: Array | None = None  # tangential path of shapes since rest, (m, dim - 1)
+    turns: Array | None = None  # rotation of each `Rigid`, in finite sliding, (n, dim, dim)
 
     @classmethod
     def of_all(cls, found: Sequence[ObstacleMotion]) -> ObstacleMotion | None:

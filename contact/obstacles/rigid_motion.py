@@ -137,20 +137,28 @@ def matrix_of(rotation: Array) -> Array:
 
 
 def fitted(before: Array, now: Array) -> RigidMotion | None:
-    """The rigid motion that takes points (dim, n) to their new positions; None if none does.
-    W. Kabsch, Acta Cryst. A 32 (1976), 922-923."""
+    """The rigid motion that takes points (dim, n) to their new positions; None if none does."""
     p, q = before.mean(axis=1), now.mean(axis=1)
     here, there = before - p[:, None], now - q[:, None]
     size = float(np.abs(here).max())
     if np.abs(there - here).max() <= 1e-12 * size:
         return RigidMotion.between(p, q)
-    U, _, V = np.linalg.svd(there @ here.T)
-    U[:, -1] *= np.sign(np.linalg.det(U @ V))
-    turn = turn_of(U @ V)
+    R = closest_rotation(before, now)
+    turn = turn_of(R)
     # No rigid motion fits all points.
-    if turn is None or np.abs(there - U @ V @ here).max() > 1e-9 * size:
+    if turn is None or np.abs(there - R @ here).max() > 1e-9 * size:
         return None
     return RigidMotion.between(p, q, turn)
+
+
+def closest_rotation(before: Array, now: Array, weight: Array | None = None) -> Array:
+    """The rotation that takes points (dim, n), less their means, closest to others.
+    Least squares with weights (n,): W. Kabsch, Acta Cryst. A 32 (1976), 922-923."""
+    w = np.ones(before.shape[1]) if weight is None else weight
+    here, there = (v - (v @ w / w.sum())[:, None] for v in (before, now))
+    U, _, V = np.linalg.svd((there * w) @ here.T)
+    U[:, -1] *= np.sign(np.linalg.det(U @ V))
+    return np.asarray(U @ V)
 
 
 def said_motion(said: Any, dim: int) -> Array | None:
@@ -178,5 +186,6 @@ def unknown_motion(before: Any, now: Any, where: str = "") -> InputError:
         "how far its surface moved along the boundary, which friction needs, cannot be read from "
         "it; say how far it has moved, motion=lambda t: (x, y) of LoadStepper.obstacle, or motion= "
         "of solve and of GridContact.history, where 0 stands for along the normal only; or give "
-        "the same shape in every step, as Moved(shape, displacement) does"
+        "the same shape in every step, as Moved(shape, displacement) does, or a Rigid in finite "
+        "sliding"
     )

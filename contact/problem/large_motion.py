@@ -44,18 +44,18 @@ def check_motion(
     result: ContactResult,
     boundaries: ContactBoundaries | Interfaces,
     obstacle: Any,
-    sliding: bool = False,
+    following: NDArray[np.bool_] | None = None,
 ) -> None:
     """Warn of, or refuse, a result whose loaded points have moved to a different gap.
     LargeMotionWarning from a quarter of the penetration, for points past a facet and inverted
-    cells; InputError beyond the penetration. `sliding`: pairs of bodies were projected again."""
+    cells; InputError beyond the penetration. Points `following` (m,) were projected again."""
     _check_cells(result, boundaries)
-    motion = _large(result, boundaries)
+    motion = _large(result, boundaries, following)
     if not motion.points.size:
         return
     if isinstance(boundaries, Interfaces):
         opposites = obstacle or [pair.opposite for pair in boundaries.pairs]
-        change, elastic = _of_pairs(result, boundaries, opposites, motion, sliding)
+        change, elastic = _of_pairs(result, boundaries, opposites, motion)
     else:
         change = boundaries.change_of_gap(obstacle, motion.points, motion.moves)
         elastic = np.zeros(motion.points.size, dtype=bool)
@@ -76,8 +76,9 @@ def check_motion(
         f"contact points {motion.spacing[k]:.3g} away"
     )
     remedy = (
-        "; let bodies slide with LoadStepper(..., sliding='finite'), place a rigid obstacle where "
-        "it has moved to (LoadStepper.obstacle), or measure its gap by ClosestPoint"
+        "; let bodies slide and rigid shapes move with LoadStepper(..., sliding='finite'), place a "
+        "rigid obstacle where it has moved to (LoadStepper.obstacle), or measure its gap by "
+        "ClosestPoint"
     )
     if off[worst] <= depth:
         found = f", and its gap changes by {change[k]:+.3g}" if off[k] > 0 else ""
@@ -117,7 +118,11 @@ def _check_cells(result: ContactResult, boundaries: ContactBoundaries | Interfac
             )
 
 
-def _large(result: ContactResult, boundaries: ContactBoundaries | Interfaces) -> _Motion:
+def _large(
+    result: ContactResult,
+    boundaries: ContactBoundaries | Interfaces,
+    following: NDArray[np.bool_] | None,
+) -> _Motion:
     """Points, not bonded, that have moved further than to the next contact point."""
     rows = result.system.rows
     slip = result.system.relative(result.u, result.motion)[1]
@@ -128,7 +133,8 @@ def _large(result: ContactResult, boundaries: ContactBoundaries | Interfaces) ->
     loaded = result.mu > 1e-3 * result.mu.max(initial=0.0)
     of_all_steps = boundaries.rows
     spacing = (of_all_steps if of_all_steps.x_nominal is rows.x_nominal else rows).spacing
-    points = np.flatnonzero((far > spacing) & ~rows.ties & np.isfinite(rows.gap))
+    stay = ~rows.ties if following is None else ~(rows.ties | following)
+    points = np.flatnonzero((far > spacing) & stay & np.isfinite(rows.gap))
     spacing = spacing[points]
     moves = np.einsum("cjm,mj->cm", rows.tangents[:, :, points], slip[points])
     return _Motion(points, moves, spacing, loaded[points])
@@ -139,7 +145,6 @@ def _of_pairs(
     interfaces: Interfaces,
     opposites: Sequence[Any],
     motion: _Motion,
-    sliding: bool,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Change of the gap at the points, 0 if unknown, and which have moved past a facet."""
     change = np.zeros(motion.points.size)
@@ -153,7 +158,7 @@ def _of_pairs(
         if isinstance(side, ContactBoundaries):
             own = motion.points[here] - first[k]
             change[here] = side.change_of_gap(opposite, own, motion.moves[:, here])
-        elif not sliding:
+        else:
             outline, x = side.first, result.x_nominal[:, motion.points[here]]
             middle = outline.body.mesh.p[:, outline.corners].mean(axis=2)
             nearest = scipy.spatial.KDTree(middle.T).query(x.T)[1]

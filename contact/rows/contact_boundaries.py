@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,13 +41,15 @@ from contact.obstacles.shapes import (
 )
 from contact.obstacles.surface_mesh import SurfaceMesh
 from contact.rows.contact_rows import ContactRows
-from contact.rows.discretise import contact_boundary
+from contact.rows.discretise import boundary_points, contact_boundary
 from contact.rows.frames import interleaved, tangent_frame
 from contact.rows.gap_rule import GapRule, given_gaps
 from contact.rows.shares import check_weights
+from contact.rows.tool_rows import BoundaryPoints
 from skfem_adini.ground.arguments import evaluated
 
 Array = NDArray[np.float64]
+_NONE = np.zeros(0, dtype=np.int64)
 # Axis of the contact points in each array of `ContactRows`.
 _AXES = {
     "gap": 0,
@@ -208,7 +211,7 @@ class ContactBoundaries:
             motion = motion_between(last, o)
             if given is not None:
                 motion = RigidMotion.between(0.0 * given, given)
-            if self.body.is_ring and motion is not None and not _is_axial(motion):
+            if self.body.is_ring and motion is not None and not is_axial(motion):
                 motion = None  # a motion of the section is not one of the ring
             if motion is None:
                 still = bool(np.all(unchanged[here])) and (last is not None or gap_tells_place(o))
@@ -230,12 +233,36 @@ class ContactBoundaries:
         places = self._of_each(self.rows.x)
         return np.concatenate([friction_values(f, x) for f, x in zip(each, places, strict=True)])
 
+    @property
+    def alone(self) -> tuple[ContactBoundaries, ...]:
+        """Each boundary by itself."""
+        ends = np.cumsum([rule.order.size for rule in self.rules])
+        points = np.split(np.arange(self.rows.gap.size), ends[:-1])
+        each = zip(self.rules, self.directions, points, strict=True)
+        return tuple(
+            ContactBoundaries(
+                self.body, replace(selected(self.rows, own), part=_NONE), (rule,), False, (way,)
+            )
+            for rule, way, own in each
+        )
+
+    @cached_property
+    def points(self) -> BoundaryPoints:
+        """Where the functional of a single boundary reads the trace."""
+        rule = self.rules[0]
+        if isinstance(rule, ArcGap):
+            return BoundaryPoints(rule.mean, rule.trace, rule.x, rule.normals)
+        found = boundary_points(rule)
+        if self.directions[0] is None:
+            return found
+        return replace(found, normals=outward_normals(self.body.mesh, found.x))
+
     def _of_each(self, x: Array) -> list[Array]:
         """Values at all contact points, split by boundary."""
         return np.split(x, np.cumsum([rule.order.size for rule in self.rules])[:-1], axis=1)
 
 
-def _is_axial(motion: RigidMotion) -> bool:
+def is_axial(motion: RigidMotion) -> bool:
     """Whether a motion is along the axis y, as it must be in a ring."""
     if motion.still:
         return True
@@ -448,7 +475,7 @@ def arc_rows(
         tangent_frame(middle),
         "hat",
     )
-    return rows, ArcGap(arc.x, arc.normals, mean, rows.x_nominal, arc.body.extent)
+    return rows, ArcGap(arc.x, arc.normals, mean, rows.x_nominal, arc.body.extent, arc.trace)
 
 
 @dataclass(frozen=True)
@@ -460,6 +487,8 @@ class ArcGap:
     mean: sparse.csr_array  # means of a function weighted by each hat, shape (m, n)
     x_nominal: Array  # shape (2, m)
     size: float  # largest extent of the body
+    trace: sparse.csr_array  # scalar functions at the points, (n, scalar dofs)
+    source: None = None
 
     @property
     def order(self) -> NDArray[np.int64]:

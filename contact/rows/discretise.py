@@ -44,6 +44,7 @@ from contact.rows.gap_rule import GapRule
 from contact.rows.numbering import along, first_occurrence, numbering
 from contact.rows.outline import Outline
 from contact.rows.shares import Shares, facet_functions, placed_on
+from contact.rows.tool_rows import BoundaryPoints
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -98,6 +99,7 @@ def contact_boundary(
         offset,
         outline.raised(trace.x, np.asarray(at_points.X)),
         aside,
+        (outline, form),
     )
     rows = ContactRows(
         G[order],
@@ -135,6 +137,39 @@ def point_functions(
     row = np.repeat(np.arange(N[..., 0].size), N.shape[2])
     shape = N[..., 0].size, count
     return integrals, sparse.csr_array(sparse.coo_array((N.ravel(), (row, column)), shape=shape))
+
+
+def boundary_points(rule: GapRule) -> BoundaryPoints:
+    """The points at which the rows read the trace; of ``centroid`` the contact points."""
+    assert rule.source is not None
+    (outline, form), shares, body = rule.source, rule.shares, rule.source[0].body
+    if form.mean:
+        mean = TraceRows.of(outline, _facet_basis(body, outline.facets, None), shares, None)
+        x, normals = (v[:, rule.order] for v in (rule.x_nominal, rule.mean_normals))
+        return BoundaryPoints(
+            sparse.eye_array(x.shape[1], format="csr"), mean.scalar[rule.order], x, normals
+        )
+    basis, count = _facet_basis(body, outline.facets, form.points), form.points.shape[1]
+    values = np.stack([np.asarray(field[0]) for field in basis.basis], axis=-1)
+    dofs = np.asarray(basis.element_dofs.T, dtype=np.int64)
+    on_facet = (dofs[:, None, :] == outline.scalar_dofs[..., None]).any(axis=1)
+    values = values * on_facet[:, None]
+    row = np.arange(outline.facets.size * count).reshape(-1, count)
+    N = _collected(values, row[..., None], dofs[:, None], (row.size, body.scalar_dofs.N))
+    number, shape = shares.number[..., None], (shares.weights.size, row.size)
+    P = _collected(shares.C / shares.weights[number], number, row[:, None], shape)
+    x, normals = (v.reshape(len(v), -1) for v in (rule.x, rule.normals))
+    return BoundaryPoints(sparse.csr_array(P[rule.order]), N, x, normals)
+
+
+def _collected(
+    values: Array, rows: Index, columns: Index, shape: tuple[int, int]
+) -> sparse.csr_array:
+    """Sparse matrix of values at places that broadcast, without zeros."""
+    i, k = (np.broadcast_to(v, values.shape).ravel() for v in (rows, columns))
+    found = sparse.csr_array(sparse.coo_array((values.ravel(), (i, k)), shape=shape))
+    found.eliminate_zeros()
+    return found
 
 
 def _usable(outline: Outline, functional: str | None) -> FacetFunctional:

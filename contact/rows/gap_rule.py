@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError
 from contact.obstacles.shapes import ObstacleLike, evaluate_gap, within_reach
+from contact.rows.functionals import FacetFunctional
+from contact.rows.outline import Outline
 from contact.rows.shares import Shares
 from skfem_adini.ground.arguments import numbers
 
@@ -38,6 +40,7 @@ class GapRule:
     offset: Array | None = None  # offset from the vertex for ``centroid``, not sorted, (dim, m)
     raised: Array | None = None  # points above x on the curve, see `Outline.raised`
     aside: tuple[Array, Array] | None = None  # normals of the gap and of the rows, (dim, m)
+    source: tuple[Outline, FacetFunctional] | None = None  # what the rule was made of
 
     def __call__(self, obstacle: ObstacleLike) -> Array:
         """Gap of every contact point, shape (m,); ``inf`` where there is no obstacle.

@@ -19,25 +19,18 @@ from contact.body.cut_arc import CutArc
 from contact.body.rigid_modes import rigid_field
 from contact.body.several_bodies import Bodies
 from contact.errors import InputError
-from contact.obstacles.rigid import ObstacleMotion
+from contact.obstacles.rigid import ObstacleMotion, Rigid
+from contact.obstacles.tool import Tool
 from contact.rows.contact_boundaries import ContactBoundaries, friction_values, joined, selected
 from contact.rows.contact_rows import ContactRows
 from contact.rows.mortar.mortar_rows import Interface, MortarRows, with_clearance
 from contact.rows.mortar.sliding_derivative import SlidingDerivative
 from contact.rows.outline import Outline, hats
 from contact.rows.pairs import Pair, Tie
+from contact.rows.tool_rows import RowsInMotion, ToolRows
 
 Array = NDArray[np.float64]
 Side = Interface | ContactBoundaries
-
-
-@dataclass(frozen=True)
-class RowsInMotion:
-    """Derivatives of the rows with respect to the displacement."""
-
-    normal: sparse.csr_array  # to be added to G, shape (m, ndofs)
-    tangential: sparse.csr_array  # to be added to T, shape (m, ndofs)
-    force: sparse.csr_array  # derivative of the negative contact forces, shape (ndofs, ndofs)
 
 
 @dataclass(frozen=True)
@@ -50,7 +43,8 @@ class Interfaces:
     sides: tuple[Side, ...]  # interface of two bodies, or boundary opposite a rigid obstacle
     risen: Array  # `interface_rise`, 0 for ties, obstacles and given clearances, shape (m,)
     facet_ratio: Array  # see `facet_ratio` below, 1 for ties and obstacles, (m,)
-    projected: tuple[MortarRows | None, ...] = ()  # set by `displaced`, for sliding pairs
+    # set by `displaced`, for sliding pairs and tools
+    projected: tuple[MortarRows | ToolRows | None, ...] = ()
 
     def __repr__(self) -> str:
         return f"Interfaces({len(self.pairs)} pairs, {self.rows.gap.size} points)"
@@ -89,11 +83,36 @@ class Interfaces:
         extra = np.concatenate(risen), np.concatenate(ratios)
         return cls(bodies, joined(parts), tuple(pairs), tuple(sides), *extra)
 
-    def displaced(self, u: Array) -> Interfaces:
+    @classmethod
+    def of_obstacles(cls, body: Any, boundaries: ContactBoundaries, obstacle: Any) -> Interfaces:
+        """The boundaries of one body opposite rigid obstacles, as pairs."""
+        bodies, sides = Bodies([body]), boundaries.alone
+        each = obstacle if boundaries.several else [obstacle]
+        pairs = tuple(Pair(body, None, o) for o in each)
+        parts = [
+            _owned(side.body, side.rows, 0, body.embed(side.rows.G), body.embed(side.rows.T))
+            for side in sides
+        ]
+        size = boundaries.rows.gap.size
+        return cls(bodies, joined(parts), pairs, sides, np.zeros(size), np.ones(size))
+
+    def displaced(
+        self, u: Array, tools: Sequence[Tool | None] = (), last: Array | None = None
+    ) -> Interfaces:
         """The same pairs projected at displacement u, with the gap between the reference positions.
+        `tools` are those opposite the sides, `last` (ndofs,) the displacement of the last step.
         Raises InputError where no facet of a pair faces another one any longer."""
-        parts, projected = [], list[MortarRows | None]()
-        for pair, side, own in zip(self.pairs, self.sides, self._points, strict=True):
+        parts, projected = [], list[MortarRows | ToolRows | None]()
+        each = zip(self.pairs, self.sides, self.points, tools or self.pairs, strict=True)
+        for pair, side, own, tool in each:
+            if isinstance(side, ContactBoundaries) and isinstance(tool, Tool) and last is not None:
+                k = self.bodies.number_of_trace(side.body)
+                mine = self.bodies.slices[k]
+                touched = ToolRows.of(side.points, side.rows, tool, u[mine], last[mine])
+                G, T = (self.bodies.embedded(k, v) for v in (touched.rows.G, touched.rows.T))
+                parts.append(_owned(side.body, touched.rows, k, G, T))
+                projected.append(touched)
+                continue
             if isinstance(side, ContactBoundaries) or isinstance(pair, Tie):
                 parts.append(selected(self.rows, own))
                 projected.append(None)
@@ -107,55 +126,58 @@ class Interfaces:
             projected.append(found)
         return replace(self, rows=joined(parts), projected=tuple(projected))
 
-    def in_motion(self, u: Array, last: Array, mu: Array, t: Array) -> RowsInMotion | None:
-        """Derivatives of the rows of `displaced` at u; None if no pair has any.
+    def in_motion(
+        self, u: Array, last: Array, mu: Array, t: Array, opposites: Sequence[Any]
+    ) -> RowsInMotion | None:
+        """Derivatives of the rows of `displaced` at u; None if there are other contact points.
         `last` is the displacement of the last step; mu (m,) and t (m, dim - 1) are contact
         forces."""
-        total = self.bodies.slices[-1].stop
-        parts, size = [], 0
-        for side, found in zip(self.sides, self.projected, strict=True):
-            if isinstance(side, ContactBoundaries) or found is None:
-                return None
-            numbers = [self.bodies.number_of_trace(o.body) for o in (side.first, side.second)]
-            slices = [self.bodies.slices[k] for k in numbers]
-            now = u[slices[0]], u[slices[1]]
-            own = slice(size, size + found.rows.gap.size)
-            size = own.stop
-            since = tuple(v - last[s] for v, s in zip(now, slices, strict=True))
-            if own.stop > mu.size:
-                return None
-            state = found, now, (since[0], since[1])
-            of_pair = SlidingDerivative.of(side, *state, (mu[own], t[own]))
-            dofs = np.concatenate([np.arange(s.start, s.stop) for s in slices])
-            place = sparse.csr_array(
-                (np.ones(dofs.size), (np.arange(dofs.size), dofs)), shape=(dofs.size, total)
-            )
-            parts.append((of_pair, place))
-        if size != mu.size:
+        if self.rows.gap.size != mu.size:
             return None
-        normal = sparse.vstack([d.normal @ P for d, P in parts], format="csr")
-        tangential = sparse.vstack([d.tangential @ P for d, P in parts], format="csr")
-        force = sparse.csr_array((total, total))
-        for d, P in parts:
-            force = sparse.csr_array(force + P.T @ d.force @ P)
-        return RowsInMotion(sparse.csr_array(normal), sparse.csr_array(tangential), force)
+        parts, total = [], self.bodies.slices[-1].stop
+        each = zip(self.sides, self.projected, opposites, self.points, strict=True)
+        for side, found, o, own in each:
+            k = self.rows.axes.shape[1] * (self.rows.axes.shape[1] + 1) // 2
+            still = RowsInMotion.still(own.size, self.rows, total, k * isinstance(o, Rigid))
+            if isinstance(side, ContactBoundaries):
+                if isinstance(found, ToolRows):
+                    d = found.derivative(mu[own], t[own])
+                    d = d if isinstance(o, Rigid) else d.alone
+                    still = d.among(total, [self._own(side.body)])
+            elif isinstance(found, MortarRows):
+                mine = [self._own(outline.body) for outline in (side.first, side.second)]
+                now, was = ((v[mine[0]], v[mine[1]]) for v in (u, last))
+                since = now[0] - was[0], now[1] - was[1]
+                b = SlidingDerivative.of(side, found, now, since, (mu[own], t[own]))
+                n = b.normal.shape[1]
+                still = RowsInMotion.still(own.size, self.rows, n, 0)
+                still = replace(
+                    still, normal=b.normal, tangential=b.tangential, force=b.force
+                ).among(total, mine)
+            parts.append(still)
+        return RowsInMotion.joined(parts)
+
+    def _own(self, trace: Any) -> slice:
+        """Slice of the dofs of a body."""
+        return self.bodies.slices[self.bodies.number_of_trace(trace)]
 
     @property
     def boundary_dofs(self) -> sparse.csr_array:
-        """Row with nonzeros at the dofs of the facets on both sides of every pair, (1, ndofs)."""
+        """Row with nonzeros at the dofs of the facets on all sides of the pairs, (1, ndofs)."""
         seen = np.zeros(self.bodies.slices[-1].stop)
         for side in self.sides:
             if isinstance(side, ContactBoundaries):
-                continue
-            for outline in (side.first, side.second):
-                k, dim = self.bodies.number_of_trace(outline.body), outline.body.dim
-                scalar = np.unique(outline.scalar_dofs)
-                for c in range(dim):
-                    seen[self.bodies.slices[k].start + dim * scalar + c] = 1.0
+                read = [(side.body, np.unique(side.points.N.indices))]
+            else:
+                read = [(o.body, np.unique(o.scalar_dofs)) for o in (side.first, side.second)]
+            for body, scalar in read:
+                start = self.bodies.slices[self.bodies.number_of_trace(body)].start
+                for c in range(body.dim):
+                    seen[start + body.dim * scalar + c] = 1.0
         return sparse.csr_array(seen[None])
 
     @property
-    def _points(self) -> list[NDArray[np.int64]]:
+    def points(self) -> list[NDArray[np.int64]]:
         """Slices of the contact points of each pair."""
         return np.split(np.arange(self.rows.gap.size), np.cumsum(self._sizes)[:-1])
 
@@ -180,10 +202,17 @@ class Interfaces:
     ) -> Array:
         """Values at every contact point: `known` between bodies, evaluated by `read` at
         obstacles."""
-        each = zip(opposites, self.sides, self._of_each(known), strict=True)
-        return np.concatenate(
-            [read(side, o) if isinstance(side, ContactBoundaries) else own for o, side, own in each]
-        )
+        each = zip(opposites, self._kept, self._of_each(known), strict=True)
+        return np.concatenate([own if side is None else read(side, o) for o, side, own in each])
+
+    @property
+    def _kept(self) -> list[ContactBoundaries | None]:
+        """Sides opposite rigid obstacles whose rows are those at rest; None for others."""
+        projected = self.projected or [None] * len(self.sides)
+        each = zip(self.sides, projected, strict=True)
+        return [
+            s if isinstance(s, ContactBoundaries) and found is None else None for s, found in each
+        ]
 
     def travel(
         self,
@@ -201,10 +230,10 @@ class Interfaces:
             raise InputError(f"motion: expected a list of {count}, one for each pair, or None")
         known = isinstance(before, list | tuple) and len(before) == count
         was = before if known else none
-        each = zip(self.sides, was, now, said or none, self._points, strict=True)
+        each = zip(self._kept, was, now, said or none, self.points, strict=True)
         paths = []
         for number, (side, last, o, own, at) in enumerate(each):
-            if isinstance(side, ContactBoundaries):
+            if side is not None:
                 still, rubs = unchanged[at], felt[at]
                 with _said_of(self.bodies, self.pairs[number]):
                     path = side.travel(last, o, own, unchanged=still, felt=rubs, first=first)
@@ -217,8 +246,13 @@ class Interfaces:
         """The motions of the `Rigid` obstacles; None if there are none."""
         m, slips = self.rows.gap.size, self.rows.tangents.shape[1]
         start, found = 0, []
-        for o, side, size in zip(opposites, self.sides, self._sizes, strict=True):
+        projected = self.projected or [None] * len(self.sides)
+        for o, side, found_of, size in zip(
+            opposites, self.sides, projected, self._sizes, strict=True
+        ):
             own = side.motion(o) if isinstance(side, ContactBoundaries) else None
+            if own is not None and isinstance(found_of, ToolRows):
+                own = replace(own, normal=found_of.normal, tangent=found_of.tangent)
             if own is not None:
                 normal = np.zeros((m, own.normal.shape[1]))
                 tangent = np.zeros((m * slips, own.normal.shape[1]))

@@ -9,7 +9,7 @@ from families import PLANE, turn
 from posed_pairs import SOFT, STIFF, Pose, body, traction
 from skfem import ElementQuad1, ElementQuad2, MeshHex, MeshQuad, MeshTet, MeshTri
 
-from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, LoadStepper, Pair, Plane
+from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, LoadStepper, Pair
 from contact.condensation import sparse
 from contact.histories.finite_sliding import rotation as rotation_of
 from skfem_adini import ElementQuadAdini
@@ -95,11 +95,11 @@ def test_the_gap_of_a_result_is_that_of_the_displaced_bodies():
 
 def test_what_has_no_finite_sliding_is_refused():
     upper, lower = indenter(ElementQuad1), slab(ElementQuad1)
-    rigid = ContactProblem(upper, "bottom", Plane((0, -0.01), (0, 1)))
+    rigid = ContactProblem(upper, "bottom", 0.01)
     given = ContactProblem(upper, "bottom", lower.surface("top", clearance=0.0))
-    for problem, message in ((rigid, "rigid obstacle"), (given, "clearance")):
+    for problem, message in ((rigid, "has no shape to slide on"), (given, "clearance")):
         with pytest.raises(InputError, match=message):
-            LoadStepper(problem, sliding="finite")
+            LoadStepper(problem, sliding="finite").run([1.0])
     layers = LayeredBlock(1.0, [(0.5, 4, 1.0, 0.3)], top="xy").named("layers")
     of_layers = ContactProblem(layers, "bottom", lower.surface("top"))
     with pytest.raises(InputError, match="sliding: 'layers' is a LayeredBlock"):

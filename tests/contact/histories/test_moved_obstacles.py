@@ -431,7 +431,8 @@ def test_a_rigid_tool_among_pairs(sliding):
     touching = Pair(two, "bottom", one, "top", friction=0.1)
     rubbed = Pair(low, "contact", tool(0.0), friction=F)
     problem = ContactProblem([low, one, two], [touching, rubbed])
-    alone = LoadStepper(ContactProblem(low, "contact", tool(0.0), F)).obstacle(tool)
+    alone = LoadStepper(ContactProblem(low, "contact", tool(0.0), F), sliding=sliding)
+    alone.obstacle(tool)
     expected = alone.run([1.0, 2.0, 3.0])
     for pair in (rubbed, 1):
         stepper = LoadStepper(problem, sliding=sliding).obstacle(tool, pair=pair)
