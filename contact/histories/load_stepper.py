@@ -274,7 +274,9 @@ class LoadStepper(LoadProgram):
         """Whether a step from a file has the loads, supports and obstacles of this history."""
         body = self._body_at(end)
         if self._finite is not None:
-            now = self._finite.system_at(body, last, result, self._moving(last, begin, end))
+            now = self._finite.system_at(
+                body, last, result, self._moving(np.nan if last is None else begin, end)
+            )
             return same_conditions(now, result.system) and same_path(now, result.system)
         moving = {"obstacle": self._obstacle_at(end)} if self._obstacle else {}
         now = self.problem.system_of(body, **moving)

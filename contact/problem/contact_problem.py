@@ -301,7 +301,7 @@ class ContactProblem(Portable):
         loads, law, laws = body.loads, self.law, self.overclosure
         rigid = self.rigid(now)
         return ContactSystem(
-            body, rows, loads, law, friction, slip_from, motion, laws, rigid, surface
+            body, rows, loads, law, friction, slip_from, motion, laws, rigid, surface=surface
         )
 
     def rigid(self, opposite: Any) -> Any:

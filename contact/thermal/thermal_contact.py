@@ -70,7 +70,7 @@ class _HeatedSteps(LoadStepper):
         self, body: Any, last: ContactResult | None, begin: float, end: float, start: Any
     ) -> ContactResult:
         """The contact of a body under the loads of this step, solved from `start`."""
-        problem, moving = self.problem, self._moving(last, begin, end)
+        problem, moving = self.problem, self._moving(np.nan if last is None else begin, end)
         if last is not None and not moving:  # a step from a file has no obstacle
             moving = {"since": problem.opposite}
         condensed = problem.condense()
