@@ -10,6 +10,8 @@ from contact.checks.cross_check import CrossCheck, cross_check
 from contact.checks.recheck import recheck
 from contact.checks.uniqueness import Uniqueness, uniqueness
 from contact.condensation.condensed_contact import CondensedContact
+from contact.derivatives.gradient import BodyGradient, ContactGradient
+from contact.derivatives.history_gradient import HistoryGradient
 from contact.errors import (
     ContactError,
     ContactWarning,
@@ -54,12 +56,14 @@ from contact.thermal.thermal_result import ThermalResult
 __all__ = [
     "Adhesion",
     "Anisotropic",
+    "BodyGradient",
     "BodyResult",
     "ClosestPoint",
     "CondensedContact",
     "Cone",
     "ContactEdge",
     "ContactError",
+    "ContactGradient",
     "ContactProblem",
     "ContactResult",
     "ContactWarning",
@@ -74,6 +78,7 @@ __all__ = [
     "GridContact",
     "GridResult",
     "HalfSpace",
+    "HistoryGradient",
     "Infeasible",
     "InputError",
     "Iteration",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import weakref
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, ClassVar, NoReturn, Self
@@ -59,6 +60,24 @@ class LostFunction:
             "functions without a name that can be imported: define it at the top of a module, or "
             "give it again"
         )
+
+
+class Origin:
+    """Where a result comes from: a weak reference to its problem, which pickle and deep copies
+    drop; `slides` marks finite sliding, whose rows are those of one step."""
+
+    def __init__(self, problem: Any = None, slides: bool = False) -> None:
+        self.known = problem is not None
+        self.slides = slides
+        self._problem = weakref.ref(problem) if self.known else None
+
+    @property
+    def problem(self) -> Any:
+        """The problem, if it still exists."""
+        return None if self._problem is None else self._problem()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Origin, (None, self.slides)
 
 
 def carried(value: Any) -> Any:

@@ -96,7 +96,7 @@ class CutBody(ElasticBody):
     """
 
     _COUPLES = False
-    _KEPT, _FUNCTIONS = ("constraint", "picked"), ("_supports", "level_set")
+    _KEPT, _FUNCTIONS = ("constraint", "picked"), ("_supports", "_applied", "level_set")
     _slender = False  # forces from strains would need integrals over parts of cells
 
     def __init__(

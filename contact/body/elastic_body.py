@@ -492,8 +492,7 @@ class ElasticBody(BasisSolid):
         degree = 2 * element.maxdeg + _OF_RADII * self.is_ring
         dofs = self.basis.dofs
         basis = facet_basis(self.mesh, element, facets, intorder=degree, dofs=dofs)
-        self.f = self.f + self._load_vector(basis, traction, "traction")
-        return self
+        return self._add("load", (facets, traction), self._load_vector(basis, traction, "traction"))
 
     def body_force(self, force: Field) -> Self:
         """Add a volume force (force per volume).
@@ -507,7 +506,13 @@ class ElasticBody(BasisSolid):
         InputError
             A force of the wrong shape or not finite.
         """
-        self.f = self.f + self._load_vector(self.basis, force, "force")
+        return self._add("body_force", (force,), self._load_vector(self.basis, force, "force"))
+
+    def _add(self, name: str, arguments: tuple[Any, ...], forces: Array) -> Self:
+        """Add forces, and remember the call that made them."""
+        applied = self._applied
+        self.f = self.f + forces
+        self._applied = (*applied, (name, arguments, 1.0))
         return self
 
     def heat(self, temperature: Any, expansion: ArrayLike) -> Self:

@@ -83,8 +83,10 @@ class Solid(Portable, ABC):
         rigid: Any
         vectors: Any  # its `contact.body.space.Space`
     _material: Any = None
+    # Tractions and volume forces in `f`: the method that adds one, its arguments, a factor.
+    _applied: tuple[tuple[str, tuple[Any, ...], float], ...] = ()
     thermal: Any = None  # thermal strain, see `contact.body.thermal_strain`
-    _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports",)
+    _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports", "_applied")
     _IDENTITY: ClassVar[str] = "basis"  # the attribute that all copies of a body share
 
     def __repr__(self) -> str:
@@ -124,7 +126,7 @@ class Solid(Portable, ABC):
 
     @f.setter
     def f(self, value: Array) -> None:
-        self._f = self._checked_load(value)
+        self._f, self._applied = self._checked_load(value), ()
 
     def _checked_load(self, value: Array) -> Array:
         """A copy of a load vector; an `InputError` unless it holds a finite number for each dof."""

@@ -390,7 +390,7 @@ class CondensedContact(CondensedBodies):
 
     def boundary_problem(
         self,
-        load: Array,
+        load: Array | None,
         gap: Array,
         slip_from: Array | None = None,
         motion: ObstacleMotion | None = None,
@@ -399,7 +399,8 @@ class CondensedContact(CondensedBodies):
 
         Parameters
         ----------
-        load : ndarray, shape (ndofs,)
+        load : ndarray, shape (ndofs,), or None
+            None: of no load, without any substitution.
         gap : ndarray, shape (m,)
         slip_from : ndarray, shape (m, dim - 1), optional
             Tangential displacement that counts as zero, see `ContactSystem`.
@@ -415,7 +416,9 @@ class CondensedContact(CondensedBodies):
             A bonded point without a gap.
         """
         fixed_n, fixed_t = self.prescribed(gap, slip_from, motion)
-        v0 = self.B @ self.flexed(self.reduce(load)) + self.points.stacked(fixed_n, fixed_t)
+        v0, s = self.points.stacked(fixed_n, fixed_t), np.zeros(self.N.shape[1])
+        if load is not None:
+            v0, s = v0 + self.B @ self.flexed(self.reduce(load)), self.resultants(load)
         scale, tangent = self.point_scale, self.rubbing(fixed_t, motion)
         R, per_unit = self.driven(motion, self._scale)
         force = np.zeros(0) if motion is None else motion.force[motion.free]
@@ -423,7 +426,7 @@ class CondensedContact(CondensedBodies):
             W=self._W,
             v0=v0 / self._scale,
             C=np.hstack((self._C, R)) if R.size else self._C,
-            s=np.concatenate((self.resultants(load), per_unit * force)),
+            s=np.concatenate((s, per_unit * force)),
             gap=gap / scale,
             normal=self.points.normal,
             tangent=tangent,
@@ -526,12 +529,33 @@ class CondensedContact(CondensedBodies):
         scale = self.point_scale
         return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
 
+    def yielded(self, forces: Array) -> tuple[Array, Array]:
+        """Scaled displacement of the live rows, (n,), and work on free motions, under forces on
+        all dofs with zero supports."""
+        moved = self.B @ self.flexed(self.carried(forces))
+        return moved / self._scale, self.resultants(forces)
+
+    def transposed(self, forces: Array, of_rows: Array, a: Array) -> Array:
+        """Displacement of all dofs under forces on them and scaled forces on the live rows, (n,),
+        plus the free motions a, with zero supports."""
+        reduced = self.carried(forces) + self.B.T @ (of_rows / self._scale)
+        return self.moved(forces, self.flexed(reduced) + self.N @ a[: self.N.shape[1]])
+
+    def per_unit(self, motion: ObstacleMotion | None) -> Array:
+        """Ratio of physical to scaled motion of the free motions of obstacles."""
+        return self.driven(motion, self._scale)[1]
+
+    @property
+    def on_host(self) -> bool:
+        """Whether the compliance is that of the host."""
+        return self._arrays.xp is np
+
     def obstacle_motion(self, motion: ObstacleMotion | None, forces: Forces) -> Array | None:
         """Motions of the obstacles in physical units, prescribed and computed, shape (k,)."""
         if motion is None:
             return None
         found = motion.prescribed.copy()
-        found[motion.free] = self.driven(motion, self._scale)[1] * forces.a[self.N.shape[1] :]
+        found[motion.free] = self.per_unit(motion) * forces.a[self.N.shape[1] :]
         return found
 
     @property

@@ -113,7 +113,7 @@ class PrimalContact(CondensedContact):
 
     def boundary_problem(
         self,
-        load: Array,
+        load: Any,
         gap: Array,
         slip_from: Array | None = None,
         motion: ObstacleMotion | None = None,

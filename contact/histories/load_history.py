@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.derivatives.history_gradient import HistoryGradient, history_gradient
 from contact.errors import InputError
 from contact.histories.history_folder import HistoryFolder
 from contact.output.tables import steps_frame
@@ -165,6 +166,57 @@ class LoadHistory:
             pandas is not installed.
         """
         return steps_frame(self)
+
+    def vjp(
+        self,
+        *,
+        u: ArrayLike | None = None,
+        pressure: ArrayLike | None = None,
+        shear: ArrayLike | None = None,
+        slip: ArrayLike | None = None,
+        contact_forces: ArrayLike | None = None,
+        resultant: ArrayLike | None = None,
+        motion: ArrayLike | None = None,
+        problem: Any = None,
+    ) -> HistoryGradient:
+        """Gradients of a function of all steps, backward through the memory of friction.
+
+        The function is given by its derivatives by the parts of the results, as for
+        `ContactResult.vjp`, with one more axis in front: the step. Each step costs one transposed
+        substitution. `LoadStepper.vjp` keeps fewer states.
+
+        Parameters
+        ----------
+        u, contact_forces : array, shape (n, ndofs), optional
+        pressure : array, shape (n, m), optional
+        shear, slip : array, shape (n, m, dim - 1), optional
+        resultant : array, shape (n, dim), optional
+        motion : array, shape (n, k), optional
+        problem : ContactProblem, optional
+            As for `ContactResult.vjp`.
+
+        Returns
+        -------
+        HistoryGradient
+
+        Raises
+        ------
+        InputError
+            Arrays of another shape; a step that was halved, whose first part is not in the history;
+            results that `ContactResult.vjp` refuses.
+        NotConverged
+            As for `ContactResult.vjp`.
+
+        Warns
+        -----
+        ContactWarning
+            Points touch without force, or stick at the bound of friction.
+        """
+        given = {
+            "u": u, "pressure": pressure, "shear": shear, "slip": slip, "motion": motion,
+            "contact_forces": contact_forces, "resultant": resultant,
+        }  # fmt: skip
+        return history_gradient(self.results, given, problem)
 
     def to_pvd(self, path: str | Path, subdivide: int | None = None) -> Path:
         """Write the body, and beside it the contact boundary, as series that ParaView animates.

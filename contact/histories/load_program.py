@@ -29,11 +29,13 @@ Boundary = str | Sequence[str] | ArrayLike
 class LoadProgram(Portable):
     """Loads, motions of supports and an obstacle that vary, added to those of a problem."""
 
-    _FUNCTIONS = ("_loads", "_heats", "_motions", "_obstacle")
+    _FUNCTIONS = ("_loads", "_calls", "_heats", "_motions", "_obstacle")
 
     def __init__(self, problem: ContactProblem) -> None:
         self.problem = problem
         self._loads: list[tuple[Array, Factor]] = []
+        # Body, method and arguments of tractions and motions, for derivatives by vertices.
+        self._calls: list[tuple[int, str, tuple[Any, ...], Factor]] = []
         self._heats: list[tuple[int, Array, Factor]] = []
         self._motions: list[tuple[Array, Factor]] = []
         self._obstacle: list[tuple[int | None, Callable[[float], ObstacleLike], Any]] = []
@@ -58,7 +60,7 @@ class LoadProgram(Portable):
             Which one, if the problem has several.
         """
         k = self._number(body)
-        return self.load_vector(self._unloaded(k).load(boundary, traction).f, factor, body=k)
+        return self._load_by(self._unloaded(k).load(boundary, traction), factor, k)
 
     def body_force(
         self,
@@ -79,7 +81,14 @@ class LoadProgram(Portable):
             Which one, if the problem has several.
         """
         k = self._number(body)
-        return self.load_vector(self._unloaded(k).body_force(force).f, factor, body=k)
+        return self._load_by(self._unloaded(k).body_force(force), factor, k)
+
+    def _load_by(self, loaded: Any, factor: Factor | None, k: int) -> Self:
+        """Add the load of a body that has no other one."""
+        self.load_vector(loaded.f, factor, body=k)
+        calls = [(k, name, given, checked_factor(factor)) for name, given, _ in loaded._applied]
+        self._calls += calls
+        return self
 
     def heat(
         self,
@@ -194,6 +203,8 @@ class LoadProgram(Portable):
         moved = self.problem.body.bodies[k].support_motion(boundary, components, value)
         moved_by = self._of_all(k, moved)
         self._motions.append((moved_by, checked_factor(factor)))
+        given = boundary, components, value
+        self._calls.append((k, "support_motion", given, checked_factor(factor)))
         return self
 
     def obstacle(
@@ -294,6 +305,10 @@ class LoadProgram(Portable):
         for vector, factor in self._motions:
             u0 = u0 + value_at(factor, t) * vector
         now = base.under(f, u0)
+        for part, rest in zip(now.bodies, base.bodies, strict=True):
+            part._applied = rest._applied
+        for k, name, given, factor in self._calls:
+            now.bodies[k]._applied += ((name, given, value_at(factor, t)),)
         for k, strain, factor in self._heats:
             part = now.bodies[k]
             before = 0.0 if part.thermal is None else part.thermal

@@ -8,17 +8,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.derivatives.gradient import ContactGradient
+from contact.derivatives.history_gradient import Backward
 from contact.errors import InputError, NotConverged
 from contact.histories.finite_sliding import FiniteSliding
 from contact.histories.history_folder import HistoryFolder, same_conditions, same_path
 from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.histories.load_program import LoadProgram
 from contact.laws.options import Options
+from contact.portable import Origin
 from contact.problem.large_motion import check_motion, with_jump
 from contact.problem.sagitta import warn_of_sagitta
 from contact.result.contact_result import ContactResult
@@ -219,6 +222,86 @@ class LoadStepper(LoadProgram):
                 folder.write(k, self.history.results[k])
             return self._run(schedule, folder, progress, callback)
 
+    def vjp(
+        self,
+        times: ArrayLike,
+        cotangents: Callable[[int, ContactResult], dict[str, Any]],
+        collect: Callable[[int, ContactGradient], Any],
+        keep: int = 0,
+    ) -> None:
+        """Gradients of a function of a long history, of which few states are in memory.
+
+        The steps are solved as by `run`, but only every `keep`-th result is kept; the others are
+        solved again on the way back. The history of the stepper stays as it is.
+
+        Parameters
+        ----------
+        times : array, shape (n,)
+            Increasing, from the state of rest.
+        cotangents : callable
+            (number, result) to a dict: the arguments of `ContactResult.vjp`, the derivatives of the
+            function by the parts of this step.
+        collect : callable
+            Receives (number, `ContactGradient`) of each step, the last one first.
+        keep : int
+            Steps from one kept result to the next. Default: 0, the root of their number, with which
+            fewest are in memory.
+
+        Raises
+        ------
+        InputError
+            Times that do not increase, `keep` negative, or as for `ContactResult.vjp`.
+        NotConverged
+            A step does not converge, and steps must not be halved here; or as for
+            `ContactResult.vjp`.
+
+        Warns
+        -----
+        ContactWarning
+            As for `ContactResult.vjp`.
+
+        Examples
+        --------
+        By how much the shear force of the last of fifty steps grows with friction:
+
+        >>> from skfem import MeshQuad
+        >>> from contact import ContactProblem, ElasticBody, LoadStepper
+        >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+        >>> problem = ContactProblem(body.fix("top", "xy"), "bottom", 0.0, friction=0.2)
+        >>> stepper = LoadStepper(problem).move("top", "y", -0.02, lambda t: min(1.0, 5 * t))
+        >>> stepper, found = stepper.move("top", "x", 0.1), []
+        >>> stepper.vjp(
+        ...     [0.02 * (k + 1) for k in range(50)],
+        ...     lambda k, result: {"resultant": (-1.0 if k == 49 else 0.0, 0.0)},
+        ...     lambda k, gradient: found.append(float(gradient.friction.sum())),
+        ... )
+        >>> len(found), sum(found) > 0.01
+        (50, True)
+        """
+        schedule, every = checked_times(times, np.zeros(0)), integer("keep", keep, 0)
+        every = every or max(int(np.sqrt(schedule.size)), 1)
+        kept: dict[int, ContactResult | None] = {-1: None}
+
+        def solved(k: int, last: ContactResult | None) -> ContactResult:
+            return self._advance(last, float(schedule[k - 1]) if k else np.nan,
+                                 float(schedule[k]), 0)  # fmt: skip
+
+        last: ContactResult | None = None
+        for k in range(schedule.size):
+            last = solved(k, last)
+            if (k + 1) % every == 0:
+                kept[k] = last
+        backward = Backward()
+        for begin in range((schedule.size - 1) // every * every, -1, -every):
+            last, part = kept.pop(begin - 1), []
+            for k in range(begin, min(begin + every, schedule.size)):
+                last = solved(k, last)
+                part.append(last)
+            for k in range(begin + len(part) - 1, begin - 1, -1):
+                result = part.pop()
+                before = part[-1] if part else kept.get(begin - 1)
+                collect(k, backward.step(result, before, cotangents(k, result)))
+
     def resume(
         self,
         path: str | Path,
@@ -347,6 +430,7 @@ class LoadStepper(LoadProgram):
                 opposite = moving.get("obstacle", self.problem.opposite)
                 follow = self._finite.following(result, opposite)
                 check_motion(result, self.problem.boundaries, opposite, follow)
+                vars(result)["origin"] = Origin(slides=True)
                 return result
             return self._small_step(last, begin, end)
         except NotConverged:
@@ -370,6 +454,7 @@ class LoadStepper(LoadProgram):
         result, boundaries = with_jump(result, last), problem.boundaries
         check_motion(result, boundaries, system.obstacle)
         warn_of_sagitta(result, boundaries.rise(system.obstacle), condensed, self.options)
+        vars(result)["origin"] = Origin(problem)
         return result
 
     def _extrapolated(self, last: ContactResult, begin: float, end: float) -> ContactResult:

@@ -94,11 +94,9 @@ class Condensed:
     ) -> Forces:
         """Forces and motions that solve the linearised laws, or `LinAlgError`."""
         problem, now = self.problem, state.forces
-        tangent, k = problem.tangent, problem.s.size
-        rubbing = (zones.stick | zones.slip)[:, None] & (tangent >= 0)
-        rows_n = problem.normal[zones.active]
-        rows = np.concatenate((rows_n, tangent[rubbing]))
-        n_n, n = rows_n.size, rows.size
+        k = problem.s.size
+        used = Used.of(problem, zones)
+        rows, rubbing, n_n, n = used.rows, used.rubbing, used.count, used.rows.size
 
         # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick).
         # A compliance on changes of the forces, and weak springs on changes of free motions, make
@@ -113,41 +111,75 @@ class Condensed:
             rhs[:n_n] -= zones.opening[zones.active]
         rhs[:n] += proximal * problem.forces(now.mu, now.t)[rows]
         # At slipping points the linearised law replaces the equation for u_t.
-        place, normal_place = np.full(tangent.shape, -1), np.full(zones.active.size, -1)
-        place[rubbing] = n_n + np.arange(n - n_n)
-        normal_place[zones.active] = np.arange(n_n)
-        laws = []
-        if zones.slip.any():
-            at = np.flatnonzero(zones.slip)
-            law = self.law.slip(zones, state.t, form, at)
-            laws.append(SlipRows.of(law, place[at], normal_place[at]))
-        if zones.given is not None and zones.given.any():
-            at = np.flatnonzero(zones.given)
-            turn, known = zones.pulls(form, state.through)
-            laws.append(SlipRows.given(turn[at], known[at], normal_place[at]))
+        laws = used.laws(self.law, zones, state, form)
         for each in laws:
             rhs[each.rows] = each.right(rhs)
-        balance = np.zeros((k, n + k))
+        springs = self.springs
         if k:
-            # The load balance.
-            springs = np.full(k, self.weak * float(np.abs(problem.C).max()) ** 2)
-            balance[:, :n] = problem.balanced[rows].T
-            if problem.K is not None:
-                springs[np.diag(problem.K) > 0] = 0.0  # elastic motions have their own stiffness
-                balance[:, n:] = problem.K
-            balance[:, n:] += np.diag(springs)
             rhs[n:] = problem.s + springs * now.a if self.anchored else problem.s
         mu, t = problem.zeros()
         if n + k == 0:
             return Forces(mu, t, np.zeros(0))
         last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
-        system = ProductSystem if isinstance(problem.W, FactorCompliance) else DenseSystem
         # Solve for the change: its rounding error is relative to its size.
-        linear = system(problem.W, rows, added, C, balance, laws)
+        linear = self.linear(rows, added, C, laws)
         solution = last + linear.solve(rhs - linear @ last)
         mu[zones.active] = solution[:n_n]
         t[rubbing] = solution[n_n:n]
         return Forces(mu, t, solution[n:])
+
+    @property
+    def springs(self) -> Array:
+        """Stiffness of weak springs on free motions, (k,); elastic motions have their own."""
+        p = self.problem
+        springs = np.full(p.s.size, self.weak * float(np.abs(p.C).max(initial=0.0)) ** 2)
+        return springs if p.K is None else np.where(np.diag(p.K) > 0, 0.0, springs)
+
+    def linear(
+        self, rows: NDArray[np.int64], added: Array, C: Array, laws: Sequence[SlipRows]
+    ) -> DenseSystem | ProductSystem:
+        """The linear system of the rows (n,) in use and of the load balance."""
+        p, n, k = self.problem, rows.size, self.problem.s.size
+        balance = np.hstack((p.balanced[rows].T, np.diag(self.springs))) if k else np.zeros((0, n))
+        if p.K is not None:
+            balance[:, n:] += p.K
+        system = ProductSystem if isinstance(p.W, FactorCompliance) else DenseSystem
+        return system(p.W, rows, added, C, balance, laws)
+
+
+@dataclass(frozen=True)
+class Used:
+    """The rows in use, of active and of rubbing points, and their places in a system."""
+
+    rows: NDArray[np.int64]  # normals, then tangents, (n,)
+    count: int  # number of the normals
+    rubbing: NDArray[np.bool_]  # (m, dim - 1)
+    place: NDArray[np.int64]  # of each tangent, -1 for others, (m, dim - 1)
+    normal_place: NDArray[np.int64]  # of each normal, -1 for others, (m,)
+
+    @classmethod
+    def of(cls, problem: BoundaryProblem, zones: Zones) -> Used:
+        """The rows of a problem whose points are in these zones."""
+        rubbing = (zones.stick | zones.slip)[:, None] & (problem.tangent >= 0)
+        rows_n = problem.normal[zones.active]
+        rows = np.concatenate((rows_n, problem.tangent[rubbing]))
+        place, normal_place = np.full(rubbing.shape, -1), np.full(zones.active.size, -1)
+        place[rubbing] = np.arange(rows_n.size, rows.size)
+        normal_place[zones.active] = np.arange(rows_n.size)
+        return cls(rows, rows_n.size, rubbing, place, normal_place)
+
+    def laws(self, law: ContactLaw, zones: Zones, state: State, form: str) -> list[SlipRows]:
+        """The linearised laws of slipping points, and of points whose normal force is given."""
+        found = []
+        if zones.slip.any():
+            at = np.flatnonzero(zones.slip)
+            slip = law.slip(zones, state.t, form, at)
+            found.append(SlipRows.of(slip, self.place[at], self.normal_place[at]))
+        if zones.given is not None and zones.given.any():
+            at = np.flatnonzero(zones.given)
+            turn, known = zones.pulls(form, state.through)
+            found.append(SlipRows.given(turn[at], known[at], self.normal_place[at]))
+        return found
 
 
 def is_stable(laws: Condensed, forces: Forces) -> bool:
@@ -277,6 +309,10 @@ class DenseSystem:
         """Solve; overwrites the matrix."""
         return np.asarray(self._arrays.solve_square(self._A, right, self._definite))
 
+    def solve_transposed(self, right: Array) -> Array:
+        """Solve with the transposed matrix."""
+        return np.asarray(self._arrays.solve_square(self._A.T.copy(order="F"), right.copy()))
+
 
 class ProductSystem:
     """``[[M (W + D), -M C], [balance]]`` plus terms of laws, as an operator."""
@@ -312,6 +348,24 @@ class ProductSystem:
         if self._of_rows is not None:
             moved = self._of_rows @ moved + self._of_forces @ x[:n]
         return np.concatenate((moved, self._balance @ x))
+
+    def solve_transposed(self, right: Array) -> Array:
+        """Solve with the transposed operator by a Krylov method, to twelve digits."""
+        n = self._rows.size
+
+        def product(y: Array) -> Array:
+            of_v = y[:n] if self._of_rows is None else self._of_rows.T @ y[:n]
+            forces = np.zeros(self._W.shape[0])
+            forces[self._rows] = of_v
+            moved = (self._W @ forces)[self._rows] + self._added * of_v
+            if self._of_rows is not None:
+                moved = moved + self._of_forces.T @ y[:n]
+            result = self._balance.T @ y[n:]
+            result[:n] += moved
+            result[n:] -= self._C.T @ of_v
+            return np.asarray(result)
+
+        return np.asarray(gmres(product, right, lambda y: y, 1e-12, most=1000, restart=200)[0])
 
     def solve(self, right: Array) -> Array:
         """Approximate solution by a Krylov method, with unrefined products."""

@@ -26,7 +26,7 @@ from contact.laws.wear import Wear
 from contact.obstacles.rigid import ObstacleMotion
 from contact.obstacles.rigid_motion import same_gaps
 from contact.obstacles.shapes import ObstacleLike
-from contact.portable import Portable
+from contact.portable import Origin, Portable
 from contact.problem.large_motion import check_motion, with_jump
 from contact.problem.sagitta import warn_of_sagitta
 from contact.problem.solve_system import solve_system
@@ -380,6 +380,11 @@ class ContactProblem(Portable):
             kept = self._condensed = *where, material, made
         return kept[3]
 
+    def kept_condensation(self, body: Solid) -> CondensedContact | None:
+        """The cached condensation, if there is one and it is that of a body with this material."""
+        kept = self._condensed
+        return kept[3] if kept is not None and _same(kept[2], body.materials) else None
+
     @keywords_named
     def solve(
         self,
@@ -479,6 +484,7 @@ class ContactProblem(Portable):
         warn_of_sagitta(result, self.boundaries.rise(self.opposite), condensed, options)
         if isinstance(self.boundaries, Interfaces):
             warn_of_coarse_facets(result, self.boundaries.facet_ratio)
+        vars(result)["origin"] = Origin(self)
         return result
 
     def solve_system(

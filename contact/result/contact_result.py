@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from contact.body.distributed_body import DistributedBody
+from contact.derivatives.gradient import ContactGradient, gradient, warn_of
 from contact.errors import ContactError, InputError
 from contact.laws.status import Status
 from contact.output.drawn import pair_name
@@ -19,6 +20,7 @@ from contact.output.pictures import draw_outlines, have_outlines
 from contact.output.tables import points_frame
 from contact.output.vtk import block_sets, body_grid, boundary_grid
 from contact.plot import plot_tractions
+from contact.portable import Origin
 from contact.result.body_result import BodyFields, BodyResult
 from contact.result.certify import as_lines
 from contact.result.contact_system import ContactState
@@ -58,6 +60,8 @@ class ContactResult(BodyFields, ContactState):
         Tolerances of the certificate, see `certify`; tol None is the default of the method.
     jump : str
         With adhesion "pull-off" or "contact" if the step passed such an instability, else empty.
+    origin : Origin or None
+        For `vjp`: a weak reference to the problem. None in a result from a file.
 
     Examples
     --------
@@ -72,6 +76,8 @@ class ContactResult(BodyFields, ContactState):
     >>> bool(abs(result.resultant[1] - 0.1) < 1e-10), bool(max(result.kkt.values()) < 1e-10)
     (True, True)
     """
+
+    origin: Origin | None = None
 
     def __repr__(self) -> str:
         return f"ContactResult({counts(self)}; resultant {vector(self.resultant)})"
@@ -378,6 +384,80 @@ class ContactResult(BodyFields, ContactState):
         if kept is not None:
             return dict(kept[0])
         return self.system.kkt(self.u, self.mu, self.t, self.motion)
+
+    def vjp(
+        self,
+        *,
+        u: ArrayLike | None = None,
+        pressure: ArrayLike | None = None,
+        shear: ArrayLike | None = None,
+        slip: ArrayLike | None = None,
+        contact_forces: ArrayLike | None = None,
+        resultant: ArrayLike | None = None,
+        motion: ArrayLike | None = None,
+        problem: Any = None,
+    ) -> ContactGradient:
+        """Gradients of a function of the result by loads, moduli, friction, gap, vertices, ...
+
+        The function J is given by its derivatives by the parts of the result. One transposed
+        substitution with the factors of the problem is made, as long as that exists; else the body
+        is factored again.
+
+        Parameters
+        ----------
+        u : array, shape (ndofs,), optional
+        pressure : array, shape (m,), optional
+        shear, slip : array, shape (m, dim - 1), optional
+        contact_forces : array, shape (ndofs,), optional
+        resultant : array, shape (dim,), optional
+        motion : array, shape (k,), optional
+            Of `Rigid` obstacles.
+        problem : ContactProblem, optional
+            Default: the one that was solved. `ContactGradient.vertices` and `pose` need it.
+
+        Returns
+        -------
+        ContactGradient
+
+        Raises
+        ------
+        InputError
+            Arrays of another shape; a result of finite sliding, of a `DistributedBody`, or solved
+            on a device; a result of two bodies from a file without its problem.
+        NotConverged
+            The solution is at a limit of friction, or too ill-conditioned.
+
+        Warns
+        -----
+        ContactWarning
+            Points touch without force, or stick at the bound of friction.
+        """
+        found = gradient(
+            self,
+            self._posed_as(problem),
+            {
+                "u": u, "pressure": pressure, "shear": shear, "slip": slip, "motion": motion,
+                "contact_forces": contact_forces, "resultant": resultant,
+            },
+        )  # fmt: skip
+        warn_of(found.degenerate)
+        return found
+
+    def _posed_as(self, problem: Any) -> Any:
+        """The problem given, or the one that was solved if it still exists."""
+        if self.origin is not None and self.origin.slides:
+            raise InputError(
+                "vjp: the rows of finite sliding depend on the solution, and their derivatives are "
+                "not followed; take LoadStepper(sliding='small')"
+            )
+        if problem is None and self.origin is not None:
+            problem = self.origin.problem
+        if problem is None and self.origin is None and self.system.rows.axes.size:
+            raise InputError(
+                "vjp: a result of several bodies from a file does not say whether they slid; give "
+                "its problem, vjp(problem=...)"
+            )
+        return problem
 
     def certificate(self) -> str:
         """One line for each residual of `kkt`.

@@ -21,8 +21,8 @@ def tangent_frame(normals: Array) -> Array:
     if normals.shape[0] == 2:
         return np.array([[-normals[1]], [normals[0]]])
     x, y, z = normals
-    # A mean n_z of up to 1e-9 counts as zero.
-    sign = np.full(z.size, 1.0 if z.sum() > 1e-9 * z.size else -1.0)
+    # A mean n_z of up to 1e-4 counts as zero, as on a vertical face whose vertices move a little.
+    sign = np.full(z.size, 1.0 if z.sum() > 1e-4 * z.size else -1.0)
     square = x * x + y * y
     sign[(square < 1e-290) & (sign * z < 0)] *= -1.0  # the pole itself
     # a = -1 / (sign + z), without cancellation near that pole.

@@ -168,7 +168,11 @@ class Outline:
     @cached_property
     def bent(self) -> NDArray[np.bool_]:
         """Straight facets whose smooth normals diverge, or converge, at all corners, (nfacets,).
-        They approximate a curve; facets next to a flat side, noisy or curved ones do not."""
+        They approximate a curve; facets next to a flat side, noisy or curved ones do not. A body
+        may hold what was found before its vertices moved, a mask of all facets."""
+        held: NDArray[np.bool_] | None = vars(self.body).get("_bent")
+        if held is not None:
+            return held[self.facets]
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
         lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
         # The same sign at all corners, and none below a quarter of the largest.

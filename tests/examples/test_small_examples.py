@@ -24,6 +24,19 @@ def test_heat_control(run):
     assert numbers["driven"] < 0.1 * numbers["free"]
 
 
+@pytest.mark.turns(4)
+def test_identify_friction(run):
+    E, friction = run("identify_friction", files=["identify_friction.png"])
+    assert (E, friction) == pytest.approx((2.0, 0.35), rel=0.02)
+
+
+@pytest.mark.turns(4)
+def test_punch_shape(run):
+    flat, shaped = run("punch_shape", files=["punch_shape.png"])
+    assert flat > 1.0  # as under the edges of a flat punch
+    assert shaped < 1e-5
+
+
 def test_heat_skfem(run):
     numbers = run("heat_skfem", "--refine", "1", files=["heat_skfem.png"])
     assert numbers["paid"] == pytest.approx(numbers["promised"], rel=5e-3)
