@@ -158,7 +158,7 @@ def adjoint(result: Any, condensed: CondensedContact, given: Cotangents) -> Adjo
     place = used.rubbing.nonzero()
     tangent[place] += of_used[used.count :] / scale[place[0]]
     friction = known.friction
-    if slip is not None:
+    if linear:
         at_bound = np.flatnonzero(zones.slip)
         b = (zones.q / np.where(zones.slip, lengths(zones.q), 1.0))[:, at_bound].T
         along = np.sum(of_law * b, axis=1)
@@ -269,7 +269,7 @@ def _degenerate(
 
     def force(q: Array) -> Array:
         surface = problem.compliance
-        none = 0.0 * q
+        none = np.zeros_like(q)
         return np.maximum(q, 0.0) if surface is None else surface.at(none, q, none).mu
 
     bend = force(trial + near) - 2.0 * force(trial) + force(trial - near)

@@ -26,13 +26,12 @@ from gpu.riccati.problem.state_matrix import EPS, stored
 from gpu.riccati.problem.units import in_moderate_units, within_range
 from gpu.riccati.proof.closed_loop import LIMITS as LOOP
 from gpu.riccati.proof.closed_loop import explain, named
-from skfem_adini.ground.arguments import choice, flag, keywords_named
+from skfem_adini.ground.arguments import choice, flag
 from skfem_adini.ground.arrays import namespace, to_host
 from skfem_adini.ground.errors import warn
 
 
 @within_range
-@keywords_named
 def lqr(
     A: Any,
     B: Any,

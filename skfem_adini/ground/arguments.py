@@ -47,8 +47,10 @@ _LAME = "E = mu (3 lam + 2 mu) / (lam + mu) and nu = lam / (2 (lam + mu))"
 
 def keywords_named(function: Function) -> Function:
     """The function, whose `TypeError` for an unknown keyword names the one that is meant."""
-    known = inspect.getfullargspec(function).args + inspect.getfullargspec(function).kwonlyargs
-    known = [name for name in known if name not in ("self", "cls")]
+    spec = inspect.getfullargspec(function)
+    if spec.varkw is not None:
+        return function
+    known = [name for name in spec.args + spec.kwonlyargs if name not in ("self", "cls")]
 
     @wraps(function)
     def checked(*given: Any, **named: Any) -> Any:

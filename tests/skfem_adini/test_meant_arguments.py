@@ -12,7 +12,7 @@ from contact import (
     LoadStepper,
     PeriodicLayers,
 )
-from gpu import eigs, eigsh, lqr, solve_qp
+from gpu import eigs, eigsh, solve_qp
 
 MESH = MeshQuad().with_defaults()
 BODY = ElasticBody.from_mesh(MESH, E=1.0, nu=0.3)
@@ -43,7 +43,6 @@ PROBLEM = ContactProblem(BODY, "bottom", 0.0)
         (solve_qp, "lower", "'lb'"),
         (eigs, "tolerance", "'tol'"),
         (eigsh, "wich", "'which'"),
-        (lqr, "zzz", "it takes"),
     ],
 )
 def test_the_one_that_is_meant_is_named(function, wrong, meant):
