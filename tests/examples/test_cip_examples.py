@@ -128,3 +128,12 @@ def test_regional(run):
     found = run("cip_regional", says="unaccounted", files=["cip_regional.png"])
     assert found.inflow["x-"][-1] > found.outflow["x+"][-1] > 0.1
     assert np.abs(found.residual).max() < 1e-13
+
+
+def test_sphere(run):
+    found = run("cip_sphere", says="2 hills", files=["cip_sphere.png"])
+    for name, mass in found[0].mass.items():
+        assert found.final.mass[name] == pytest.approx(mass, rel=1e-13)
+    assert np.abs(found.final.data - found[0].data).max() < 0.05
+    # Drawn out, the hills are about as high as before.
+    assert 0.7 < found[1].data.max() < 1.0
