@@ -116,7 +116,7 @@ class Space:
     def resultant(self, forces: Any) -> Array:
         """Sum of each component, shape (dim,), on the host; in a ring only the axial one."""
         sums = np.asarray(self.arrays.get(self._sums(forces)))
-        finite = bool(self.arrays.xp.isfinite(forces @ forces))
+        finite = bool(self.arrays.xp.isfinite(forces).all())
         return np.asarray(self.arrays.get(self._moved)) * sums if finite else sums * np.nan
 
 
