@@ -20,6 +20,8 @@ from contact.errors import (
     NotConverged,
     Unbounded,
 )
+from contact.histories.dynamic_history import DynamicHistory, DynamicStep
+from contact.histories.dynamic_stepper import DynamicStepper
 from contact.histories.load_history import LoadHistory, LoadStep
 from contact.histories.load_stepper import LoadStepper
 from contact.laws.iteration import Iteration
@@ -58,6 +60,9 @@ __all__ = [
     "CutBody",
     "Cylinder",
     "DistributedBody",
+    "DynamicHistory",
+    "DynamicStep",
+    "DynamicStepper",
     "ElasticBody",
     "GridContact",
     "GridResult",

@@ -44,6 +44,8 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.ContactProblem": ("condense", "solve"),
     "contact.ContactResult": (),
     "contact.LoadStepper": (),
+    "contact.DynamicStepper": (),
+    "contact.DynamicHistory": (),
     "contact.SurfaceMesh": (),
     "contact.Rough": (),
     "contact.GridContact": (),
@@ -73,6 +75,7 @@ _REASONS = {
         skfem_adini.FieldLevelSet skfem_adini.LevelSet skfem_adini.NearNullSpace skfem_adini.Polygon
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
         contact.BodyResult contact.GridResult contact.Surface contact.LoadHistory contact.LoadStep
+        contact.DynamicHistory contact.DynamicStep
         contact.Status contact.Slice
         contact.Uniqueness cip.Budget cip.Diagnostics cip.Sensors
         cip.Placement

@@ -214,9 +214,12 @@ class Bodies(Solid):
             for body, own in zip(self._bodies, self.slices, strict=True)
         ]
 
-    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
+    def equilibrium(
+        self, u: Array, contact: Array, load: Array, moduli: Array | None = None
+    ) -> tuple[float, float]:
         """Residual and sum of moduli of the body with the largest relative residual."""
-        found = [body.equilibrium(*own) for body, *own in self._each(u, contact, load)]
+        given = (u, contact, load) if moduli is None else (u, contact, load, moduli)
+        found = [body.equilibrium(*own) for body, *own in self._each(*given)]
         return max(found, key=lambda pair: pair[0] / (pair[1] or 1.0))
 
     largest_displacement, deformation, support_error, local_displacement = map(

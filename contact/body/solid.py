@@ -98,6 +98,11 @@ class Solid(Portable, ABC):
         """Whether the mesh is the section of an axisymmetric body."""
         return self.plane == AXISYMMETRIC
 
+    @property
+    def translations(self) -> NDArray[np.bool_]:
+        """The components along which a translation is rigid, shape (dim,)."""
+        return np.arange(self.dim) == 1 if self.is_ring else np.ones(self.dim, dtype=bool)
+
     def depth(self, x: Array) -> Array | float:
         """Factor that turns integrals over the mesh into integrals over the body.
 
@@ -291,18 +296,22 @@ class Solid(Portable, ABC):
         """Internal forces S u on the device of u (read-only)."""
         return self.vectors.returned(self.forces_on(self.placed(u)), u)
 
-    def equilibrium(self, u: Any, contact: Any, load: Any) -> tuple[float, float]:
+    def equilibrium(
+        self, u: Any, contact: Any, load: Any, moduli: Any = None
+    ) -> tuple[float, float]:
         """Largest residual force at a free dof, and the largest sum of the terms' moduli there.
 
         Parameters
         ----------
         u, contact, load : ndarray, shape (ndofs,)
             Displacement; contact forces with the opposite sign; applied loads.
+        moduli : ndarray, shape (ndofs,), optional
+            See `ContactSystem`; default: those of the load.
         """
         space, u = self.vectors, self.placed(u)
         load = space.own(load)
         forces = self.forces_on(u) + space.own(contact) - load
-        terms = self.moduli_on(u) + abs(load)
+        terms = self.moduli_on(u) + (abs(load) if moduli is None else space.own(moduli))
         return (
             space.largest(space.transposed @ forces / space.free_lengths),
             space.largest(space.of_moduli @ terms / space.free_lengths),

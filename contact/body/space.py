@@ -39,10 +39,9 @@ class Space:
             self.picked, self.picks = (arrays.rows(A) for A in (body.picked, body.picked.T))
         self.lengths, self.free_lengths = map(put, body.lengths)
         self.values = put(body.are_values)
-        self._of_nodes = self.values.reshape(-1, body.dim)
+        self._of_nodes = self.values.reshape(-1, body.dim).astype(float)
         self.diagonal = stiffness.diagonal() if stiffness else put(body.diagonal)
-        # The components along which a translation is rigid.
-        self._moved = put(np.arange(body.dim) == 1 if body.is_ring else np.ones(body.dim, bool))
+        self._moved = put(body.translations)
         self._count = self._of_nodes.sum(axis=0)
         self._last: tuple[Any, Any, bool] | None = None
         self._modes: tuple[Any, Array] | None = None
@@ -86,10 +85,11 @@ class Space:
 
     def mean_translation(self, u: Any) -> Any:
         """The mean of a displacement along the rigid translations, on all dofs, shape (ndofs,)."""
-        xp = self.arrays.xp
-        at_nodes = xp.where(self._of_nodes, u.reshape(self._of_nodes.shape), 0.0)
-        mean = xp.where(self._moved, at_nodes.sum(axis=0) / self._count, 0.0)
-        return xp.where(self._of_nodes, mean, 0.0).ravel()
+        return (self._of_nodes * (self._moved * self._sums(u) / self._count)).ravel()
+
+    def _sums(self, v: Any) -> Any:
+        """Sum of each component over the nodes, (dim,)."""
+        return self.arrays.xp.einsum("nc,nc->c", self._of_nodes, v.reshape(self._of_nodes.shape))
 
     def moduli(self, u: Any) -> Any:
         """``|S| |u|``."""
@@ -115,10 +115,9 @@ class Space:
 
     def resultant(self, forces: Any) -> Array:
         """Sum of each component, shape (dim,), on the host; in a ring only the axial one."""
-        xp = self.arrays.xp
-        sums = xp.where(self._of_nodes, forces.reshape(self._of_nodes.shape), 0.0).sum(axis=0)
-        sums = np.asarray(self.arrays.get(xp.where(self._moved, sums, 0.0)))
-        return sums if bool(xp.isfinite(forces).all()) else np.full(sums.size, np.nan)
+        sums = np.asarray(self.arrays.get(self._sums(forces)))
+        finite = bool(self.arrays.xp.isfinite(forces).all())
+        return np.asarray(self.arrays.get(self._moved)) * sums if finite else sums * np.nan
 
 
 class KeptSpaces:

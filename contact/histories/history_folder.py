@@ -17,11 +17,12 @@ import json
 import logging
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from secrets import token_hex
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -129,9 +130,11 @@ class HistoryFolder:
             raise InputError(f"path: another process is writing the history in {self.path}")
         return descriptor
 
-    def write(self, k: int, result: ContactResult) -> None:
-        """Write step k, counted from zero, in order; the parts of processes first."""
-        arrays, rows = state_arrays(result), result.system.rows
+    def write(
+        self, k: int, result: ContactResult, more: Mapping[str, Array] = MappingProxyType({})
+    ) -> None:
+        """Write step k, counted from zero, in order, with more arrays; parts of processes first."""
+        arrays, rows = state_arrays(result) | dict(more), result.system.rows
         if self.comm is not None:
             self._write_part(k, result.system.body, arrays)
         elif rows.T is not self._rows_of_problem:  # finite sliding
@@ -166,6 +169,12 @@ class HistoryFolder:
                 raise OSError(f"process {rank} could not write its part of step {k + 1}: {each}")
 
     def finished(self, system: ContactSystem | None = None) -> Iterator[ContactResult]:
+        """The results of `steps`."""
+        return (result for result, _ in self.steps(system))
+
+    def steps(
+        self, system: ContactSystem | None = None
+    ) -> Iterator[tuple[ContactResult, dict[str, Any]]]:
         """The steps before the first one that is missing or cannot be read, which is logged.
         `InputError` if one belongs elsewhere; steps share the body and rows of a given system."""
         last = max(self._steps(), default=0)
@@ -187,7 +196,7 @@ class HistoryFolder:
             self._before, system = str(found), state.system
             result = ContactResult(**vars(state))
             result.keep_facts_of_many()
-            yield result
+            yield result, arrays
 
     def _read(self, path: Path, k: int, system: ContactSystem | None) -> tuple[Any, Any]:
         """The arrays of step k, with the vectors of this process, and their checksum."""
@@ -305,7 +314,7 @@ def same_conditions(now: ContactSystem, then: ContactSystem, same_rows: bool = T
     if set(one) != set(other) or now.law != then.law:
         return False
     pairs += [(one[name], other[name]) for name in one]
-    return all(_same(a, b) for a, b in pairs)
+    return all(same_values(a, b) for a, b in pairs)
 
 
 def _of_rigid(system: ContactSystem) -> dict[str, Array]:
@@ -316,7 +325,7 @@ def _of_rigid(system: ContactSystem) -> dict[str, Array]:
     return {name: value for name, value in vars(motion).items() if name != "travel"}
 
 
-def _same(a: Array, b: Array) -> bool:
+def same_values(a: Array, b: Array) -> bool:
     """Equal up to rounding of functions of time."""
     if a.shape != b.shape:
         return False

@@ -274,6 +274,17 @@ class LoadProgram(Portable):
             return said.get(None)
         return [said.get(k) for k in range(len(self.problem.pairs))]
 
+    def _moving(self, begin: float, end: float) -> dict[str, Any]:
+        """The obstacle, that of the last step, and the given displacement in between; begin is NaN
+        in the state of rest."""
+        if not self._obstacle:
+            return {}
+        return {
+            "obstacle": self._obstacle_at(end),
+            "since": self._obstacle_at(begin),
+            "said": self._said_between(begin, end),
+        }
+
     def _body_at(self, t: float) -> Any:
         base = self.problem.body
         f, u0 = base.f, base.constraint[1]
@@ -289,9 +300,12 @@ class LoadProgram(Portable):
         return now
 
     def _fingerprint(self) -> str:
+        return fingerprint(self.problem.system, self._vectors())
+
+    def _vectors(self) -> list[Array]:
+        """The loads and motions that vary."""
         vectors = [vector for vector, _ in (*self._loads, *self._motions)]
-        vectors += [strain for _, strain, _ in self._heats]
-        return fingerprint(self.problem.system, vectors)
+        return vectors + [strain for _, strain, _ in self._heats]
 
 
 def _change(motion: Any, begin: float, end: float) -> Any:

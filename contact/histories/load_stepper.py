@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -334,7 +334,7 @@ class LoadStepper(LoadProgram):
         try:
             if self._finite is not None:
                 near = None if last is None else self._extrapolated(last, begin, end).u
-                moving = self._moving(last, begin, end)
+                moving = self._moving(np.nan if last is None else begin, end)
                 body = self._body_at(end)
                 result = self._finite.step(body, last, near, self.options, moving)
                 opposite = moving.get("obstacle")
@@ -352,7 +352,7 @@ class LoadStepper(LoadProgram):
     def _small_step(self, last: ContactResult | None, begin: float, end: float) -> ContactResult:
         problem = self.problem
         condensed = problem.condense()  # the body now computes on the device of the condensation
-        moving = self._moving(last, begin, end)
+        moving = self._moving(np.nan if last is None else begin, end)
         if last is not None and not moving:  # a step from a file has no obstacle
             moving = {"since": problem.opposite}
         system = problem.system_of(self._body_at(end), last, **moving)
@@ -363,17 +363,6 @@ class LoadStepper(LoadProgram):
         check_motion(result, boundaries, system.obstacle)
         warn_of_sagitta(result, boundaries.rise(system.obstacle), condensed, self.options)
         return result
-
-    def _moving(self, last: ContactResult | None, begin: float, end: float) -> dict[str, Any]:
-        """The obstacle, that of the last step, and the given displacement in between."""
-        if not self._obstacle:
-            return {}
-        before = np.nan if last is None else begin
-        return {
-            "obstacle": self._obstacle_at(end),
-            "since": self._obstacle_at(before),
-            "said": self._said_between(before, end),
-        }
 
     def _extrapolated(self, last: ContactResult, begin: float, end: float) -> ContactResult:
         """Linear extrapolation of the last two steps: a start that saves about one Newton step."""

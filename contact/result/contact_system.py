@@ -35,6 +35,7 @@ class ContactSystem:
     motion: ObstacleMotion | None = None  # displacements of contact points are relative to it
     overclosure: tuple[PressureOverclosure | None, ...] = ()  # by boundary; empty: hard contact
     obstacle: Any = None  # source of the gap; the next step derives its motion from it
+    moduli: Array | None = None  # sum of the moduli of the load's terms, if they cancel, as inertia
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"obstacle": carried(self.obstacle)}
@@ -107,7 +108,8 @@ class ContactSystem:
         """Relative residuals of every law; `ContactResult.kkt` defines their scales."""
         rows, (here, load) = self.rows, map(self.body.placed, (u, self.load))
         contact = self.body.placed(self.body.contact_forces(rows, mu, t))
-        unbalanced, cancelling = self.body.equilibrium(here, contact, load)
+        more = () if self.moduli is None else (self.moduli,)
+        unbalanced, cancelling = self.body.equilibrium(here, contact, load, *more)
         # If forces cancel without motion, displacements are rounding of their individual effects.
         length = (
             max(self.body.largest_displacement(here), self.body.local_displacement(contact)) or 1.0
@@ -173,7 +175,11 @@ class ContactSystem:
         """Residual of the resultant of all forces on a body, the maximum over all bodies."""
         # Needed since equilibrium in slender cells is relative to large forces that cancel.
         pairs = zip(self.body.bodies, self.body.slices, strict=True)
-        return max(_unbalanced_body(body, u[own], contact[own], load[own]) for body, own in pairs)
+        terms = abs(load) if self.moduli is None else self.moduli
+        return max(
+            _unbalanced_body(body, u[own], contact[own], load[own], terms[own])
+            for body, own in pairs
+        )
 
     def _unbalanced_obstacle(self, motion: ObstacleMotion, mu: Array, t: Array) -> float:
         """Residual forces on free motions, relative to all contact forces times their arms."""
@@ -205,9 +211,9 @@ class ContactState:
     slack: float = 0.0
 
 
-def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any) -> float:
-    u, contact, load = map(body.placed, (u, contact, load))
-    loads = body.total(abs(load))
+def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any, terms: Any) -> float:
+    u, contact, load, terms = map(body.placed, (u, contact, load, terms))
+    loads = body.total(terms)
     given = loads + body.total(abs(contact))
     if not np.any(given):  # only support reactions, which balance each other
         return 0.0

@@ -202,6 +202,7 @@ def state_arrays(state: ContactState) -> dict[str, Any]:
         "rows/gap": system.rows.gap,
         "friction": system.friction,
         "slip_from": system.slip_from,
+        "moduli": system.moduli,
         **{name: getattr(state, field) for field, name in _OF_STATE.items()},
         **{_thermal_name(system.body, k): b.thermal for k, b in enumerate(system.body.bodies)},
     }
@@ -290,9 +291,16 @@ def _rebuild(
         names = [field.name for field in fields(ObstacleMotion)]
         motion = ObstacleMotion(**from_arrays(arrays, names, "motion/"))
     laws = tuple(PressureOverclosure.from_stored(law) for law in step.get("overclosure", ()))
-    since = arrays.get("slip_from")
     system = ContactSystem(
-        body, rows, arrays["load"], step["law"], arrays["friction"], since, motion, laws
+        body,
+        rows,
+        arrays["load"],
+        step["law"],
+        arrays["friction"],
+        arrays.get("slip_from"),
+        motion,
+        laws,
+        moduli=arrays.get("moduli"),
     )
     # Format 2 did not store the slack of `fixed_point`, the only method with one.
     unknown = 1e-3 if step["method"] == "fixed_point" and not with_checksum else 0.0
@@ -492,6 +500,7 @@ def _check_state(state: ContactState) -> None:
         ("multiplier_t", state.t, (m, columns)),
         ("friction", system.friction, (m,)),
         ("slip_from", system.slip_from, (m, columns)),
+        ("moduli", system.moduli, (n,)),
     ):
         if value is not None:
             _finite(name, value, shape)

@@ -142,12 +142,13 @@ class BlockVectors(Solid):
         """Return zero: the diagonal of the stiffness is not assembled."""
         return 0.0
 
-    def equilibrium(self, u: Any, contact: Any, load: Any) -> tuple[float, float]:
+    def equilibrium(
+        self, u: Any, contact: Any, load: Any, moduli: Any = None
+    ) -> tuple[float, float]:
         """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""
         u, contact, load = map(self.placed, (u, contact, load))
-        return self.stiffness.residual(
-            u, contact - load, abs(load), self.prescribed[0], self.cell_size
-        )
+        terms = abs(load) if moduli is None else self.placed(moduli)
+        return self.stiffness.residual(u, contact - load, terms, self.prescribed[0], self.cell_size)
 
     def largest_displacement(self, u: Any) -> float:
         """Largest displacement at a node."""
