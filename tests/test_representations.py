@@ -27,6 +27,8 @@ def contact_objects():
     problem = contact.ContactProblem(body, "bottom", plane, 0.9)
     result = problem.solve()
     history = contact.LoadStepper(problem).load("top", (0.0, -1.0)).run([0.5, 1.0])
+    thrown = contact.DynamicStepper(problem, 1.0, 0.1)
+    yield from (thrown, thrown.step(), thrown.history)
     layers = contact.LayeredBlock(1.0, [(1.0, 4, 1.0, 0.3)])
     yield from (body, plane, problem, result, result.system, result.system.rows, history, layers)
     yield from (problem.condense(), contact.cross_check(problem, result))

@@ -28,6 +28,7 @@ from contact import (
     ContactProblem,
     ContactResult,
     ContactWarning,
+    DynamicStepper,
     ElasticBody,
     Infeasible,
     InputError,
@@ -51,6 +52,10 @@ FLOOR = Plane((0, 0, 0), (0, 0, 1))
 def problem(make, obstacle=None, friction=0.0, boundary="bottom", **options):
     obstacle = make.foundation[2] if obstacle is None else obstacle
     return ContactProblem(make.block(4), boundary, obstacle, friction, **options)
+
+
+def in_time(make, density=1.0, dt=0.1, **options):
+    return DynamicStepper(problem(make), density, dt, **options)
 
 
 def body(element=ElementQuad1, mesh=None, **material):
@@ -270,6 +275,28 @@ INPUT = [
     (lambda m: LoadStepper(problem(m), halvings=-1), "halvings"),
     (lambda m: LoadStepper(problem(m), method="no"), "method"),
     (lambda m: m.dragged(n=2).history.to_pvd("x.pvd"), "no finished step"),
+    # steps in time
+    (lambda m: DynamicStepper(m.block(4), 1.0, 0.1), "problem"),
+    (lambda m: DynamicStepper(problem(m, overclosure=1.0), 1.0, 0.1), "overclosure"),
+    (lambda m: in_time(m, density=0.0), "density"),
+    (lambda m: in_time(m, density=NAN), "density"),
+    (lambda m: in_time(m, density=[1.0, 2.0, 3.0]), "one a cell"),
+    (lambda m: in_time(m, dt=0.0), "dt"),
+    (lambda m: in_time(m, dt=-1.0), "dt"),
+    (lambda m: in_time(m, dt=NAN), "dt"),
+    (lambda m: in_time(m, scheme="newmark"), "scheme"),
+    (lambda m: in_time(m, mass="none"), "mass"),
+    (lambda m: in_time(m, mass="lumped"), "lumped"),
+    (lambda m: in_time(m, damping=(0.1,)), "damping"),
+    (lambda m: in_time(m, damping=(0.0, -0.1)), "damping"),
+    (lambda m: in_time(m, keep=0), "keep"),
+    (lambda m: in_time(m, start=INF), "start"),
+    (lambda m: in_time(m, velocity=(0.0, NAN)), "velocity"),
+    (lambda m: in_time(m, velocity=(0.0, 1.0, 2.0)), "velocity"),
+    (lambda m: in_time(m, displacement=lambda x: x * NAN), "displacement"),
+    (lambda m: in_time(m, method="fast"), "method"),
+    (lambda m: in_time(m).run(0), "steps"),
+    (lambda m: in_time(m).history.to_pvd("x.pvd"), "no finished step"),
     (lambda m: problem(m).solve(after=3), "after"),
 ]
 OTHERS = [

@@ -9,6 +9,7 @@ from contact import (
     ContactProblem,
     CutBody,
     Cylinder,
+    DynamicStepper,
     ElasticBody,
     InputError,
     LayeredBlock,
@@ -229,6 +230,10 @@ SETTLED = {
     ),
     "cut body": (disk, ("domain", "level_set", "threshold", "basis")),
     "stepper": (lambda: LoadStepper(problem(body())), ("problem",)),
+    "dynamic": (
+        lambda: DynamicStepper(problem(body()), 1.0, 0.1),
+        ("problem", "dt", "scheme", "keep", "history"),
+    ),
     "plane": (lambda: Plane((0, 0), (0, 1)), ("point", "normal")),
     "cylinder": (lambda: Cylinder((0, 0), 1.0), ("centre", "radius", "axis", "hollow")),
     "ball": (lambda: Sphere((0, 0), 1.0), ("centre", "radius", "hollow")),

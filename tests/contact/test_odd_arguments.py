@@ -12,6 +12,7 @@ from contact import (
     ContactError,
     ContactProblem,
     Cylinder,
+    DynamicStepper,
     ElasticBody,
     InputError,
     LayeredBlock,
@@ -161,6 +162,14 @@ CALLS = {
     "stepper move value": lambda v, s: LoadStepper(s[0]).move("top", "x", v),
     "stepper run": lambda v, s: LoadStepper(s[0]).run(v),
     "stepper step": lambda v, s: LoadStepper(s[0]).step(v),
+    "dynamic density": lambda v, s: DynamicStepper(s[0], v, 0.1),
+    "dynamic dt": lambda v, s: DynamicStepper(s[0], 1.0, v),
+    "dynamic scheme": lambda v, s: DynamicStepper(s[0], 1.0, 0.1, scheme=v),
+    "dynamic damping": lambda v, s: DynamicStepper(s[0], 1.0, 0.1, damping=v),
+    "dynamic velocity": lambda v, s: DynamicStepper(s[0], 1.0, 0.1, velocity=v),
+    "dynamic displacement": lambda v, s: DynamicStepper(s[0], 1.0, 0.1, displacement=v),
+    "dynamic start": lambda v, s: DynamicStepper(s[0], 1.0, 0.1, start=v),
+    "dynamic run": lambda v, s: DynamicStepper(s[0], 1.0, 0.1).run(v),
     "sample": lambda v, s: s[1].sample(v),
     "stress": lambda v, s: s[1].stress(v),
     "von_mises": lambda v, s: s[1].von_mises(v),
@@ -186,7 +195,7 @@ CALLS = {
     "arc spacing": lambda v, s: s[2].arc(spacing=v),
     "cut fix": lambda v, s: s[2].fix(v),
 }
-_OF_MANY_CELLS = {"layer cells", "layers lengths"}
+_TAKES_LONG = {"layer cells", "layers lengths", "dynamic run"}
 
 
 @pytest.mark.sampled(3)
@@ -194,7 +203,7 @@ _OF_MANY_CELLS = {"layer cells", "layers lengths"}
 def test_odd_arguments(name, solved):
     """Whatever comes out is typed; what is taken is taken as it is."""
     for kind, value in ODD.items():
-        if name in _OF_MANY_CELLS and kind == "huge":
+        if name in _TAKES_LONG and kind == "huge":
             continue
         try:
             with suppress(ContactError):

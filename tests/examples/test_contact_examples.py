@@ -88,6 +88,22 @@ def test_ironing(run, example):
 
 
 @pytest.mark.slow
+def test_impact(run, example):
+    """The ledger closes; momentum is what the floor gives, spin what its friction does."""
+    history = run("contact_impact", files=["contact_impact.png"]).history
+    assert np.abs(history.residual).max() <= 1e-10 * history.total[0]
+    lost = history.friction.sum() + history.impact.sum()
+    assert history.total[0] - history.total[-1] == pytest.approx(lost, rel=1e-9)
+    assert history.friction.sum() > 0
+    x = history[-1].result.body.basis.doflocs
+    last, impulse = history[-1].v, history.dt * history.force.sum(axis=0)
+    values = np.arange(last.size) % 2
+    spin = np.polyfit(x[0, values == 1], last[values == 1], 1)[0]
+    assert spin < 0 < impulse[1]
+    assert -0.25 * impulse[1] <= impulse[0] < 0  # the normals of the rim lean
+
+
+@pytest.mark.slow
 def test_lap_joint(run, example):
     script = example("lap_joint")
     found = run("lap_joint", "--cells", "3", "--steps", "4", files=["lap_joint.png"])
