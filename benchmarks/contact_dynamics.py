@@ -1,0 +1,265 @@
+"""Impact and sliding of bodies with inertia against closed forms, and what a step costs.
+
+* A bar thrown at a wall, at Courant numbers .5, 1 and 5: contact lasts 2 L / c, the speed is
+  reversed, and the pressure over the middle four fifths of the contact is rho c v.
+* Two equal bars, which exchange their velocities; a block that slides v^2 / (2 F g).
+* The impact of a ball: duration 2.943 d / v and force 4/3 E* R^(1/2) d^(3/2) with d^(5/2) =
+  15 m v^2 / (16 E* R^(1/2)) (K. L. Johnson, Contact Mechanics, 1985, section 11.4); the difference
+  from a half space is fitted by a power of a / R.
+* Processor seconds of a step over those of two solutions by the factor of K + 4 M / dt^2 and the
+  boundary problem, and of a hundred steps over the factorisation, interleaved, least of several;
+  run it with OMP_NUM_THREADS=1.
+
+    python benchmarks/contact_dynamics.py
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from machine import describe
+from skfem import ElementQuad1, ElementTriP2, MeshQuad, MeshTri, MeshTri2
+
+from contact import ContactProblem, DynamicStepper, ElasticBody, Pair, Plane
+from skfem_adini import factorize
+
+SPEED, NEVER = 0.01, 10**9
+
+
+def velocity(stepper: DynamicStepper, body: int, component: int) -> float:
+    """Mean velocity of a body with the mass of the steps."""
+    step, bodies = stepper.history[-1], stepper.problem.body
+    one = bodies.bodies[body]
+    e = np.zeros(step.u.size)
+    e[bodies.slices[body]] = one.are_values * (np.arange(one.ndofs) % bodies.dim == component)
+    M = stepper._of.M
+    return float(e @ (M @ step.v) / (e @ (M @ e)))
+
+
+def thrown(
+    problem: ContactProblem, dt: float, steps: int, velocity: Any, **options: Any
+) -> tuple[DynamicStepper, dict[str, float]]:
+    """Run, and how well the ledger closes."""
+    stepper = DynamicStepper(problem, 1.0, dt, velocity=velocity, keep=NEVER, **options)
+    history = stepper.run(steps)
+    size = np.abs(history.table[:, :3]).sum(axis=1).max()
+    return stepper, {
+        "ledger": float(np.abs(history.residual).max() / size),
+        "grown": float(max(np.diff(history.total).max(), 0.0) / size),
+        "lost": float(1.0 - history.total[-1] / history.total[0]),
+    }
+
+
+def strip(cells: int, x: float = 0.0) -> ElasticBody:
+    """A bar of length one, one cell high."""
+    mesh = MeshQuad.init_tensor(np.linspace(x, x + 1, cells + 1), [0.0, 1.0 / cells])
+    return ElasticBody.from_mesh(mesh.with_defaults(), ElementQuad1(), E=1.0, nu=0.0)
+
+
+def bar(cells: int, courant: float, scheme: str) -> dict[str, Any]:
+    """A bar on a wall: duration, speed and pressure over the exact ones."""
+    dt = courant / cells
+    problem = ContactProblem(strip(cells), "left", 0.0)
+    stepper, found = thrown(problem, dt, int(2.4 / dt), (-SPEED, 0.0), scheme=scheme)
+    history = stepper.history
+    middle, pressure = history.times[1:] - 0.5 * dt, history.force[1:, 0] * cells / SPEED
+    inside = (middle > 0.2) & (middle < 1.8)
+    return found | {
+        "cells": cells,
+        "courant": courant,
+        "scheme": scheme,
+        "duration": float((middle[pressure > 0.5][-1] + 0.5 * dt) / 2.0),
+        "rebound": velocity(stepper, 0, 0) / SPEED,
+        "pressure_rms": float(np.sqrt(np.mean((pressure[inside] - 1.0) ** 2))),
+        "pressure_most": float(pressure.max()),
+    }
+
+
+def bars(cells: int) -> dict[str, float]:
+    """Two equal bars, one at rest: velocity of the second over that of the first."""
+    one, two = strip(cells), strip(cells, 1.0)
+    problem = ContactProblem([one, two], [Pair(one, "right", two.surface("left"))])
+    stepper, found = thrown(problem, 0.5 / cells, 5 * cells, [(SPEED, 0.0), None])
+    left, right = (velocity(stepper, k, 0) / SPEED for k in (0, 1))
+    return found | {"first": left, "second": right}
+
+
+def block(dt: float) -> dict[str, float]:
+    """A block on a rough floor: its way over v^2 / (2 F g)."""
+    mesh = MeshQuad.init_tensor(np.linspace(0, 1, 21), np.linspace(0, 0.3, 7)).with_defaults()
+
+    def made() -> ElasticBody:
+        return ElasticBody.from_mesh(mesh, ElementQuad1(), E=100.0, nu=0.3).body_force((0, -1.0))
+
+    rest = ContactProblem(made().constrain(np.eye(1, 2 * mesh.nvertices)), "bottom", 0.0).solve()
+    problem = ContactProblem(made(), "bottom", 0.0, friction=0.3)
+    stepper, found = thrown(problem, dt, int(2.2 / dt), (0.5, 0.0), displacement=rest)
+    M, e = stepper._of.M, np.arange(rest.u.size) % 2 == 0.0
+    way = float(e @ (M @ (stepper.history[-1].u - rest.u)) / (e @ (M @ e)))
+    return found | {"dt": dt, "way": way / (0.5**2 / 0.6)}
+
+
+def half_ball(fine: float, ratio: float) -> MeshTri2:
+    """Half of the section of a ball, cells of `ratio` times the distance from its pole."""
+    mesh = MeshTri(np.array([[0, 0, 1, 0], [0, -1, 0, 1.0]]), np.array([[0, 1, 2], [0, 2, 3]]).T)
+
+    def rounded(mesh: MeshTri) -> MeshTri:
+        p, rim = mesh.p.copy(), np.unique(mesh.facets[:, mesh.boundary_facets()])
+        rim = rim[p[0, rim] > 1e-12]
+        p[:, rim] /= np.linalg.norm(p[:, rim], axis=0)
+        return MeshTri(p, mesh.t)
+
+    for _ in range(3):
+        mesh = rounded(mesh.refined())
+    while True:
+        far = np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1) - [[0.0], [-1.0]], axis=0)
+        large = np.sqrt(2 * np.abs(mesh.mapping().detA)) > np.maximum(fine, ratio * far)
+        if not large.any():
+            break
+        mesh = rounded(mesh.refined(np.flatnonzero(large)))
+    curved = MeshTri2.from_mesh(mesh)
+    place, rim = curved.doflocs.copy(), mesh.boundary_facets()
+    rim = rim[mesh.p[0, mesh.facets[:, rim]].max(axis=0) > 1e-9] + mesh.nvertices
+    place[:, rim] /= np.linalg.norm(place[:, rim], axis=0)
+    return MeshTri2(place, curved.t)
+
+
+def ball(reach: float, steps: int) -> dict[str, float]:
+    """The impact of a ball with a / R = reach: duration and largest force over Hertz'."""
+    mesh, nu = half_ball(reach / 16, 0.2), 0.3
+    rim = mesh.facets_satisfying(
+        lambda x: (np.hypot(*x) > 0.99) & (x[0] > 1e-9) & (np.hypot(x[0], x[1] + 1) < 2.5 * reach),
+        boundaries_only=True,
+    )
+    star, depth = 1 / (1 - nu**2), reach**2
+    v = np.sqrt(depth**2.5 * 16 * star / (20 * np.pi))
+    lasts, peak, off = 2.943 * depth / v, 4 / 3 * star * depth**1.5, 4e-4 * depth
+    body = ElasticBody.from_mesh(mesh, ElementTriP2(), E=1.0, nu=nu, plane="axisymmetric")
+    problem = ContactProblem(body, rim, Plane((0.0, -1.0 - off), (0.0, 1.0)))
+    stepper, found = thrown(problem, lasts / steps, int(1.1 * steps), (0.0, -v))
+    history = stepper.history
+    force, middle = history.force[1:, 1], history.times[1:] - 0.5 * history.dt
+    a, b = np.flatnonzero(force > 0)[-2:]
+    f = force[[a, b]] ** (2 / 3)  # linear in time where contact ends
+    end = middle[a] + f[0] * (middle[b] - middle[a]) / (f[0] - f[1]) - off / v
+    k = int(np.argmax(force))
+    bend = np.polyfit([-1.0, 0.0, 1.0], force[k - 1 : k + 2], 2)
+    most = bend[2] - bend[1] ** 2 / (4 * bend[0])
+    return found | {
+        "reach": reach,
+        "steps": steps,
+        "duration": float(end / lasts),
+        "force": float(most / peak),
+        "rebound": velocity(stepper, 0, 1) / v,
+    }
+
+
+def cost(cells: int, friction: float, repeats: int) -> dict[str, float]:
+    """Seconds of the parts of a step of a square with about 2 cells^2 unknowns."""
+    ticks = np.linspace(0, 1, cells + 1)
+    mesh = MeshQuad.init_tensor(ticks, ticks).with_defaults()
+    body = ElasticBody.from_mesh(mesh, ElementQuad1(), E=1.0, nu=0.3)
+    problem = ContactProblem(body, "bottom", 0.0, friction=friction)
+    options = {"velocity": (0.0005, -0.001), "keep": NEVER}
+    stepper = DynamicStepper(problem, 1.0, 0.5 / cells, **options)
+    begin = time.process_time()
+    condensed = stepper._of.condensed
+    condensing = time.process_time() - begin
+    stepper.run(5)
+    A, rng = condensed.body.stiffness, np.random.default_rng(1)
+    part = condensed.parts[0]
+    seconds: dict[str, list[float]] = {name: [] for name in ("factor", "solve", "boundary", "step")}
+
+    def clock(name: str, work: Any) -> Any:
+        begin = time.process_time()
+        result = work()
+        seconds[name].append(time.process_time() - begin)
+        return result
+
+    for _ in range(repeats):
+        if len(seconds["factor"]) < 3:
+            clock("factor", lambda: factorize(A))
+        clock("solve", partial(solution, part, rng.random(A.shape[0])))
+        clock("step", stepper.step)
+        seconds["boundary"].append(boundary_seconds(stepper))
+    best = {name: min(found) for name, found in seconds.items()}
+    begin = time.process_time()
+    stepper.run(100)
+    hundred = time.process_time() - begin
+    return {
+        "unknowns": int(A.shape[0]),
+        "friction": friction,
+        "condensing_s": condensing,
+        **{f"{name}_s": value for name, value in best.items()},
+        "hundred_steps_s": hundred,
+        "step_over_two_solutions_and_boundary": best["step"]
+        / (2 * best["solve"] + best["boundary"]),
+        "step_over_one_solution_and_boundary": best["step"] / (best["solve"] + best["boundary"]),
+        "hundred_steps_over_factor": 100 * best["step"] / best["factor"],
+        "hundred_steps_over_condensing": 100 * best["step"] / condensing,
+    }
+
+
+def solution(part: Any, load: np.ndarray) -> np.ndarray:
+    """Forward and backward through the factors of a condensation."""
+    return part._factor.expand(load, part._factor.reduce(load))
+
+
+def boundary_seconds(stepper: DynamicStepper) -> float:
+    """Seconds of the boundary problem of the next step, which is repeated alone."""
+    from contact.laws import methods
+    from contact.problem import solve_system
+
+    found, whole = [0.0], methods.solve_boundary
+
+    def timed(*arguments: Any) -> Any:
+        begin = time.process_time()
+        result = whole(*arguments)
+        found[0] += time.process_time() - begin
+        return result
+
+    solve_system.solve_boundary = timed  # type: ignore[assignment]
+    try:
+        stepper.step()
+    finally:
+        solve_system.solve_boundary = whole
+    return found[0]
+
+
+def main() -> None:
+    """Measure all, print and write the JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", type=Path, default=Path("benchmarks/results"))
+    parser.add_argument("--only", nargs="*", help="measure these parts of the JSON anew")
+    parser.add_argument("--quick", action="store_true", help="coarse, for a look")
+    options = parser.parse_args()
+    few, path = options.quick, options.output / "contact_dynamics.json"
+    found: dict[str, Any] = {} if options.only is None else json.loads(path.read_text())
+    found["machine"] = describe()
+    reaches = (0.05, 0.025) if few else (0.05, 0.025, 0.0125, 0.00625)
+    waves = [(60, 1.0)] if few else [(100, 0.5), (200, 1.0), (800, 5.0)]
+    parts: dict[str, Any] = {
+        "bar": lambda: [bar(*wave, way) for way in ("midpoint", "stabilised") for wave in waves],
+        "bars": lambda: bars(50 if few else 100),
+        "block": lambda: [block(dt) for dt in (0.01, 0.02, 0.04)],
+        "ball": lambda: [ball(reach, 100) for reach in reaches],
+        "cost": lambda: [cost(60 if few else 223, friction, 20) for friction in (0.0, 0.3)],
+    }
+    for name in options.only or parts:
+        found[name] = parts[name]()
+        print(name, json.dumps(found[name], indent=1), flush=True)
+    for name in ("duration", "force"):
+        off = [abs(one[name] - 1.0) for one in found["ball"]]
+        found[f"ball_order_{name}"] = float(np.polyfit(np.log(reaches), np.log(off), 1)[0])
+    options.output.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
