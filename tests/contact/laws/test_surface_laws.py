@@ -138,7 +138,8 @@ def test_column_under_tension(element, length, modulus):
         assert not result.jump
         assert max(recheck(result).values()) < 1e-10
     soft = stepper(0.05)
-    assert np.abs(soft.step(0.099).gap).max() < 1e-10 * length
+    for d in (0.01, 0.04, 0.07, 0.095):
+        assert np.abs(soft.step(d).gap).max() < 1e-10 * length
     with pytest.warns(JumpWarning, match="pulled off"):
         assert soft.step(0.3).jump == "pull-off"
 
