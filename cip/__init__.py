@@ -11,6 +11,7 @@ from cip.assimilation.place_sensors import Placement, place_sensors
 from cip.assimilation.sensors import Sensors
 from cip.errors import (
     CipError,
+    DivergenceWarning,
     InputError,
     LeftDomain,
     MissingDependency,
@@ -39,6 +40,7 @@ __all__ = [
     "CipError",
     "Covariance",
     "Diagnostics",
+    "DivergenceWarning",
     "FlowMap",
     "Grid",
     "Identifiability",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cip.errors import InputError, PeriodicityWarning
 from cip.formulas.expression import COORDINATES, raised, traced
 from cip.formulas.formula import CLOCK, Box, Formula, Orders, agree, spline
+from cip.formulas.mesh_field import MeshField
 from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.parsing import parse
 from cip.formulas.snapshots import SnapshotFormula, Snapshots
@@ -60,6 +61,11 @@ class Velocity(Parametrised):
     """
 
     _kind = "velocity"
+    # Of a velocity `from_basis`.
+    divergence: float
+    divergence_of_solution: float
+    error: float
+    land: NDArray[np.bool_] | None
 
     def __init__(
         self,
@@ -82,6 +88,7 @@ class Velocity(Parametrised):
         self._formulas: tuple[Formula, ...] | None = None
         self._parameters: dict[str, float] = {}
         self._snapshots: Snapshots | None = None
+        self._mesh: MeshField | None = None
         self._box: Box = ()
         for name, value in {"jacobian": jacobian, "hessian": hessian}.items():
             if value is not None and not (callable(value) and callable(c)):
@@ -264,6 +271,83 @@ class Velocity(Parametrised):
         times, arrays, grid = gridded_arrays(winds, components, axes, time, periodic)
         return cls.from_snapshots(times, arrays, grid, degree)
 
+    @classmethod
+    def from_basis(
+        cls,
+        basis: Any,
+        u: Any,
+        grid: Grid,
+        *,
+        times: Any = None,
+        stream: bool = False,
+        outside: Literal["land"] | None = None,
+    ) -> Velocity:
+        """The velocity of a scikit-fem solution, read at the nodes of a grid.
+
+        Between the nodes it is their quintic spline. The conservative profiles keep the integral of
+        what they carry for any velocity; a uniform field stays uniform as far as the divergence is
+        zero. That of the spline is in general not that of the solution, and is measured. A stream
+        function gives a velocity without divergence.
+
+        Parameters
+        ----------
+        basis : skfem.Basis
+            Of a vector-valued element (H1 or Raviart-Thomas) on the whole mesh, in two or three
+            dimensions, or for `stream` of a scalar one in the plane. Points are sought in the cells
+            with straight sides.
+        u : array_like, shape (basis.N,) or (times, basis.N)
+            The solution.
+        grid : Grid
+            Of the solver.
+        times : array_like, shape (times,), optional
+            For a solution that depends on time, as in `from_snapshots`.
+        stream : bool
+            Whether u is a stream function psi: the velocity is (psi_y, -psi_x). It is found from a
+            velocity (a, b) by a Poisson problem, - lap psi = b_x - a_y.
+        outside : {None, "land"}
+            With "land" nodes outside the mesh get the value of the nearest one inside, and the
+            attribute ``land`` marks the cells there for ``Solver(land=)``.
+
+        Returns
+        -------
+        Velocity
+            For this grid, with attributes that hold for the middles of those of its cells that lie
+            in the mesh, at all times: ``divergence`` and ``divergence_of_solution``, the largest
+            absolute values of div c (1 / time; the relative rate at which a uniform field changes),
+            ``error``, the largest difference of a component from the solution, and ``land``, an
+            array of bool of shape ``grid.cells``, or None where no cell lies outside.
+
+        Raises
+        ------
+        InputError
+            A node outside the mesh, unless `outside` is "land"; an element, an array or a grid that
+            does not fit.
+
+        Warns
+        -----
+        DivergenceWarning
+            The divergence on the grid exceeds that of the solution by more than a hundredth of the
+            velocity's largest rate.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skfem
+        >>> from cip import Grid, Velocity
+        >>> mesh, element = skfem.MeshTri().refined(2), skfem.ElementTriP2()
+        >>> basis = skfem.Basis(mesh, skfem.ElementVector(element))
+        >>> u = basis.project(lambda x: np.stack([x[0] ** 2, -2 * x[0] * x[1]]))
+        >>> wind = Velocity.from_basis(basis, u, Grid([(0, 1)] * 2, (16, 16)))
+        >>> wind.divergence < 1e-9, wind.error < 1e-9
+        (True, True)
+        """
+        field = MeshField(basis, u, grid, times, stream, outside)
+        self = cls([0.0] * grid.dim)
+        self._mesh, self._snapshots, self.steady = field, field.snapshots, times is None
+        self.divergence, self.error, self.land = field.divergence, field.error, field.land
+        self.divergence_of_solution = field.divergence_of_solution
+        return self
+
     def _with(self, values: dict[str, float]) -> Self:
         new = super()._with(values)
         new._formulas = tuple(formula.with_numbers(values) for formula in self._formulas or ())
@@ -313,6 +397,8 @@ class Velocity(Parametrised):
         """
         if self._snapshots is not None:
             return True
+        if self._mesh is not None:
+            return False
         formulas = self._formulas or traced_velocity(
             self._c, self._where(self.dim or 1), not self.steady
         )
@@ -323,6 +409,8 @@ class Velocity(Parametrised):
         self._box = grid.bounds
         if self._snapshots is not None:
             return self._snapshots.on(grid)
+        if self._mesh is not None:
+            return self._mesh.on(grid)
         if self._formulas is not None:
             return self._check(self._formulas, grid)
         if callable(self._c):
