@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -138,12 +138,12 @@ class Engine:
         homogeneous: bool = False,
         kept: list[StageFeet] | None = None,
         known: StageFeet | None = None,
-        tally: Tally | None = None,
+        tallies: Sequence[Tally] = (),
     ) -> Any:
         """The moments after a stage of the step [t, t + dt], of one field or of several along the
         first axis. `homogeneous`: data on walls are zero, which makes it linear. Feet that are not
         cached are added to `kept` (on the CPU); `known` feet are reused, unless the kernel computes
-        them. `tally` counts what of one field passes the walls."""
+        them. `tallies`, one for each field or none, count what passes the walls."""
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
         if self._computes(stage, m.size // self.step):
@@ -175,11 +175,14 @@ class Engine:
                     self.correct(new[own], correction.places, 0.0 * correction.values, False)
             for stops in feet.stops:
                 new[own][self.xp.asarray(stops.values)] = new[own][self.xp.asarray(stops.means)]
-        if tally is not None and stage.axis is not None and not self.grid.periodic[stage.axis]:
-            tally.enter(stage.entered(feet))
-            left = self.xp.empty(self.grid.size, self.dtype)
-            self.launch(stage, m, left, feet.data, "node_leaving_")
-            tally.leave(stage.axis, left.reshape(self.grid.nodes) * self.xp.asarray(stage.areas))
+        if tallies and stage.axis is not None and not self.grid.periodic[stage.axis]:
+            own_stages = stage.parts or [stage] * len(fields)
+            areas = self.xp.asarray(stage.areas)
+            for tally, part, own in zip(tallies, own_stages, fields, strict=True):
+                tally.enter(part.entered(feet))
+                left = self.xp.empty(self.grid.size, self.dtype)
+                self.launch(part, m[own], left, feet.data, "node_leaving_")
+                tally.leave(stage.axis, left.reshape(self.grid.nodes) * areas)
         return out
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:

@@ -235,9 +235,7 @@ class LazySnapshots(Snapshots):
     (components, nodes). A coefficient of the cubic spline in time is the sum of the snapshots
     around it, whose weights fall by 3.7 from one to the next."""
 
-    def __init__(
-        self, times: Any, read: Any, grid: Grid, degree: Any, time: Any
-    ) -> None:
+    def __init__(self, times: Any, read: Any, grid: Grid, degree: Any, time: Any) -> None:
         self._begin(times, grid, degree, time, None)
         self._read = read
         self._remember()

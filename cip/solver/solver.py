@@ -21,7 +21,7 @@ from cip.formulas.snapshots import snapshots_of
 from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity, check_periodic
 from cip.grid import Grid
-from cip.output.budget import Tally
+from cip.output.budget import Tally, budget_of, masses
 from cip.output.recorder import Recorder
 from cip.output.trajectory import Trajectory
 from cip.profiles.catalogue import CONSERVATIVE, LINE, moments
@@ -453,20 +453,16 @@ class Solver(Parametrised):
             at = [state.t, 0.5 * (state.t + times[-1]), times[-1]]
             plan = {**first, "times": times, **self._plan(state, at)}
         recorder = Recorder(state, gauges, save, flag("resume", resume), plan)
-        counts = self.profile in CONSERVATIVE and not state.fields and not recorder.states
-        tally = Tally(self.grid) if counts else None
+        tallies = self._tallies(state, recorder)
 
         def record(states: Sequence[State], interrupted: bool) -> Trajectory:
-            budget = None
-            if tally is not None:
-                found, mass = np.array([(one.t, one.mass) for one in states]).T
-                budget = tally.budget(found, mass)
+            budget = budget_of(tallies, states)
             kept = recorder.gauges()
             return Trajectory(tuple(states), self, length, interrupted, kept, budget)
 
         def advance(state: State, dt: float) -> State:
-            new = self._advance(state, dt, tally)
-            if tally is not None:
+            new = self._advance(state, dt, tallies)
+            for tally in tallies:
                 tally.commit()
             return new
 
@@ -474,14 +470,30 @@ class Solver(Parametrised):
 
         def counted(state: State) -> State:
             new = state if change is None else change(state)
-            if new is not state and tally is not None:
-                tally.replace(new.mass - state.mass)
-                tally.commit()
+            if new is not state and tallies:
+                for tally, now, then in zip(tallies, masses(new), masses(state), strict=True):
+                    tally.change("replaced", now - then)
+                    tally.commit()
             return new
 
         loop = (advance, self._begin, record, self._memory_at, recorder)
         change_all = None if change is None else counted
         return run(state, t_end, length, snapshots, change_all, progress, *loop)
+
+    def _tallies(self, state: State, recorder: Recorder) -> list[Tally]:
+        """What counts the integral of each field, from where a resumed run was; none for profiles
+        that do not keep it, or where the folder's first part did not count."""
+        if self.profile not in CONSERVATIVE:
+            return []
+        found = [Tally(self.grid) for _ in state.fields or [""]]
+        if recorder.states:
+            rows = [extra.get("budget") for extra in recorder.extra]
+            if any(row is None for row in rows):
+                return []
+            for k, tally in enumerate(found):
+                tally.restore([row[k] for row in rows])  # type: ignore[index]
+        recorder.beside = lambda: {"budget": np.stack([tally.sums for tally in found])}
+        return found
 
     def _plan(self, state: State, times: Sequence[float]) -> dict[str, Any]:
         """What a run depends on: choices, and values of all functions at some points."""
@@ -649,11 +661,11 @@ class Solver(Parametrised):
             what, remedy = f"boundary {name!r}: the field there", "change it, or widen bounds"
             check_within(found, bounds, self.bounds_tolerance, what, remedy)
 
-    def _advance(self, state: State, dt: float, tally: Tally | None = None) -> State:
+    def _advance(self, state: State, dt: float, tallies: Sequence[Tally] = ()) -> State:
         scheme = self._scheme(state.fields)
         try:
             made = self._kinetics_of(state.fields)
-            new = advanced(self._kernels, scheme, made, state, dt, self._sea, tally)
+            new = advanced(self._kernels, scheme, made, state, dt, self._sea, tallies)
         except LeftDomain as error:
             most = max(len(rule.inflow) for rule in scheme.rules)
             pairs = zip(state.fields, scheme.rules, strict=False)
