@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from cip.characteristics.feet import FEET
+from cip.characteristics.feet import FEET, check_inside
 from cip.engines.displacements import Displacements, TooCoarse
 from cip.engines.path_kernel import PATH
 from cip.errors import NotConverged
@@ -193,7 +193,7 @@ class Engine:
         found = self._feet.get(key)
         if found is None:
             left = self._memory.left
-            found = self.place_feet(self._computed_feet(stage, t, dt))
+            found = self._shared_feet(stage, t, dt, key)
             self._memory.left = left  # as in a step that finds the feet here
             with self._lock:  # threads may share an engine
                 while len(self._feet) >= LIMITS.feet:
@@ -201,6 +201,20 @@ class Engine:
                 self._feet[key] = found
         t_start, t_end = t + stage.begin * dt, t + stage.end * dt
         return replace(found, t_start=t_start, t_end=t_end)
+
+    def _shared_feet(self, stage: Stage, t: float, dt: float, key: Any) -> StageFeet:
+        """The feet that another solver of the same velocity keeps, or new ones."""
+        shared, grid = self.setting.shared, self.grid
+        if shared is None or stage.coast is not None:
+            return self.place_feet(self._computed_feet(stage, t, dt))
+        edges = tuple(line.tobytes() for line in grid.edges), grid.periodic
+        whole = (type(self), edges, stage.jets, *stage.blocks, stage.tolerance, self.dtype, key)
+        found: StageFeet | None = shared.get(whole)
+        if found is None:
+            found = shared[whole] = self.place_feet(self._computed_feet(stage, t, dt))
+        for exits in found.exits:
+            check_inside(grid, exits, set(stage.walls), t + stage.end * dt)
+        return found
 
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
@@ -350,6 +364,7 @@ class Setting:
     dtype: np.dtype[Any]  # of the moments and the stored feet
     store_feet: bool | None  # None: if the velocity is steady
     steady: bool  # whether the velocity is the same at all times
+    shared: Any = None  # feet that solvers of a steady velocity keep, which do not keep it alive
 
     @property
     def stores_feet(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, Self
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,7 @@ class Velocity(Parametrised):
         self.steady = bool(steady)
         self._formulas: tuple[Formula, ...] | None = None
         self._parameters: dict[str, float] = {}
+        self._feet: Any = WeakValueDictionary()  # of a steady velocity, which solvers share
         self._snapshots: Snapshots | None = None
         self._mesh: MeshField | None = None
         self._box: Box = ()
@@ -365,11 +367,12 @@ class Velocity(Parametrised):
 
     def _with(self, values: dict[str, float]) -> Self:
         new = super()._with(values)
+        new._feet = WeakValueDictionary()
         new._formulas = tuple(formula.with_numbers(values) for formula in self._formulas or ())
         return new
 
     def __getstate__(self) -> dict[str, Any]:
-        state = dict(self.__dict__)
+        state = self.__dict__ | {"_feet": None}
         for name in ("_c", "_jacobian", "_hessian"):
             value = state[name]
             if isinstance(value, list):
@@ -377,6 +380,9 @@ class Velocity(Parametrised):
             else:
                 state[name] = self._portable(value)
         return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _feet=WeakValueDictionary())
 
     def _where(self, dim: int) -> Box:
         """The box from which test points are taken: the last grid's, else the unit box."""

@@ -13,7 +13,7 @@ from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
 from cip.grid import Grid
 from cip.output.budget import Tally
-from cip.profiles.catalogue import CONSERVATIVE, LIMITER_CODES, LIMITERS, LINE, PLANE, moments
+from cip.profiles.catalogue import CONSERVATIVE, LIMITER_CODES, LIMITERS, PLANE, moments
 from cip.sources.kinetics import Kinetics
 from cip.sources.reaction import HalfStep, halves
 from cip.stages.coast import Coast, coast_of
@@ -205,11 +205,6 @@ def check_choices(
         raise InputError(f"splitting: expected None or 'strang', got {splitting!r}")
     if profile in PLANE and splitting is not None:
         raise InputError(f"splitting: {profile!r} is direct; pass splitting=None")
-    if profile in LINE and grid.dim > 1 and splitting is None:
-        raise InputError(
-            f"splitting: {profile!r} is one-dimensional; pass splitting='strang', or "
-            "profile='adini' or 'bicubic' in two dimensions"
-        )
     if profile.startswith("csl") and form != "advection":
         raise InputError(
             f"form: {profile!r} conserves the integral and so needs form='advection' "

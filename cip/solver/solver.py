@@ -82,7 +82,7 @@ class Solver(Parametrised):
     limiter : {None, "clamp", "eno", "rational", "bounds"}
         See the notes; ``eno`` guarantees no bounds and loses mass in two dimensions.
     splitting : {None, "strang"}
-        Required for one-dimensional profiles on grids of two and three dimensions.
+        None is Strang's for one-dimensional profiles on grids of two and three dimensions.
     boundary : optional
         Inflow data: a number, a formula or a callable ``g(x1, .., t)`` for all walls, or a dict of
         these by wall, ``{"x-": g, "y+": 0.0}``; a `Source` where a formula has named parameters. A
@@ -219,8 +219,8 @@ class Solver(Parametrised):
         self.velocity = velocity if isinstance(velocity, Velocity) else Velocity(velocity)
         self.form: Form = form_of(form)
         self.profile = default_profile(grid) if profile is None else profile
-        if profile is None and grid.dim == 3:
-            splitting = splitting or "strang"
+        if splitting is None and grid.dim > 1 and self.profile in LINE:
+            splitting = "strang"
         self.limiter, self.splitting = limiter, splitting
         self.dtype, self.backend = _real(dtype), backend
         check_choices(grid, self.form, self.profile, limiter, splitting, backend)
@@ -244,7 +244,7 @@ class Solver(Parametrised):
         setting = Setting(
             grid, self._formulas, self.profile, limiter,
             of_field(self.bounds, "") or (-np.inf, np.inf), self.bounds_tolerance,
-            self.dtype, store_feet, self.steady,
+            self.dtype, store_feet, self.steady, self.velocity._feet,
         )  # fmt: skip
         self._kernels = engine_of(backend, setting)
         self._sea: Any = None

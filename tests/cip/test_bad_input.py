@@ -123,7 +123,6 @@ SOLVERS = [
     ("limiter: expected", lambda: line(limiter="minmod")),
     ("limiter: expected one of", lambda: line(limiter=["clamp"])),
     ("does not fit 'cubic'", lambda: line(limiter="bounds")),
-    ("splitting='strang'", lambda: Solver(PLANE, ["x2", "x1"], profile="cubic")),
     ("splitting", lambda: line(splitting=["strang"])),
     *rows("backend", lambda v: line(backend=v), "tpu", ["cpu"]),
     ("dtype", lambda: line(dtype=np.int32)),
