@@ -148,9 +148,12 @@ class Solver(Parametrised):
 
     On lines and in direct steps the error at a final time, with dt / h fixed, is of order 3 for
     cubic, adini, bicubic and csl2, 5 for quintic and csl4, 2 for piecewise_linear; the splitting
-    adds an error of order dt^2, and so do sources and decay (`cip.sources.reaction`), which act for
-    half a step before and after the transport. The integral then changes by that of the source,
-    exact for csl2 and csl4, and falls by exp(-k t) exactly for the same k everywhere. In a
+    adds an error of order dt^2, and for csl2 and csl4 one of order h^2 where a component of the
+    velocity varies across its own direction, since means across a sweep move with the velocity at
+    the middle of their cell. Errors of order dt^2 come from sources and decay too
+    (`cip.sources.reaction`), which act for half a step before and after the transport. The integral
+    then changes by that of the source, exact for csl2 and csl4, and falls by exp(-k t) exactly for
+    the same k everywhere. In a
     splitting with slopes (cubic, quintic) a source should vanish on walls with inflow; its error
     there is of order dt. Diffusion
     and reactions act for half a step before and after, too. Diffusion is exact for any dt, with the
