@@ -206,7 +206,7 @@ NONE = """
     | Sensors.from_xarray .* | Solver boundary | Solver.run (callback|save)
     | Solver.state derivatives
     | Solver reactions | Source.of value | SplineVelocity.from_.* | State.from_function derivatives
-    | Trajectory(.plot .*|.load .*|.to_xarray start| gauges)
+    | Trajectory(.plot .*|.load .*|.to_xarray start| gauges) | Trajectory _budget
     | Velocity.from_basis basis
     | Velocity (jacobian|hessian) | Velocity.from_xarray .*
     | (four_d_var|place_sensors) model_error | identify_velocity start
