@@ -6,20 +6,23 @@ least processor time of interleaved repetitions; "second" is (T(2) - T(1)) / T(1
 the bytes of a bicubic node, 64 of feet and 64 of moments read and written, a further field needs
 one half; csl4 reads 32 of feet and 64 of moments in each sweep, so it needs two thirds.
 
-    NUMBA_NUM_THREADS=1 python benchmarks/cip_tracers.py --cells 512
+    NUMBA_NUM_THREADS=1 python benchmarks/cip_tracers.py --cells 512 --output benchmarks/results
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 # The folder of this script holds cip.py: the package must be found first.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
+from machine import describe
 
 from cip import Grid, Solver, Velocity
 
@@ -50,11 +53,13 @@ def times(profile: str, steady: bool, cells: int, repetitions: int) -> dict[int,
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Print the table."""
+    """Print the table and write it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=512)
     parser.add_argument("--repetitions", type=int, default=4)
+    parser.add_argument("--output", type=Path)
     options = parser.parse_args(arguments)
+    rows: list[dict[str, Any]] = []
     print("profile  velocity  ms of one  second  each of five")
     for profile in ("bicubic", "csl4"):
         for steady in (True, False):
@@ -62,6 +67,12 @@ def main(arguments: list[str] | None = None) -> None:
             second, each = (t[2] - t[1]) / t[1], (t[5] - t[1]) / (4 * t[1])
             word = "steady" if steady else "unsteady"
             print(f"{profile:8} {word:9} {1e3 * t[1]:9.1f} {second:7.2f} {each:13.2f}", flush=True)
+            row = {"profile": profile, "velocity": word, "cells": options.cells, "seconds": t[1]}
+            rows.append(row | {"second": second, "each_of_five": each})
+    if options.output:
+        record = {"machine": describe(), "rows": rows}
+        path = options.output / "cip_tracers.json"
+        path.write_text(json.dumps(record, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from pathlib import Path
 import body_tables
 import inverse_tables
 import kernel_tables
+import profile_tables
 import reproduction_tables
 import validation_table
 from markdown_table import Record, every_other, rows_of, source
@@ -271,6 +272,8 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(body_tables.rough_peers, body_tables.contact_device, body_tables.contact_gpus),
         inverse_tables.assimilation_device,
         *(kernel_tables.cip, kernel_tables.cip_sphere, kernel_tables.cip_device),
+        *(profile_tables.cip_profiles, profile_tables.cip_profile_costs),
+        *(profile_tables.cip_profile_orders, profile_tables.cip_areas, profile_tables.cip_tracers),
         *(inverse_tables.adjoint, inverse_tables.assimilation, inverse_tables.calibration),
         *(kernel_tables.qp, kernel_tables.qp_peers, kernel_tables.qp_device_peers),
         *(kernel_tables.qp_small, kernel_tables.qp_large),
@@ -280,7 +283,10 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(kernel_tables.lqr, kernel_tables.lqr_device),
     )
 } | reproduction_tables.REPRODUCTION
-FILES = {"mkl": "contact_block", "periodic": "validation_periodic"} | reproduction_tables.FILES
+FILES = {
+    "mkl": "contact_block", "periodic": "validation_periodic",
+    **dict.fromkeys(("cip_profile_costs", "cip_profile_orders", "cip_areas"), "cip_profiles"),
+} | reproduction_tables.FILES  # fmt: skip
 
 
 def regenerated(text: str) -> str:

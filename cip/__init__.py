@@ -12,6 +12,7 @@ from cip.assimilation.place_sensors import Placement, place_sensors
 from cip.assimilation.sensors import Sensors
 from cip.errors import (
     CipError,
+    DivergenceWarning,
     InputError,
     LeftDomain,
     MissingDependency,
@@ -42,6 +43,7 @@ __all__ = [
     "CipError",
     "Covariance",
     "Diagnostics",
+    "DivergenceWarning",
     "FlowMap",
     "Grid",
     "Identifiability",

@@ -31,6 +31,29 @@ class PeriodicityWarning(UserWarning):
     """
 
 
+class DivergenceWarning(UserWarning):
+    """A velocity from a mesh has on its grid a divergence that the solution does not have.
+
+    The message says both. Take a finer grid, or, in the plane, the stream function.
+
+    Examples
+    --------
+    A velocity that jumps between the cells of its mesh, of the lowest Raviart-Thomas element:
+
+    >>> import warnings
+    >>> import numpy as np
+    >>> import skfem
+    >>> from cip import DivergenceWarning, Grid, Velocity
+    >>> basis = skfem.Basis(skfem.MeshTri().refined(2), skfem.ElementTriRT0())
+    >>> u = basis.project(lambda x: np.stack([np.sin(6 * x[1]), np.sin(6 * x[0])]))
+    >>> with warnings.catch_warnings(record=True) as said:
+    ...     warnings.simplefilter("always")
+    ...     wind = Velocity.from_basis(basis, u, Grid([(0, 1)] * 2, (16, 16)))
+    >>> said[0].category is DivergenceWarning
+    True
+    """
+
+
 class LeftDomain(CipError):
     """A backward characteristic leaves the domain where no boundary data is given.
 

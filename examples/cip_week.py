@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     grid, times = Grid([(0, 12), (0, 6)], (96, 48), periodic=True), np.linspace(0, 7, 29)
     solver = Solver(
         grid, Velocity.from_snapshots(times, winds(grid, times), grid), "conservative", "csl4",
-        "bounds", "strang", source={"radon": "0.3*exp(-4*(x1 - 9)**2 - 4*(x2 - 2)**2)"},
+        "bounds", source={"radon": "0.3*exp(-4*(x1 - 9)**2 - 4*(x2 - 2)**2)"},
         decay={"radon": np.log(2) / 3.8, "dust": 0.1},
     )  # fmt: skip
     puff = "exp(-3*(x1 - {})**2 - 3*(x2 - {})**2)".format

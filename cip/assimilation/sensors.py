@@ -12,7 +12,7 @@ from scipy.sparse import block_array, csr_array
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from cip.errors import InputError
-from cip.formulas.velocity import seconds
+from cip.formulas.dataset import seconds
 from cip.grid import AXES, Grid
 from cip.output.sample import sample_rows
 from cip.output.stored import read_words, reading, write_words

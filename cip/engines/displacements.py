@@ -104,7 +104,7 @@ class _SplineFlow:
         if found is None:
             parts = []
             for axis, h in zip(self._components, self.unit, strict=True):
-                part = self._field.coefficients[axis, m] / h
+                part = self._field.coefficient(m)[axis] / h
                 for q, matrix in enumerate(self._matrices):
                     moved = np.moveaxis(part, q, 0)
                     shape = (-1, *moved.shape[1:])
@@ -112,7 +112,7 @@ class _SplineFlow:
                     part = np.moveaxis(product.reshape(shape), 0, q)
                 parts.append(part)
             found = np.ascontiguousarray(np.stack(parts, axis=-1)).reshape(-1)
-            while len(self._tables) > 6:  # those of one time and of the next interval
+            while len(self._tables) > self._field.degrees[0] + 3:  # of one time and of the next
                 self._tables.pop(next(iter(self._tables)))
             self._tables[m] = found
         return found

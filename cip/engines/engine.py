@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from cip.characteristics.feet import FEET
+from cip.characteristics.feet import FEET, check_inside
 from cip.engines.displacements import Displacements, TooCoarse
 from cip.engines.path_kernel import PATH
 from cip.errors import NotConverged
@@ -138,12 +138,12 @@ class Engine:
         homogeneous: bool = False,
         kept: list[StageFeet] | None = None,
         known: StageFeet | None = None,
-        tally: Tally | None = None,
+        tallies: Sequence[Tally] = (),
     ) -> Any:
         """The moments after a stage of the step [t, t + dt], of one field or of several along the
         first axis. `homogeneous`: data on walls are zero, which makes it linear. Feet that are not
         cached are added to `kept` (on the CPU); `known` feet are reused, unless the kernel computes
-        them. `tally` counts what of one field passes the walls."""
+        them. `tallies`, one for each field or none, count what passes the walls."""
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
         if self._computes(stage, m.size // self.step):
@@ -175,11 +175,14 @@ class Engine:
                     self.correct(new[own], correction.places, 0.0 * correction.values, False)
             for stops in feet.stops:
                 new[own][self.xp.asarray(stops.values)] = new[own][self.xp.asarray(stops.means)]
-        if tally is not None and stage.axis is not None and not self.grid.periodic[stage.axis]:
-            tally.enter(stage.entered(feet))
-            left = self.xp.empty(self.grid.size, self.dtype)
-            self.launch(stage, m, left, feet.data, "node_leaving_")
-            tally.leave(stage.axis, left.reshape(self.grid.nodes) * self.xp.asarray(stage.areas))
+        if tallies and stage.axis is not None and not self.grid.periodic[stage.axis]:
+            own_stages = stage.parts or [stage] * len(fields)
+            areas = self.xp.asarray(stage.areas)
+            for tally, part, own in zip(tallies, own_stages, fields, strict=True):
+                tally.enter(part.entered(feet))
+                left = self.xp.empty(self.grid.size, self.dtype)
+                self.launch(part, m[own], left, feet.data, "node_leaving_")
+                tally.leave(stage.axis, left.reshape(self.grid.nodes) * areas)
         return out
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
@@ -190,7 +193,7 @@ class Engine:
         found = self._feet.get(key)
         if found is None:
             left = self._memory.left
-            found = self.place_feet(self._computed_feet(stage, t, dt))
+            found = self._shared_feet(stage, t, dt, key)
             self._memory.left = left  # as in a step that finds the feet here
             with self._lock:  # threads may share an engine
                 while len(self._feet) >= LIMITS.feet:
@@ -198,6 +201,20 @@ class Engine:
                 self._feet[key] = found
         t_start, t_end = t + stage.begin * dt, t + stage.end * dt
         return replace(found, t_start=t_start, t_end=t_end)
+
+    def _shared_feet(self, stage: Stage, t: float, dt: float, key: Any) -> StageFeet:
+        """The feet that another solver of the same velocity keeps, or new ones."""
+        shared, grid = self.setting.shared, self.grid
+        if shared is None or stage.coast is not None:
+            return self.place_feet(self._computed_feet(stage, t, dt))
+        edges = tuple(line.tobytes() for line in grid.edges), grid.periodic
+        whole = (type(self), edges, stage.jets, *stage.blocks, stage.tolerance, self.dtype, key)
+        found: StageFeet | None = shared.get(whole)
+        if found is None:
+            found = shared[whole] = self.place_feet(self._computed_feet(stage, t, dt))
+        for exits in found.exits:
+            check_inside(grid, exits, set(stage.walls), t + stage.end * dt)
+        return found
 
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
@@ -347,6 +364,7 @@ class Setting:
     dtype: np.dtype[Any]  # of the moments and the stored feet
     store_feet: bool | None  # None: if the velocity is steady
     steady: bool  # whether the velocity is the same at all times
+    shared: Any = None  # feet that solvers of a steady velocity keep, which do not keep it alive
 
     @property
     def stores_feet(self) -> bool:

@@ -95,7 +95,7 @@ def path_source(
     splines = None
     if field is not None:
         start = first + len(system.parameters)
-        splines = Layout(field.degrees, len(field.coefficients), start, PATH.foot_room)
+        splines = Layout(field.degrees, field.components, start, PATH.foot_room)
     sides = [numbers[start : start + 5] for start in range(0, len(numbers), 5)]
     lines = [
         *_rate_functions(system, splines),

@@ -231,9 +231,11 @@ def _difference(function: Callable[..., Any], place: int, step: float) -> Callab
     return slope
 
 
-def spline(values: Any, grid: Grid, name: str) -> Formula:
+def spline(
+    values: Any, grid: Grid, name: str, of: Sequence[int] = (0, 0, 0), factor: float = 1.0
+) -> Formula:
     """The interpolating quintic tensor spline of nodal values (cubic in a direction of fewer than 6
-    cells), periodic where the grid is.
+    cells), periodic where the grid is; or its derivative of the orders `of`, times a factor.
     """
     from scipy.interpolate import NdBSpline, make_interp_spline
 
@@ -272,7 +274,8 @@ def spline(values: Any, grid: Grid, name: str) -> Formula:
                 x = np.broadcast_to(x, shape)
                 inside = low + (x - low) % (high - low) if grid.periodic[axis] else x
                 places.append(np.clip(inside, low, high))
-            return interpolant(np.stack(places, axis=-1), nu=orders[: grid.dim])
+            nu = [q + more for q, more in zip(orders, of, strict=False)][: grid.dim]
+            return factor * interpolant(np.stack(places, axis=-1), nu=nu)
 
         return evaluate
 

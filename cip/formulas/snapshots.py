@@ -10,19 +10,26 @@ snapshots: a step may cross them.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.errors import InputError
+from cip.errors import InputError, NotSupported
 from cip.formulas.expression import opaque
 from cip.formulas.formula import Formula, Orders
 from cip.grid import Grid
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
+
+
+class _Limits(NamedTuple):
+    window: int = 12  # snapshots before and after one whose spline's coefficient they make: to 1e-7
+
+
+LIMITS = _Limits()
 _IN_TIME = {"linear": 1, "cubic": 3}  # degrees
 
 
@@ -40,6 +47,18 @@ class Snapshots:
         components: int | None = None,
         time: Any = "cubic",
     ) -> None:
+        from scipy.interpolate import make_interp_spline
+
+        self._begin(times, grid, degree, time, components)
+        values = np.moveaxis(_values(arrays, self.times, grid, self.components), 1, 0)
+        in_time = make_interp_spline(self.times, np.eye(self.times.size), k=self.degrees[0])
+        values = self._in_space(_product(np.asarray(in_time.c), values, 1), 2)
+        self.coefficients = np.ascontiguousarray(values)
+
+    def _begin(self, times: Any, grid: Any, degree: Any, time: Any, components: Any) -> None:
+        """Check all but the arrays; keep degrees, knots and the matrices that fit in space."""
+        from scipy.interpolate import make_interp_spline
+
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected the Grid of the arrays, got {type(grid).__name__}")
         if np.ndim(degree) or degree not in (3, 5):
@@ -52,30 +71,30 @@ class Snapshots:
         if not isinstance(time, str) or time not in _IN_TIME:
             raise InputError(f"time: expected 'linear' or 'cubic', got {time!r}")
         self.grid, self.times = grid, _times(times)
+        self.components: int = components or grid.dim
         self._last: tuple[list[Any], dict[Any, Any]] = ([np.array(np.nan)], {})
-        values = _values(arrays, self.times, grid, components or grid.dim)
         self.degrees = (min(_IN_TIME[time], self.times.size - 1), *([int(degree)] * grid.dim))
-        self.knots: list[Array] = []
-        values = np.moveaxis(values, 1, 0)  # component, time, place
-        for axis, k in enumerate(self.degrees):
-            values = self._fit(values, axis, k)
-        self.coefficients = np.ascontiguousarray(values)
-
-    def _fit(self, values: Array, axis: int, k: int) -> Array:
-        """Replace values along an axis (0 is time) by coefficients; append the knots."""
-        from scipy.interpolate import make_interp_spline
-
-        periodic = axis > 0 and self.grid.periodic[axis - 1]
-        line = self.times if axis == 0 else self.grid.edges[axis - 1]
-        unit = np.eye(values.shape[axis + 1])
-        if periodic:
-            unit = np.concatenate([unit, unit[:1]])
+        some = make_interp_spline(self.times, np.zeros(self.times.size), k=self.degrees[0])
+        self.knots: list[Array] = [np.asarray(some.t, dtype=float)]
         # A product of matrices is several times faster than the solution for so many lines.
-        one = make_interp_spline(line, unit, k=k, bc_type="periodic" if periodic else None)
-        self.knots.append(np.asarray(one.t, dtype=float))
-        moved = np.moveaxis(values, axis + 1, 0)
-        product = np.asarray(one.c) @ moved.reshape(len(moved), -1)
-        return np.moveaxis(product.reshape(-1, *moved.shape[1:]), 0, axis + 1)
+        self._fits: list[Array] = []
+        for axis, line in enumerate(grid.edges):
+            unit = np.eye(grid.nodes[axis])
+            ends: Any = "periodic" if grid.periodic[axis] else None
+            unit = np.concatenate([unit, unit[:1]]) if ends else unit
+            one = make_interp_spline(line, unit, k=self.degrees[axis + 1], bc_type=ends)
+            self.knots.append(np.asarray(one.t, dtype=float))
+            self._fits.append(np.asarray(one.c))
+
+    def _in_space(self, values: Array, first: int) -> Array:
+        """Coefficients in place of values along the axes from `first` on."""
+        for axis, fit in enumerate(self._fits):
+            values = _product(fit, values, axis + first)
+        return values
+
+    def coefficient(self, m: int) -> Array:
+        """The coefficients of the B-spline m in time, shape (components, ..)."""
+        return self.coefficients[:, m]
 
     @cached_property
     def table(self) -> Array:
@@ -95,8 +114,6 @@ class Snapshots:
         from cip.formulas.spline_sums import run_sums
 
         dim, nu = self.grid.dim, (orders[3], *orders[: self.grid.dim])
-        data = self.coefficients[component]
-        data = data.reshape((1,) * (3 - dim) + data.shape)  # time, ones and directions
 
         def values(*point: Any) -> Array:
             shape = np.broadcast_shapes(*(np.shape(x) for x in (*point[:dim], point[3])))
@@ -104,6 +121,11 @@ class Snapshots:
             rows = [self._basis(axis, given, shape, order) for axis, order in enumerate(nu)]
             size = rows[0][0].size
             none = np.zeros(size, np.int64), np.ones((size, 1))
+            low = int(rows[0][0].min(initial=self.times.size))
+            high = int(rows[0][0].max(initial=0)) + self.degrees[0] + 1
+            data = self._between(component, low, max(low, high))
+            data = data.reshape((1,) * (3 - dim) + data.shape)  # ones, time and directions
+            rows[0] = rows[0][0] - low, rows[0][1]
             rows = [none] * (3 - dim) + rows
             found = np.empty(size)
             first = np.array([row[0] for row in rows])
@@ -112,6 +134,10 @@ class Snapshots:
             return found.reshape(shape)
 
         return values
+
+    def _between(self, component: int, low: int, high: int) -> Array:
+        """Coefficients of a component for the B-splines in time from `low` to before `high`."""
+        return self.coefficients[component, low:high]
 
     def _basis(self, axis: int, given: Any, shape: Any, order: int) -> Any:
         """The B-splines of an axis at points; those of the last points are kept, as equations ask
@@ -204,6 +230,60 @@ class Snapshots:
             )
 
 
+class LazySnapshots(Snapshots):
+    """Splines whose arrays are read as times ask for them: ``read(k)`` is snapshot k, of shape
+    (components, nodes). A coefficient of the cubic spline in time is the sum of the snapshots
+    around it, whose weights fall by 3.7 from one to the next."""
+
+    def __init__(self, times: Any, read: Any, grid: Grid, degree: Any, time: Any) -> None:
+        self._begin(times, grid, degree, time, None)
+        self._read = read
+        self._remember()
+
+    def _remember(self) -> None:
+        """Caches of what one interval needs."""
+        k = self.degrees[0]
+        width = 1 if k == 1 else 2 * LIMITS.window + 1
+        self._snapshot = lru_cache(min(self.times.size, width))(self._checked)
+        self.coefficient = lru_cache(k + 3)(self._fitted)  # type: ignore[method-assign]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in vars(self).items() if k not in ("_snapshot", "coefficient")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._remember()
+
+    def _checked(self, k: int) -> Array:
+        found = self._read(k)[None]
+        return _values(found, self.times[k : k + 1], self.grid, self.components, k)[0]
+
+    def _fitted(self, m: int) -> Array:
+        from scipy.interpolate import make_interp_spline
+
+        if self.degrees[0] == 1:
+            return self._in_space(self._snapshot(m), 1)
+        # Splines through some times have the same knots and, in the middle, coefficients.
+        size = min(self.times.size, 2 * LIMITS.window + 1)
+        low = int(np.clip(m - LIMITS.window, 0, self.times.size - size))
+        near = make_interp_spline(self.times[low : low + size], np.eye(size), k=self.degrees[0])
+        pairs = enumerate(np.asarray(near.c)[m - low], low)
+        return self._in_space(sum(weight * self._snapshot(k) for k, weight in pairs), 1)
+
+    def _between(self, component: int, low: int, high: int) -> Array:
+        none = np.empty((0, *(fit.shape[0] for fit in self._fits)))
+        return np.array([self.coefficient(m)[component] for m in range(low, high)] or none)
+
+    @property
+    def table(self) -> Array:
+        """All numbers at once, which lazy data do not have."""
+        raise NotSupported(
+            "winds: a profile whose feet kernels compute ('adini' and 'bicubic' on uneven grids, "
+            "one-dimensional ones) needs all times in memory; pass lazy=False, or take 'bicubic', "
+            "'csl2' or 'csl4' on uniform grids in the plane or in space"
+        )
+
+
 class SnapshotFormula(Formula):
     """One component of `Snapshots`, with the derivatives of the splines. It is compiled; in code
     `name` precedes the number of the component.
@@ -229,6 +309,13 @@ def snapshots_of(formulas: Sequence[Formula]) -> Snapshots | None:
     return first.field if isinstance(first, SnapshotFormula) else None
 
 
+def _product(matrix: Array, values: Array, axis: int) -> Array:
+    """The product of a matrix with arrays along an axis."""
+    moved = np.moveaxis(values, axis, 0)
+    found = matrix @ moved.reshape(len(moved), -1)
+    return np.moveaxis(found.reshape(-1, *moved.shape[1:]), 0, axis)
+
+
 def _times(times: Any) -> Array:
     found = real_array("times", times).astype(float)
     if found.ndim != 1 or found.size < 2:
@@ -238,8 +325,8 @@ def _times(times: Any) -> Array:
     return found
 
 
-def _values(arrays: Any, times: Array, grid: Grid, components: int) -> Array:
-    """The checked arrays, of shape (times, components, nodes)."""
+def _values(arrays: Any, times: Array, grid: Grid, components: int, first: int = 0) -> Array:
+    """The checked arrays, of shape (times, components, nodes), from the snapshot `first` on."""
     found = real_array("arrays", arrays).astype(float)
     shape = (times.size, components, *grid.nodes)
     if components == 1 and found.shape == (times.size, *grid.nodes):
@@ -252,7 +339,7 @@ def _values(arrays: Any, times: Array, grid: Grid, components: int) -> Array:
     if bad.any():
         time, component, *place = (int(q) for q in np.argwhere(bad)[0])
         raise InputError(
-            f"arrays: NaN or infinity in snapshot {time}, component {component}, node "
+            f"arrays: NaN or infinity in snapshot {first + time}, component {component}, node "
             f"{tuple(place)}; fill the gaps before"
         )
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -31,6 +32,8 @@ class Budget:
         What the source added, and what decayed.
     replaced : ndarray
         Changes by states that a callback returned.
+    reacted : ndarray
+        What reactions with other fields produced, negative for what they consumed.
 
     Examples
     --------
@@ -51,6 +54,7 @@ class Budget:
     added: Array
     decayed: Array
     replaced: Array
+    reacted: Array
 
     def __repr__(self) -> str:
         ways = self.inflow.values(), self.outflow.values()
@@ -64,8 +68,8 @@ class Budget:
     def residual(self) -> Array:
         """What is unaccounted for at each snapshot: rounding."""
         passed = sum(self.outflow.values()) - sum(self.inflow.values())
-        found: Array = self.mass - self.mass[0] + passed - self.added + self.decayed - self.replaced
-        return found
+        found: Array = self.mass - self.mass[0] + passed - self.added + self.decayed
+        return found - self.replaced - self.reacted
 
 
 class Tally:
@@ -74,7 +78,7 @@ class Tally:
     def __init__(self, grid: Grid) -> None:
         self._axes = [axis for axis in range(grid.dim) if not grid.periodic[axis]]
         keys = list(product(self._axes, (0, 1), ("in", "out")))
-        self._keys: list[Any] = [*keys, "added", "decayed", "replaced"]
+        self._keys: list[Any] = [*keys, "added", "decayed", "replaced", "reacted"]
         self._sums = dict.fromkeys(self._keys, (0.0, 0.0))
         self._step: list[tuple[Any, float]] = []
         self._rows: list[list[float]] = []
@@ -93,9 +97,9 @@ class Tally:
         """Count what a source added and what decayed."""
         self._step += [("added", added), ("decayed", decayed)]
 
-    def replace(self, amount: float) -> None:
-        """Count the change by a callback."""
-        self._step.append(("replaced", amount))
+    def change(self, kind: str, amount: float) -> None:
+        """Count the change by a callback ("replaced") or by reactions with fields ("reacted")."""
+        self._step.append((kind, amount))
 
     def commit(self) -> None:
         """Add what was counted since the last call, after a finished step."""
@@ -107,6 +111,18 @@ class Tally:
             self._sums[key] = new, rest + ((larger - new) + smaller)
         self._step = []
 
+    @property
+    def sums(self) -> Array:
+        """All sums with their rounding errors, to go on with in another process."""
+        return np.array([self._sums[key] for key in self._keys])
+
+    def restore(self, rows: list[Array]) -> None:
+        """Go on from the `sums` at each of the snapshots until now."""
+        self._rows = [[float(a + b) for a, b in row] for row in rows]
+        self._sums = {
+            k: (float(a), float(b)) for k, (a, b) in zip(self._keys, rows[-1], strict=True)
+        }
+
     def budget(self, t: Array, mass: Array) -> Budget:
         """The budget at the snapshots, the last of which is now."""
         while len(self._rows) < t.size:
@@ -117,5 +133,19 @@ class Tally:
             for side in (0, 1):
                 for way, walls in ways.items():
                     walls[f"{AXES[axis]}{'-+'[side]}"] = found[axis, side, way]
-        rest = found["added"], found["decayed"], found["replaced"]
+        rest = found["added"], found["decayed"], found["replaced"], found["reacted"]
         return Budget(t, mass, ways["in"], ways["out"], *rest)
+
+
+def masses(state: Any) -> list[float]:
+    """The integrals of all fields of a state."""
+    return list(state.mass.values()) if state.fields else [state.mass]
+
+
+def budget_of(tallies: Sequence[Tally], states: Sequence[Any]) -> Any:
+    """The budget of snapshots, the last of which is now; of several fields a dict."""
+    if not tallies:
+        return None
+    t, mass = np.array([one.t for one in states]), np.array([masses(one) for one in states])
+    found = [tally.budget(t, mass[:, k]) for k, tally in enumerate(tallies)]
+    return dict(zip(states[0].fields, found, strict=True)) if states[0].fields else found[0]

@@ -88,6 +88,13 @@ def area(state: State, level: float = 0.0) -> float:
         That of the profile, up to the fourth power of a quarter of a cell over the radius of
         curvature: arcs through three points of the contour.
 
+    Raises
+    ------
+    NotSupported
+        Another profile.
+    InputError
+        The field is at the level, up to rounding, in a whole cell.
+
     References
     ----------
     J.-C. Nave, R. R. Rosales and B. Seibold, A gradient-augmented level set method with an
@@ -102,6 +109,7 @@ def area(state: State, level: float = 0.0) -> float:
     True
     """
     field, total = _Field(state, level), 0.0
+    field.check_crossed()
     for points, offsets in zip(*field.marching().filled(-np.inf, 0.0), strict=True):
         for first, last in pairwise(offsets):
             total += field.enclosed(points[first:last])
@@ -229,6 +237,25 @@ class _Field:
         turns = [(-1, 0, 1) if periodic else (0,) for periodic in self.grid.periodic]
         lengths = [high - low for low, high in self.grid.bounds]
         return np.array([[i * lengths[0], j * lengths[1]] for i in turns[0] for j in turns[1]])
+
+    def check_crossed(self) -> None:
+        """Raise `InputError` where all moments of a cell say that it lies at the level."""
+        flat = np.ones(self.grid.nodes, bool)
+        size = max(float(np.abs(self.data["u"]).max()), abs(self.level))
+        for name, values in self.data.items():
+            h = np.prod([self.h["xy".index(axis)] for axis in name[2:]])
+            offset = self.level if name == "u" else 0.0
+            flat &= np.abs(values - offset) * h <= 64.0 * np.finfo(float).eps * size
+        for axis in range(2):
+            flat = flat & np.roll(flat, -1, axis)
+            if not self.grid.periodic[axis]:
+                flat = np.delete(flat, -1, axis)
+        if flat.any():
+            i, j = (int(q) for q in np.argwhere(flat)[0])
+            raise InputError(
+                f"level: the field is at {self.level:.6g} in {int(flat.sum())} whole cells, the "
+                f"first of them ({i}, {j}), so that no area is below it; take another level"
+            )
 
     def marching(self) -> Any:
         """Marching squares over parts of the cells."""

@@ -6,7 +6,7 @@ with the gauges since the one before it. Each appears complete or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,8 @@ class Recorder:
         self.t: list[float] = []
         self.rows: list[Array] = []  # of all fields
         self.states: list[State] = []
+        self.extra: list[dict[str, Any]] = []  # arrays in the files of these
+        self.beside: Callable[[], dict[str, Any]] = dict  # more of them, for the next file
         self._saved = 0  # rows in files
         self._folder: Path | None = None
         if folder is None:
@@ -64,10 +66,10 @@ class Recorder:
         if self.points is not None:
             plan = {**plan, "gauges": self.points.tolist()}
         self._folder = _opened(folder, resume, plan)
-        self.states, extra = snapshots_in(self._folder)
+        self.states, self.extra = snapshots_in(self._folder)
         if self.states:
             _check_start(self._folder, self.states[0], start)
-            self.t, self.rows = _joined(extra)
+            self.t, self.rows = _joined(self.extra)
             self._saved = len(self.t)
 
     def see(self, state: State) -> None:
@@ -83,10 +85,10 @@ class Recorder:
         """Write a snapshot to the folder."""
         if self._folder is None:
             return
-        extra = {}
+        extra = self.beside()
         if self.points is not None:
             new = slice(self._saved, None)
-            extra = {"t": np.array(self.t[new]), "rows": np.array(self.rows[new])}
+            extra |= {"t": np.array(self.t[new]), "rows": np.array(self.rows[new])}
             self._saved = len(self.t)
         write_states(_file(self._folder, len(self.states)), [state], extra=extra)
         self.states.append(state)

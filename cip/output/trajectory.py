@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError, NotSupported
-from cip.output.budget import Budget
 from cip.output.recorder import HEAD, Gauges, gauges_of, read_run
 from cip.output.sample import sample, sample_sea
 from cip.profiles.catalogue import moments
@@ -113,7 +112,7 @@ class Trajectory:
     dt: float
     interrupted: bool = False
     gauges: Gauges | None = None
-    _budget: Budget | None = None
+    _budget: Any = None
 
     def __repr__(self) -> str:
         first, last = self.states[0], self.states[-1]
@@ -138,7 +137,8 @@ class Trajectory:
         states, gauges = tuple(state.field(place) for state in self.states), self.gauges
         if gauges is not None:
             gauges = replace(gauges, values=gauges.values[place])
-        return replace(self, states=states, gauges=gauges)
+        budget = None if self._budget is None else self._budget[place]
+        return replace(self, states=states, gauges=gauges, _budget=budget)
 
     @property
     def final(self) -> State:
@@ -174,19 +174,19 @@ class Trajectory:
         return Diagnostics(*np.array(rows, dtype=float).T)
 
     @property
-    def budget(self) -> Budget:
-        """What came in and left by each wall, was added and decayed, up to each snapshot.
+    def budget(self) -> Any:
+        """What came in and left by each wall, was added and decayed, up to each snapshot: `Budget`,
+        of several fields a dict of these.
 
         Raises
         ------
         NotSupported
-            A profile that does not keep the integral, several fields, or a run that went on from a
-            file or was loaded from one.
+            A profile that does not keep the integral, or a run that was loaded from a file.
         """
         if self._budget is None:
             raise NotSupported(
-                "budget: it is kept for one field of 'csl2' or 'csl4' with form='advection', in a "
-                f"run from its beginning; this one is of {self.states[0].profile!r}"
+                "budget: it is kept for 'csl2' and 'csl4' with form='advection', by a run or one "
+                f"that is resumed in its folder; this one is of {self.states[0].profile!r}"
             )
         return self._budget
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
 from cip.grid import Grid, Sphere
 from cip.output.budget import Tally
-from cip.profiles.catalogue import CONSERVATIVE, LIMITER_CODES, LIMITERS, LINE, PLANE, moments
+from cip.profiles.catalogue import CONSERVATIVE, LIMITER_CODES, LIMITERS, PLANE, moments
 from cip.sources.kinetics import Kinetics
 from cip.sources.reaction import HalfStep, halves
 from cip.stages.coast import Coast, coast_of
@@ -90,35 +90,54 @@ def advanced(
     state: State,
     dt: float,
     sea: Any = None,
-    tally: Tally | None = None,
+    tallies: Sequence[Tally] = (),
 ) -> State:
     """The state after a step: the stages between the halves of sources, decay, diffusion and
-    reactions between fields. `sea` is the mask of moments that are not on land."""
+    reactions between fields. `sea` is the mask of moments that are not on land; `tallies`, of all
+    fields or none, count what this changes."""
     data, t = state.data, state.t
     around = [halves(rule.reactions, t, dt, sea) for rule in scheme.rules]
-    data = _reacted(kernels, state, data, [before for before, _ in around], tally)
+    data = _reacted(kernels, state, data, [before for before, _ in around], tallies)
     if kinetics is not None:
-        data = kinetics.applied(data, t, 0.5 * dt, sea)
+        data = _mixed(kinetics, state, data, t, 0.5 * dt, sea, tallies)
     for stage in scheme.stages:
-        data = kernels.apply(stage, data, t, dt, tally=tally)
+        data = kernels.apply(stage, data, t, dt, tallies=tallies)
     if kinetics is not None:
-        data = kinetics.applied(data, t + 0.5 * dt, 0.5 * dt, sea)
-    data = _reacted(kernels, state, data, [after for _, after in around], tally)
+        data = _mixed(kinetics, state, data, t + 0.5 * dt, 0.5 * dt, sea, tallies)
+    data = _reacted(kernels, state, data, [after for _, after in around], tallies)
     return state_of(state.grid, state.profile, data, t + dt, fields=state.fields)
 
 
 def _reacted(
-    kernels: Engine, state: State, data: Any, steps: list[list[HalfStep]], tally: Tally | None
+    kernels: Engine, state: State, data: Any, steps: list[list[HalfStep]], tallies: Sequence[Tally]
 ) -> Any:
     """The moments after half a step of what acts on each field by itself."""
     if not any(steps):
         return data
     found = []
-    for row, halves_of_field in zip(data if state.fields else [data], steps, strict=True):
+    counted: list[Any] = [*tallies] or [None] * len(steps)
+    rows = zip(data if state.fields else [data], steps, counted, strict=True)
+    for row, halves_of_field, tally in rows:
         for half in halves_of_field:
             row = half.applied(row, tally)
         found.append(row)
     return kernels.xp.stack(found) if state.fields else found[0]
+
+
+def _mixed(
+    kinetics: Kinetics, state: State, data: Any, t: float, dt: float, sea: Any,
+    tallies: Sequence[Tally],
+) -> Any:  # fmt: skip
+    """The moments after reactions between fields."""
+    new = kinetics.applied(data, t, dt, sea)
+    if tallies:
+        old_mass, new_mass = (
+            state_of(state.grid, state.profile, one, t, fields=state.fields).mass
+            for one in (data, new)
+        )
+        for name, tally in zip(state.fields, tallies, strict=True):
+            tally.change("reacted", new_mass[name] - old_mass[name])
+    return new
 
 
 def parameters_of(velocity: Any, source: Any, decay: Any, boundary: Any) -> dict[str, float]:
@@ -186,11 +205,6 @@ def check_choices(
         raise InputError(f"splitting: expected None or 'strang', got {splitting!r}")
     if profile in PLANE and splitting is not None:
         raise InputError(f"splitting: {profile!r} is direct; pass splitting=None")
-    if profile in LINE and grid.dim > 1 and splitting is None:
-        raise InputError(
-            f"splitting: {profile!r} is one-dimensional; pass splitting='strang', or "
-            "profile='adini' or 'bicubic' in two dimensions"
-        )
     if profile.startswith("csl") and form != "advection":
         raise InputError(
             f"form: {profile!r} conserves the integral and so needs form='advection' "

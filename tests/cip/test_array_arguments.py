@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+import skfem
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -136,6 +137,15 @@ def winds(times, arrays):
     return values(Velocity.from_snapshots(times, arrays, PLANE, 3))
 
 
+MESHED = skfem.Basis(
+    skfem.MeshQuad().refined(1).scaled([1, 2]), skfem.ElementVector(skfem.ElementQuad1())
+)  # of 18 coefficients
+
+
+def flowing(u, times=None):
+    return values(Velocity.from_basis(MESHED, u, PLANE, times=times))
+
+
 def emitted(times, arrays):
     return values(Source.from_snapshots(times, arrays, PLANE, 3))
 
@@ -194,6 +204,8 @@ TAKE = {
     "Velocity c on a line": (NODAL, lambda v: values(Velocity(v), LINE)),
     "Velocity.from_snapshots times": (TIMES, lambda v: winds(v, WINDS)),
     "Velocity.from_snapshots arrays": (WINDS, lambda v: winds(TIMES, v)),
+    "Velocity.from_basis u": (MESHED.project(lambda x: 1 + 0 * x), flowing),
+    "Velocity.from_basis times": (TIMES, lambda v: flowing(np.zeros((TIMES.size, 18)), v)),
     "identify_velocity data": (SEEN, lambda v: identified(data={0.1: v})),
     "identify_velocity data in the plane": (
         np.tile(SEEN[:, None], 6), lambda v: identified(PLANE, ("a", "0"), data={0.1: v}),
@@ -224,7 +236,8 @@ NONE = """
     | Solver reactions | SphereSolver.run (callback|save) | SphereTrajectory(.plot .*|.load .*)
     | SphereTrajectory(.to_xarray start| gauges) | SphereTrajectory [a-z0-9_]+ | State grid
     | Source.of value | SplineVelocity.from_.* | State.from_function derivatives
-    | Trajectory(.plot .*|.load .*|.to_xarray start| gauges)
+    | Trajectory(.plot .*|.load .*|.to_xarray start| gauges) | Trajectory _budget
+    | Velocity.from_basis basis
     | Velocity (jacobian|hessian) | Velocity.from_xarray .*
     | (four_d_var|place_sensors) model_error | identify_velocity start
 """

@@ -6,6 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
+import skfem
 
 import cip
 from cip import Covariance, Grid, InputError, NotFinite, Sensors, Solver, State, Velocity, flow_map
@@ -177,7 +178,6 @@ SOLVERS = [
     ("limiter: expected", lambda: line(limiter="minmod")),
     ("limiter: expected one of", lambda: line(limiter=["clamp"])),
     ("does not fit 'cubic'", lambda: line(limiter="bounds")),
-    ("splitting='strang'", lambda: Solver(PLANE, ["x2", "x1"], profile="cubic")),
     ("splitting", lambda: line(splitting=["strang"])),
     *rows("backend", lambda v: line(backend=v), "tpu", ["cpu"]),
     ("dtype", lambda: line(dtype=np.int32)),
@@ -666,7 +666,41 @@ DATASETS = [
     ("times: expected finite times", lambda: dated([SECONDS[0], NO_TIME])),
     ("'t' holds object.*convert dates of other calendars", lambda: dated(["noon", datetime.now])),
 ]  # fmt: skip
+TRIANGLES, PIECES = skfem.MeshTri().refined(2), skfem.ElementTriP1()
+FLOW, STREAM = (skfem.Basis(TRIANGLES, e) for e in (skfem.ElementVector(PIECES), PIECES))
+UNIT = Grid([(0, 1)] * 2, (8, 8))
+
+
+def meshed(basis=FLOW, u=None, grid=UNIT, **more):
+    """A velocity at rest from a solution."""
+    return Velocity.from_basis(basis, np.zeros(basis.N) if u is None else u, grid, **more)
+
+
+MESHES = [
+    ("basis: expected a skfem.Basis of cells, got int", lambda: meshed(3, [0.0])),
+    ("basis: expected a skfem.Basis of cells, got FacetBasis",
+     lambda: meshed(skfem.FacetBasis(TRIANGLES, skfem.ElementVector(PIECES)))),
+    ("basis: expected one of the whole mesh", lambda: meshed(FLOW.with_elements([0, 1]))),
+    (r"basis: .* a vector of 2 .* shape \(\); a stream", lambda: meshed(STREAM)),
+    (r"basis: .* a scalar, the stream .* \(2,\)$", lambda: meshed(stream=True)),
+    ("u: expected the coefficients of the basis", lambda: meshed(u=np.zeros(3))),
+    (r"u: .* shape \(times, 50\)", lambda: meshed(u=np.zeros(50), times=[0.0, 1.0])),
+    ("u: expected finite coefficients", lambda: meshed(u=np.full(50, np.nan))),
+    ("grid: expected the Grid of the solver", lambda: meshed(grid=8)),
+    ("grid: it has 1 directions, the mesh 2", lambda: meshed(grid=Grid((0, 1), 8))),
+    (r"grid: 9 of its nodes lie outside the mesh, the first at \(1.125, 0\).*outside='land'",
+     lambda: meshed(grid=Grid([(0, 1.125), (0, 1)], (9, 8)))),
+    ("grid: none of its nodes", lambda: meshed(grid=Grid([(2, 3)] * 2, (8, 8)), outside="land")),
+    ("outside: expected None or 'land'", lambda: meshed(outside="sea")),
+    ("stream=1: expected True or False", lambda: meshed(stream=1)),
+    ("stream: expected a grid in the plane with 6 cells",
+     lambda: meshed(STREAM, grid=Grid([(0, 1)] * 2, (4, 4)), stream=True)),
+    ("times: a stream function is of one time",
+     lambda: meshed(STREAM, np.zeros((2, 25)), times=[0, 1], stream=True)),
+    ("velocity: it was sampled on", lambda: Solver(Grid([(0, 1)] * 2, (9, 9)), meshed())),
+]  # fmt: skip
 TABLES = {
+    "mesh": MESHES,
     "grid": GRIDS, "sphere": SPHERES, "velocity": VELOCITIES, "solver": SOLVERS, "state": STATES,
     "run": RUNS, "source": SOURCES,
     "splines": SPLINES, "sensors": SENSORS, "assimilation": ASSIMILATION,

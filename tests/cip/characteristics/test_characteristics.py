@@ -1,5 +1,9 @@
 """Characteristics of all kinds of velocities against closed forms and independent integrators."""
 
+import gc
+import pickle
+from unittest import mock
+
 import numpy as np
 import pytest
 from convergence import order
@@ -7,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from cip import Grid, Solver, Velocity
+from cip import Grid, LeftDomain, Solver, Velocity
 from cip.characteristics.feet import integrate
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, System, foot
+from cip.stages.stage import Stage
 
 SLOW = pytest.mark.slow
 formula = Velocity.from_expression
@@ -382,3 +387,33 @@ def test_stored_feet(form, profile):
     found = solver.feet(solver._stages[0], 0.0, DT).data[: grid.size]
     cells = (feet - grid.coordinates[0]) / grid.spacing[0]
     np.testing.assert_allclose(found, cells, rtol=0, atol=3e-7)
+
+
+def test_solvers_of_one_velocity_share_their_feet():
+    """Of the same grid and profile, and only while one of them is there; walls are their own."""
+    grid, wind = Grid([(0, 1)] * 2, (12, 10)), formula("a", "0.3*x1", parameters={"a": 0.5})
+
+    def step(velocity, boundary=0.0, profile="bicubic", **more):
+        solver = Solver(grid, velocity, profile=profile, boundary=boundary, **more)
+        return solver, solver.step(solver.state("x1 + x2**2"), 0.1).data
+
+    with mock.patch.object(Stage, "feet", autospec=True, side_effect=Stage.feet) as computed:
+        first, expected = step(wind)
+        count = computed.call_count
+        other, found = step(wind, {"x-": 0.0, "y-": 0.0}, limiter="clamp")
+        assert computed.call_count == count == 1
+        step(pickle.loads(pickle.dumps(wind)))
+        moved = step(wind.with_parameters(a=0.7))[1]
+        third = step(wind, profile="adini")[1]
+        assert computed.call_count == count + 3
+        with pytest.raises(LeftDomain):
+            step(wind, {"x-": 0.0})
+    again = pickle.loads(pickle.dumps(wind))
+    np.testing.assert_array_equal(found, step(again, limiter="clamp")[1])
+    kept = [one.feet(one._stages[0], 0.0, 0.1).data for one in (first, other)]
+    assert kept[0] is kept[1]
+    assert np.abs(moved - expected).max() > 0.01
+    assert third.shape[0] == 3
+    del first, other, kept
+    gc.collect()
+    assert len(wind._feet) == 0

@@ -1,5 +1,7 @@
 """Velocities from snapshots and of B-splines against polynomials, SciPy and closed forms."""
 
+import pickle
+import tracemalloc
 from itertools import product
 
 import numpy as np
@@ -9,7 +11,7 @@ from convergence import order
 from scipy.integrate import solve_ivp
 from scipy.interpolate import RectBivariateSpline, make_interp_spline
 
-from cip import Grid, Solver, SplineVelocity, Velocity
+from cip import Grid, InputError, NotSupported, Solver, SplineVelocity, Velocity
 
 SLOW = pytest.mark.slow
 UNEVEN = [0.0, 0.07, 0.2, 0.31, 0.45, 0.5, 0.62]
@@ -205,6 +207,77 @@ def test_winds_of_a_dataset_are_those_of_the_arrays():
             )
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
     assert np.abs(one).max() > 0.05
+
+
+def file_of_winds(path, n=32, count=60):
+    """Winds of a channel in a netCDF file, with falling latitudes; whose reading is lazy."""
+    xarray = pytest.importorskip("xarray")
+    lon, lat = np.arange(n) / n, np.linspace(1, 0, n + 1)[:, None]
+    t = np.linspace(0, 6, count)[:, None, None]
+    u = 0.3 + 0.1 * np.sin(2 * np.pi * lon + t) * np.cos(3 * lat)
+    v = 0.1 * np.sin(np.pi * lat) * np.cos(2 * np.pi * lon - t)
+    data = {"u": (("time", "lat", "lon"), u), "v": (("time", "lat", "lon"), v)}
+    data = xarray.Dataset(data, {"time": t.ravel(), "lat": lat.ravel(), "lon": lon})
+    data.to_netcdf(path, engine="scipy")
+    return xarray.open_dataset(path, engine="scipy")
+
+
+def blown(data, lazy, profile="bicubic", **more):
+    wind = Velocity.from_xarray(
+        data, ("u", "v"), ("lon", "lat"), periodic=(True, False), lazy=lazy, **more
+    )
+    split = {} if profile == "bicubic" else {"form": "advection", "splitting": "strang"}
+    n = data.sizes["lon"]
+    grid = Grid([(0, 1), (0, 1)], (n, n), periodic=(True, False))
+    return Solver(grid, wind, profile=profile, boundary=0.0, **split)
+
+
+@pytest.mark.turns(4)
+@pytest.mark.parametrize("profile", ["bicubic", "csl4"])
+@pytest.mark.parametrize("in_time", ["linear", "cubic"])
+def test_lazy_winds_are_those_of_all_times(tmp_path, profile, in_time):
+    ends = []
+    with file_of_winds(tmp_path / "winds.nc") as data:
+        for lazy in (False, True):
+            solver = blown(data, lazy, profile, in_time=in_time)
+            solver = pickle.loads(pickle.dumps(solver)) if lazy else solver
+            start = solver.state("sin(2*pi*x1)*x2**2", t=2.0)
+            ends.append(solver.run(start, 4.0, dt=0.25).final.data)
+    assert np.abs(ends[1] - ends[0]).max() < 1e-7  # what the neglected snapshots weigh
+    assert np.abs(ends[0] - start.data).max() > 0.1
+
+
+@pytest.mark.turns(4)
+def test_lazy_winds_keep_few_times_in_memory(tmp_path):
+    """Beside what a run needs for itself; all times at once are there twice, with coefficients."""
+    peaks = {}
+    with file_of_winds(tmp_path / "winds.nc", 32, 150) as data:
+        for in_time, lazy, traced in product(("linear", "cubic"), (False, True), (False, True)):
+            if traced:  # after a run that compiles
+                tracemalloc.start()
+            solver = blown(data, lazy, in_time=in_time)
+            solver.run(solver.state("x2", t=3.0), 3.3, dt=0.1)
+            if traced:
+                peaks[lazy, in_time] = tracemalloc.get_traced_memory()[1]
+                tracemalloc.stop()
+    size = data.u.nbytes + data.v.nbytes
+    assert peaks[False, "linear"] > 2 * size
+    assert peaks[True, "linear"] < 0.5 * size
+    assert peaks[True, "cubic"] < 0.9 * size
+
+
+def test_gaps_of_lazy_winds_are_found_when_they_are_read(tmp_path):
+    with file_of_winds(tmp_path / "winds.nc") as data:
+        late = data.where(data.time < 4.95)  # the first NaN is in snapshot 49
+        solver = blown(late.sel(time=slice(0, 5.05)), True, in_time="linear")
+        start = solver.state(0.0)
+        assert solver.step(start, 0.1).t == 0.1
+        with pytest.raises(InputError, match="NaN or infinity in snapshot 49"):
+            solver.run(start, 4.98, dt=0.5)
+        more = {"profile": "cubic", "splitting": "strang", "boundary": 0.0}
+        cubic = Solver(solver.grid, solver.velocity, **more)
+        with pytest.raises(NotSupported, match="needs all times in memory; pass lazy=False"):
+            cubic.step(cubic.state(1.0), 0.1)
 
 
 # Velocities of B-splines.

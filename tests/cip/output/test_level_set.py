@@ -96,6 +96,8 @@ def test_refused():
         reinitialise(state, -1.0)
     assert contour(state, -1.0) == []
     line = State.from_function("x1", Grid((0, 1), 8))
+    with pytest.raises(InputError, match=r"level: the field is at 1 in 16 whole cells"):
+        area(State.from_function("1", Grid([(0, 1)] * 2, (4, 4))), 1.0)
     for call in (contour, area, reinitialise):
         with pytest.raises(NotSupported, match="'bicubic' or 'adini'"):
             call(line)
