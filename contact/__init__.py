@@ -25,6 +25,17 @@ from contact.histories.load_stepper import LoadStepper
 from contact.laws.iteration import Iteration
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.status import Status
+from contact.nonlinear.nonlinear_body import NonlinearBody
+from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult
+from contact.nonlinear.nonlinear_stepper import NonlinearStepper
+from contact.nonlinear.point_laws import (
+    FinitePlasticity,
+    MooneyRivlin,
+    NeoHooke,
+    Plasticity,
+    SaintVenant,
+    Viscous,
+)
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rough import Rough, self_affine
 from contact.obstacles.shapes import ClosestPoint, Cone, Cylinder, Moved, Parabola, Plane, Sphere
@@ -59,6 +70,7 @@ __all__ = [
     "Cylinder",
     "DistributedBody",
     "ElasticBody",
+    "FinitePlasticity",
     "GridContact",
     "GridResult",
     "HalfSpace",
@@ -71,16 +83,24 @@ __all__ = [
     "LoadStep",
     "LoadStepper",
     "MissingDependency",
+    "MooneyRivlin",
     "Moved",
+    "NeoHooke",
+    "NonlinearBody",
+    "NonlinearHistory",
+    "NonlinearResult",
+    "NonlinearStepper",
     "NotConverged",
     "Orthotropic",
     "Pair",
     "Parabola",
     "PeriodicLayers",
     "Plane",
+    "Plasticity",
     "PressureOverclosure",
     "Rigid",
     "Rough",
+    "SaintVenant",
     "SignedDistance",
     "Slice",
     "Sphere",
@@ -90,6 +110,7 @@ __all__ = [
     "Tie",
     "Unbounded",
     "Uniqueness",
+    "Viscous",
     "cross_check",
     "recheck",
     "save_pvtu",
