@@ -14,8 +14,8 @@ P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapter 10
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -27,18 +27,18 @@ from scipy.sparse.linalg import splu
 from contact.body.supports import norms
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import PointRows
-from contact.errors import ContactError, Infeasible, NotConverged
+from contact.errors import NotConverged
 from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Coulomb, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.law import ContactLaw, State
-from contact.laws.methods import solve_boundary
 from contact.laws.newton import LIMITS, newton
-from contact.laws.options import Options
 from contact.nonlinear.touching import Touch
 
 Array = NDArray[np.float64]
 Csr = sparse.csr_array
+ROUNDING = 50 * float(np.finfo(float).eps)  # of sums of some hundred terms
+SINGULAR = 1e-13  # pivots of a matrix with a diagonal of one that are rounding errors
 
 
 class Trial(NamedTuple):
@@ -62,6 +62,7 @@ class StepProblem:
     picked: Csr  # z = picked^T (u - u0)
     lengths: Array  # lengths of the free unknowns, see `dof_lengths`
     extent: float
+    stiffness: float  # largest of the undeformed bodies, a force per length, for rounding errors
     internal: Callable[[Array], Array]
     tangent: Callable[[Array], Csr]
     touch: Callable[[Array, Array, Array], Touch]
@@ -77,7 +78,7 @@ class StepProblem:
         return Trial(u, mu, t, touch, self.internal(u), held - u)
 
     def residuals(self, now: Trial, scale: Array) -> dict[str, float]:
-        """Relative residuals: balance, contact and friction, supports.
+        """Relative residuals beyond rounding errors: balance, contact and friction, supports.
         `scale` (m,) is physical over scaled displacement of each point, see `CondensedContact`."""
         contact = now.touch.G.T @ now.mu + now.touch.T.T @ now.t.ravel()
         terms = (now.internal, self.load, contact)
@@ -86,9 +87,10 @@ class StepProblem:
         size = max(size, float(np.abs(now.internal).max(initial=0.0)))
         left = self.load - now.internal - contact
         off = float(np.abs(self.P.T @ left / self.lengths).max(initial=0.0))
+        off -= ROUNDING * self.stiffness * float(np.abs(now.u).max(initial=0.0))
         support = float(np.abs(now.support).max(initial=0.0)) / self.extent
         return {
-            "balance": off / (size or 1.0),
+            "balance": max(off, 0.0) / (size or 1.0),
             "contact": self._violation(now, scale),
             "support": support,
         }
@@ -106,14 +108,15 @@ class StepProblem:
         law = ContactLaw(Coulomb(touch.friction), (1.0, 1.0), live, touch.bonded)
         state = State(None, mu, t, through, touch.slip.T / scale)
         size = max(float(np.abs(part).max(initial=0.0)) for part in (mu, t, np.maximum(through, 0)))
-        return law.violation(state) / (size or 1.0)
+        off = law.violation(state) - ROUNDING * self.extent / float(scale.min())
+        return max(off, 0.0) / (size or 1.0)
 
 
 def solve_step(
     step: StepProblem,
     start: tuple[Array, Array, Array, Touch | None],
     tol: float,
-    most: int = 30,
+    most: int = 20,
     report: Callable[[Iteration], None] = lambda line: None,
 ) -> tuple[Trial, Array]:
     """The solution of a step, and the scale of its points; `start` is (u, mu, t) and their touch.
@@ -171,10 +174,12 @@ class Linearised:
 
     def __init__(self, step: StepProblem, now: Trial) -> None:
         self._step, self._now, touch = step, now, now.touch
-        P, unit = step.P, sparse.diags_array(1.0 / step.lengths)
         K = Csr(step.tangent(now.u) + touch.force)
-        self._P = Csr(P @ unit)  # unknowns are lengths
-        A = sparse.csc_array(self._P.T @ K @ self._P)
+        A = Csr(step.P.T @ K @ step.P)
+        size = np.sqrt(np.abs(A.diagonal()))
+        unit = sparse.diags_array(1.0 / np.where(size > 0, size, 1.0))
+        self._P = Csr(step.P @ unit)  # the tangent has the diagonal one
+        scaled = sparse.csc_array(unit @ A @ unit)
         G, T = touch.G @ self._P, touch.T @ self._P
         live_n = norms(Csr(G)) > 1e-9 * norms(touch.G)
         live_t = norms(Csr(T)) > 1e-9 * norms(touch.T)
@@ -186,13 +191,12 @@ class Linearised:
         E = sparse.vstack([touch.tilted[live_n], touch.turned[live_t]], format="csr") @ self._P
         right = self._P.T @ (step.load - now.internal - K @ now.support)
         try:
-            factor = splu(A)
-            found = factor.solve(np.column_stack((right, B.T.toarray())))
-        except RuntimeError as error:
-            raise NotConverged(
-                "large strain: the tangent is singular; the body is not held, or it buckles: add a "
-                "support, or take smaller steps"
-            ) from error
+            factor = splu(scaled)
+        except RuntimeError:  # a pivot is zero
+            raise _singular() from None
+        if A.shape[0] and np.abs(factor.U.diagonal()).min() < SINGULAR:
+            raise _singular()
+        found = factor.solve(np.column_stack((right, B.T.toarray())))
         if not np.all(np.isfinite(found)):
             raise NotConverged("large strain: the tangent holds values that are not finite")
         self._response = found
@@ -231,6 +235,13 @@ class Linearised:
         return du, forces.mu / scale, forces.t / scale[:, None], (active, stick, slip)
 
 
+def _singular() -> NotConverged:
+    return NotConverged(
+        "large strain: the tangent is singular; the body is not held (contact alone does not hold "
+        "it), or it buckles: add a support, or take smaller steps"
+    )
+
+
 def carried(touch: Touch, like: Touch | None, mu: Array, t: Array) -> tuple[Array, Array]:
     """Forces on the points of a touch, by the tractions of the nearest points of another one."""
     if like is None or not mu.size or like.gap.size != mu.size:
@@ -243,24 +254,17 @@ def carried(touch: Touch, like: Touch | None, mu: Array, t: Array) -> tuple[Arra
 def boundary_forces(
     problem: BoundaryProblem, coefficient: Array, start: Forces, tol: float
 ) -> Forces:
-    """Contact forces of a condensed problem, by Newton's method or what the law falls back to."""
+    """Contact forces of a condensed problem by Newton's method; by its first step where it cycles,
+    as if bodies and contact were iterated simultaneously."""
     rubs = bool(np.any(coefficient > 0))
-    friction = Coulomb(coefficient) if rubs else Tresca(np.zeros(coefficient.size))
-    inner = LIMITS.inner * tol
+    laws = Condensed(problem, Coulomb(coefficient) if rubs else Tresca(np.zeros(coefficient.size)))
     try:
-        return newton(Condensed(problem, friction), start, tol=inner)
+        return newton(laws, start, tol=LIMITS.inner * tol)
     except (NotConverged, LinAlgError):
-        pass
-    options = Options.checked("coulomb" if rubs else None, 2, "newton", tol, None, None)
-    symmetric = replace(problem, W=0.5 * (problem.W + problem.W.T))
-    ones = np.ones(coefficient.size)
-    law: Any = friction if rubs else None
+        state = laws.state(start)
     try:
-        found, _ = solve_boundary(symmetric, law, options, start, ones, lambda line: None)
-    except Infeasible as error:
-        raise NotConverged(f"large strain: {error}") from error
-    except (LinAlgError, ContactError) as error:
+        return laws.step(state, laws.law.zones(state), "radial", laws.residual(state))
+    except LinAlgError as error:
         raise NotConverged(
-            f"large strain: the contact of an iterate has no solution; {error}"
+            f"large strain: the contact of an iterate is singular; {error}"
         ) from error
-    return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from contact.histories.load_history import as_path, checked_times
 from contact.histories.load_program import LoadProgram
 from contact.laws.iteration import Iteration
 from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
-from contact.nonlinear.cell_forces import det
+from contact.nonlinear.cell_forces import cofactor, det
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
 from contact.nonlinear.touching import ElasticSides, RigidSide, Touch, checked_obstacle, joined
@@ -30,6 +31,7 @@ Array = NDArray[np.float64]
 Csr = sparse.csr_array
 __all__ = ["NonlinearStepper"]
 logger = logging.getLogger(__name__)
+LARGEST_CHANGE = 0.6  # of the deformation gradient in a step that is not halved
 
 
 class NonlinearStepper(LoadProgram):
@@ -163,10 +165,23 @@ class NonlinearStepper(LoadProgram):
                 found.append(body.stiffness)
                 continue
             if not self._checked:
-                logger.info("%s", body.cells.check_complex(u[own], last.states[k], dt))
+                logger.info("%s", body.cells.check_tangent())
             found.append(body.cells.tangent(u[own], last.states[k], dt))
         self._checked = True
         return Csr(sparse.block_diag(found, format="csr"))
+
+    @cached_property
+    def _stiffness(self) -> float:
+        """Largest diagonal entry of the tangent of the undeformed bodies."""
+        found = []
+        for body, _ in self._bodies():
+            if isinstance(body, NonlinearBody):
+                rest = np.zeros(body.ndofs)
+                diagonal = body.cells.tangent(rest, body.cells.rest, 1.0).diagonal()
+            else:
+                diagonal = body.stiffness.diagonal()
+            found.append(float((np.abs(diagonal) / body.lengths[0] ** 2).max()))
+        return max(found)
 
     def _least_volume(self, u: Array) -> float:
         each = [
@@ -376,8 +391,11 @@ class NonlinearStepper(LoadProgram):
         return checksum(arrays | {f"vector/{i}": v for i, v in enumerate(vectors)})
 
     def _advance(self, last: Start, end: float, halvings: int) -> NonlinearResult:
+        failure: NotConverged | str = "the deformation changes too much for one step"
         try:
-            return self._solved(last, end)
+            result = self._solved(last, end)
+            if halvings == 0 or self._largest_change(last.u, result.u) <= LARGEST_CHANGE:
+                return result
         except NotConverged as error:
             if halvings == 0:
                 raise
@@ -386,6 +404,16 @@ class NonlinearStepper(LoadProgram):
         logger.info("t = %g: %s; halved, by way of t = %g", end, failure, middle)
         half = self._advance(last, middle, halvings - 1)
         return self._advance(half.end, end, halvings - 1)
+
+    def _largest_change(self, before: Array, now: Array) -> float:
+        """Largest norm of F_now F_before^-1 - I: other solutions of the same loads are far away."""
+        largest = 0.0
+        for body, own in self._bodies():
+            if isinstance(body, NonlinearBody):
+                one, other = (body.deformation_gradient(u[own]) for u in (before, now))
+                step = np.einsum("ij...,kj...->ik...", other - one, cofactor(one) / det(one))
+                largest = max(largest, float(np.sqrt((step**2).sum(axis=(0, 1))).max()))
+        return largest
 
     def _step_problem(self, last: Start, end: float) -> StepProblem:
         body, dt = self._body_at(end), end - last.time
@@ -397,6 +425,7 @@ class NonlinearStepper(LoadProgram):
             picked=Csr(sparse.block_diag([one.picked for one in body.bodies], format="csr")),
             lengths=np.concatenate([one.lengths[1] for one in body.bodies]),
             extent=body.extent,
+            stiffness=self._stiffness,
             internal=lambda u: self._internal(u, last, dt),
             tangent=lambda u: self._tangent(u, last, dt),
             touch=self._touch_at(last, end),

@@ -378,7 +378,7 @@ class Viscous:
     Attributes
     ----------
     state : dict
-        "h" and "Se", both (3, 3).
+        "relaxing" and "Se", both (3, 3).
 
     Raises
     ------
@@ -392,7 +392,7 @@ class Viscous:
     Examples
     --------
     >>> law = Viscous(NeoHooke(1.0, 9.0), g=0.5, tau=1.0)
-    >>> law.state["h"].shape
+    >>> law.state["relaxing"].shape
     (3, 3)
     """
 
@@ -402,7 +402,7 @@ class Viscous:
     state: dict[str, Any] = field(
         init=False,
         repr=False,
-        default_factory=lambda: {"h": np.zeros((3, 3)), "Se": np.zeros((3, 3))},
+        default_factory=lambda: {"relaxing": np.zeros((3, 3)), "Se": np.zeros((3, 3))},
     )
 
     def __post_init__(self) -> None:
@@ -417,5 +417,5 @@ class Viscous:
         elastic = _times(_turned(cofactor(F) / det(F)), self.law(F))
         x = dt / self.tau
         rate = -np.expm1(-x) / x if x > 0 else 1.0  # exact for a constant rate of S_e
-        h = np.exp(-x) * state["h"] + self.g * rate * (elastic - state["Se"])
-        return _times(F, (1 - self.g) * elastic + h), {"h": h, "Se": elastic}
+        h = np.exp(-x) * state["relaxing"] + self.g * rate * (elastic - state["Se"])
+        return _times(F, (1 - self.g) * elastic + h), {"relaxing": h, "Se": elastic}

@@ -1,14 +1,13 @@
 r"""Contact rows at the current positions, with their derivatives.
 
-Opposite a rigid obstacle with the signed distance g, hat functions of the boundary's vertices
-weight the gap and the displacements over the undeformed area:
+Opposite a rigid obstacle with the signed distance g the contact points are the nodes,
 
-.. math::
-    g_k = \frac{1}{w_k} \int N_k\, g(x + u), \qquad
-    u_{n,k} = \frac{1}{w_k} \int N_k\, n \cdot u, \qquad n = -\nabla g(x + u),
+.. math:: g_k = g(x_k + u_k), \qquad n = -\nabla g, \qquad w_k = \int N_k ,
 
-so that the virtual work of a uniform pressure is exact, and the forces are derivatives of
-:math:`\sum \mu_k g_k`. Between bodies the rows are `Interfaces.displaced`.
+with weights over the undeformed area: the forces are derivatives of :math:`\sum \mu_k g_k`, and
+those of a uniform pressure are exact. Elements with a node of no weight (P2 on faces, and on the
+axis of a ring) or with derivatives as dofs take the means of g, weighted by the hat functions of
+the vertices. Between bodies the rows are `Interfaces.displaced`.
 
 P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4 and 9."""
 
@@ -59,30 +58,37 @@ class RigidSide:
     """A boundary of one body opposite a rigid obstacle."""
 
     def __init__(self, body: Any, boundary: Any, friction: Any, start: int, total: int) -> None:
-        facets = body.whole_facets(boundary)
+        facets, mesh = body.whole_facets(boundary), body.mesh
         self.body, self._own, self._total = body, slice(start, start + body.ndofs), total
         order = 2 * body.element.maxdeg + 2
-        dofs = body.scalar_dofs
-        mesh = body.mesh
-        scalar = facet_basis(mesh, body.element, facets, intorder=order, dofs=dofs)
-        self._whole = facet_basis(
-            mesh, body.basis.elem, facets, intorder=order, dofs=body.basis.dofs
-        )
-        self._X = np.asarray(scalar.global_coordinates()).reshape(body.dim, -1)
-        self._dA = (scalar.dx * body.depth(np.asarray(scalar.global_coordinates()))).ravel()
-        self._phi = _trace(scalar, body, self._own.start, total)
-        vertices, number = np.unique(mesh.facets[:, facets], return_inverse=True)
-        number = number.reshape(-1, facets.size)
-        values = hats(np.asarray(scalar.quadrature[0]), len(number))
-        shape = (len(number), *scalar.dx.shape)
-        row = np.broadcast_to(number[:, :, None], shape)
-        column = np.broadcast_to(np.arange(self._dA.size).reshape(scalar.dx.shape), shape)
-        weighted = np.broadcast_to(values[:, None], shape) * self._dA.reshape(scalar.dx.shape)
-        place = row.ravel(), column.ravel()
-        size = vertices.size, self._dA.size
-        hat = Csr(sparse.coo_array((weighted.ravel(), place), shape=size))
-        self.weights = np.asarray(hat.sum(axis=1)).ravel()
-        self.mean = scaled(1.0 / self.weights, hat)
+        scalar = facet_basis(mesh, body.element, facets, intorder=order, dofs=body.scalar_dofs)
+        element, dofs = body.basis.elem, body.basis.dofs
+        self._whole = facet_basis(mesh, element, facets, intorder=order, dofs=dofs)
+        x = np.asarray(scalar.global_coordinates())
+        dA = (scalar.dx * body.depth(x)).ravel()
+        trace = _trace(scalar)
+        touched = np.unique(trace.indices)
+        self._share = Csr((trace.T @ sparse.diags_array(dA))[touched])  # N_k dA
+        self.weights = np.asarray(self._share.sum(axis=1)).ravel()
+        if body.are_values.all() and self.weights.min() > 1e-6 * self.weights.max():
+            self._X = body.basis.doflocs[:, body.dim * touched]
+            rows = sparse.eye_array(touched.size, format="csr")
+            self.mean, trace = (
+                Csr(rows),
+                Csr(sparse.eye_array(trace.shape[1], format="csr")[touched]),
+            )
+        else:
+            self._X = x.reshape(body.dim, -1)
+            self._share = _hats(mesh.facets[:, facets], scalar, dA)
+            self.weights = np.asarray(self._share.sum(axis=1)).ravel()
+            self.mean = scaled(1.0 / self.weights, self._share)
+        columns = [
+            self._own.start + body.dim * np.arange(trace.shape[1]) + c for c in range(body.dim)
+        ]
+        shape = trace.shape[0], total
+        self._phi = [
+            Csr((trace.data, at[trace.indices], trace.indptr), shape=shape) for at in columns
+        ]
         self.friction = friction_values(friction, self.mean_of(self._X))
         self.size = float(np.ptp(mesh.p, axis=1).max())
 
@@ -115,14 +121,14 @@ class RigidSide:
         return Touch(
             G,
             by_point(T),
-            self.mean @ gap,
+            np.asarray(self.mean @ gap),
             slips,
             Csr(G.shape),
             by_point(turned),
             self._force(stiff),
             self.friction,
             np.zeros(len(mu), dtype=bool),
-            self.mean @ self._stretch(u) * self.weights,
+            np.asarray(self._share @ self._stretch(u)),
             self.mean_of(y),
             mean_normal,
             tangent_frame(mean_normal),
@@ -175,17 +181,26 @@ class RigidSide:
         return np.asarray(motion.translation[:, None] + spin)
 
 
-def _trace(scalar: Any, body: Any, start: int, total: int) -> list[Csr]:
-    """Each component of the displacement at the points of a facet basis, (npoints, ndofs)."""
+def _trace(scalar: Any) -> Csr:
+    """Values of the scalar functions at the points of a facet basis, (npoints, scalar dofs)."""
     values = np.stack([np.broadcast_to(np.asarray(f[0]), scalar.dx.shape) for f in scalar.basis])
     point = np.broadcast_to(np.arange(scalar.dx.size).reshape(scalar.dx.shape), values.shape)
     column = np.broadcast_to(np.asarray(scalar.element_dofs)[:, :, None], values.shape)
-    keep = np.abs(values) > 1e-14  # functions that vanish on the facet, up to rounding
-    found = []
-    for c in range(body.dim):
-        place = point[keep], start + body.dim * column[keep] + c
-        found.append(Csr(sparse.coo_array((values[keep], place), shape=(scalar.dx.size, total))))
-    return found
+    keep = np.abs(values) > 1e-13  # functions that vanish on the facet, up to rounding
+    size = scalar.dx.size, scalar.dofs.N
+    return Csr(sparse.coo_array((values[keep], (point[keep], column[keep])), shape=size))
+
+
+def _hats(corners: Index, scalar: Any, dA: Array) -> Csr:
+    """Hat functions of the vertices of facets, times area, at the points, (vertices, npoints)."""
+    vertices, number = np.unique(corners, return_inverse=True)
+    values = hats(np.asarray(scalar.quadrature[0]), len(corners))
+    shape = (len(corners), *scalar.dx.shape)
+    row = np.broadcast_to(number.reshape(corners.shape)[:, :, None], shape)
+    column = np.broadcast_to(np.arange(dA.size).reshape(scalar.dx.shape), shape)
+    weighted = (values[:, None] * dA.reshape(scalar.dx.shape)).ravel()
+    place = row.ravel(), column.ravel()
+    return Csr(sparse.coo_array((weighted, place), shape=(vertices.size, dA.size)))
 
 
 def _frames(obstacle: Any, y: Array) -> tuple[Array, Array]:
