@@ -72,6 +72,9 @@ class NonlinearBody(ElasticBody):
     True
     """
 
+    E = property(lambda body: None, lambda body, value: body._set_material(E=value))
+    nu = property(lambda body: None, lambda body, value: body._set_material(nu=value))
+
     def __init__(
         self,
         basis: Basis,
@@ -97,7 +100,13 @@ class NonlinearBody(ElasticBody):
                 "plane stress mesh the thickness, or let the stress find F_33 itself"
             )
         ElasticBody.__init__(self, basis, E=1.0, nu=0.0, plane=plane)
-        self.reference = np.asarray(basis.dx)
+
+    def _set_material(self, **changed: Any) -> None:
+        if "_material" in self.__dict__:
+            raise InputError(
+                f"{', '.join(changed)}: a NonlinearBody's material is its stress; make a new body"
+            )
+        super()._set_material(**changed)
 
     @classmethod
     def from_mesh(  # type: ignore[override]

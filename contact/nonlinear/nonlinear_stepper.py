@@ -32,6 +32,7 @@ Csr = sparse.csr_array
 __all__ = ["NonlinearStepper"]
 logger = logging.getLogger(__name__)
 LARGEST_CHANGE = 0.6  # of the deformation gradient in a step that is not halved
+SMALL = 0.1  # mean displacement gradient of bodies of small strain
 
 
 class NonlinearStepper(LoadProgram):
@@ -119,6 +120,12 @@ class NonlinearStepper(LoadProgram):
         """Sides opposite rigid obstacles with their numbers, and pairs of bodies, then ties."""
         problem, body = self.problem, self.problem.body
         total, given = body.slices[-1].stop, problem.given_friction
+        if problem.functional is not None or any(
+            pair.functional is not None and not pair.two_bodies for pair in problem.pairs
+        ):
+            raise InputError(
+                "functional: in large strain the contact points are the nodes; leave it out"
+            )
         if not problem.pairs:
             several = getattr(problem.boundaries, "several", False)
             places: Any = problem.boundary if several else [problem.boundary]
@@ -133,14 +140,21 @@ class NonlinearStepper(LoadProgram):
         rigid, free, tied = [], list[Any](), list[Any]()
         for k, pair in enumerate(problem.pairs):
             if pair.two_bodies:
+                if pair.opposite.clearance is not None:
+                    raise InputError(
+                        "clearance: in large strain the gap is that between the meshes where the "
+                        "bodies are; leave clearance out"
+                    )
                 (tied if problem.rows.ties[problem.rows.part == k].any() else free).append(pair)
                 continue
             checked_obstacle(pair.opposite)
             number = body.number_of(pair.body)
             start = body.slices[number].start
-            rigid.append((k, RigidSide(pair.body, pair.boundary, pair.friction, start, total)))
-        if given is not None and np.any(given):
-            raise InputError("friction: give each Pair its own")
+            own = pair.friction if given is None else given
+            rigid.append((k, RigidSide(pair.body, pair.boundary, own, start, total)))
+        if given is not None:
+            finite_number("friction", given)
+            free = [replace(pair, friction=given) for pair in free]
         together = body if isinstance(body, Bodies) else Bodies([body])
         sides = [ElasticSides(Interfaces.of(together, part)) for part in (free, tied) if part]
         return rigid, sides
@@ -461,6 +475,7 @@ class NonlinearStepper(LoadProgram):
         if missed:
             said = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
             raise NotConverged(f"large strain: the step fails its certificate: {said}", lines)
+        self._refuse_large_rotations(u)
         ranges = [
             det(body.deformation_gradient(u[own], corners))
             for body, own in self._bodies()
@@ -484,6 +499,20 @@ class NonlinearStepper(LoadProgram):
         found["work"] = self._work_defect(u, now, last)
         values = (self.problem, end, u, now.mu, now.t, states, now.touch, now.internal, step.load)
         return NonlinearResult(*values, scale, found, lines, last)
+
+    def _refuse_large_rotations(self, u: Array) -> None:
+        """Raise InputError if a linear body strains or turns too much for its theory."""
+        for k, (body, own) in enumerate(self._bodies()):
+            if isinstance(body, NonlinearBody):
+                continue
+            H, dx = body.gradients(u[own]), body.measure
+            size = float(np.sqrt((np.sum(H**2, axis=(0, 1)) * dx).sum() / dx.sum()))
+            if size > SMALL:
+                raise InputError(
+                    f"bodies: the displacement gradient of {self.problem.body.called(k)}, an "
+                    f"ElasticBody, has the mean {size:.2g}, too large for small strains (up to "
+                    f"{SMALL}); take NonlinearBody.from_mesh(..., stress=SaintVenant(E, nu))"
+                )
 
     def _work_defect(self, u: Array, now: Trial, last: Start) -> float:
         """Work of the internal forces by the trapezoidal rule minus the change of energy, over the

@@ -19,6 +19,7 @@ from contact import (
     NonlinearBody,
     NonlinearStepper,
     NotConverged,
+    Pair,
     Plane,
     Plasticity,
     Rigid,
@@ -139,6 +140,18 @@ def work(v, w):
     return ddot(w["u"].grad, grad(v))
 
 
+def two_bodies(**more):
+    lower = body()
+    mesh = MeshQuad().refined(1).translated((0.0, 1.0)).with_defaults()
+    upper = ElasticBody.from_mesh(mesh, ElementQuad1(), E=1.0, nu=0.3).fix("top")
+    pair = Pair(upper.named("upper"), "bottom", lower, "top", **more)
+    return NonlinearStepper(ContactProblem([upper, lower], [pair]))
+
+
+def turned_linear_body():
+    return two_bodies().move("top", "x", lambda x: 0.3 * x[0], body="upper").run([1.0])
+
+
 BAD = {
     "stress: expected a function": lambda: body(stress=3.0),
     "plane='stress'": lambda: body(plane="stress"),
@@ -164,6 +177,10 @@ BAD = {
     "a Rigid moves by small": lambda: NonlinearStepper(problem(obstacle=Rigid(FLOOR[2], (0, 0.1)))),
     "Coulomb's law or none": lambda: NonlinearStepper(problem(friction=0.1, law="tresca")),
     "and hard contact": lambda: NonlinearStepper(problem(overclosure=1.0)),
+    "functional: in large": lambda: NonlinearStepper(problem(functional="nodal")),
+    "E: a NonlinearBody's material": lambda: setattr(body(), "E", 2.0),
+    "too large for small strains": turned_linear_body,
+    "clearance: in large": lambda: two_bodies(clearance=0.1),
     "tol=": lambda: NonlinearStepper(problem(), tol=0.1),
     "time=": lambda: NonlinearStepper(problem()).step(0.0),
     "expected P of the shape": lambda: NonlinearStepper(
