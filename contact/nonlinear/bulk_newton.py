@@ -38,6 +38,7 @@ from contact.nonlinear.touching import Touch
 Array = NDArray[np.float64]
 Csr = sparse.csr_array
 ROUNDING = 50 * float(np.finfo(float).eps)  # of sums of some hundred terms
+REACH = 0.05  # gaps beyond this part of the body are taken up once they close
 SINGULAR = 1e-13  # pivots of a matrix with a diagonal of one that are rounding errors
 
 
@@ -181,8 +182,11 @@ class Linearised:
         self._P = Csr(step.P @ unit)  # the tangent has the diagonal one
         scaled = sparse.csc_array(unit @ A @ unit)
         G, T = touch.G @ self._P, touch.T @ self._P
-        live_n = norms(Csr(G)) > 1e-9 * norms(touch.G)
-        live_t = norms(Csr(T)) > 1e-9 * norms(touch.T)
+        near = now.mu > 0
+        near |= touch.bonded | (touch.gap <= REACH * step.extent + 2 * np.abs(now.support).max())
+        rubs = np.repeat(near & ((touch.friction > 0) | touch.bonded), touch.slip.shape[1])
+        live_n = near & (norms(Csr(G)) > 1e-9 * norms(touch.G))
+        live_t = rubs & (norms(Csr(T)) > 1e-9 * norms(touch.T))
         m = touch.gap.size
         normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
         tangent = np.where(live_t, live_n.sum() + np.cumsum(live_t) - 1, -1)
@@ -203,7 +207,10 @@ class Linearised:
         self._W = (B + E) @ found[:, 1:]
         diagonal = np.maximum(np.diag(self._W), 0.0)
         self._of_rows = self._points.lengths(diagonal) if diagonal.size else diagonal
-        self.scale = self._points.of_points(self._of_rows) if diagonal.size else np.ones(m)
+        self._near, self.scale = near, np.ones(m)
+        if diagonal.size:
+            self.scale = self._points.of_points(self._of_rows)
+            self.scale[~live_n] = self.scale[live_n].mean() if live_n.any() else self.scale.mean()
 
     def solved(self, tol: float) -> tuple[Array, Array, Array, tuple[int, int, int]]:
         """Change of u, new mu and t, and the numbers of active, sticking and slipping points."""
@@ -219,7 +226,7 @@ class Linearised:
             v0=v0,
             C=np.zeros((v0.size, 0)),
             s=np.zeros(0),
-            gap=touch.gap / scale,
+            gap=np.where(self._near, touch.gap, np.inf) / scale,
             normal=self._points.normal,
             tangent=self._points.tangent,
             prescribed_slip=u_t / scale[:, None],
