@@ -106,6 +106,7 @@ class StepProblem:
             norms(touch.T @ self.P).reshape(t.T.shape).T
             > 1e-9 * norms(touch.T).reshape(t.T.shape).T
         )
+        live = live.reshape(now.t.shape).T
         law = ContactLaw(Coulomb(touch.friction), (1.0, 1.0), live, touch.bonded)
         state = State(None, mu, t, through, touch.slip.T / scale)
         size = max(float(np.abs(part).max(initial=0.0)) for part in (mu, t, np.maximum(through, 0)))

@@ -315,3 +315,11 @@ def cofactor(F: Any) -> Any:
 def det(F: Any) -> Any:
     """Determinants of tensors (3, 3, ...)."""
     return (F[0] * np.cross(F[1], F[2], axis=0)).sum(axis=0)
+
+
+def with_unit(H: Array) -> Array:
+    """F (3, 3, ...) from the displacement gradient (2, 2, ...) or (3, 3, ...)."""
+    F = np.zeros((3, 3, *H.shape[2:]))
+    F[: len(H), : len(H)] = H
+    F[np.arange(3), np.arange(3)] += 1.0
+    return F

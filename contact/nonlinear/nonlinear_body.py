@@ -15,7 +15,7 @@ from contact.body.boundary_names import read_mesh
 from contact.body.elastic_body import ElasticBody
 from contact.body.vector_element import vector_element
 from contact.errors import InputError
-from contact.nonlinear.cell_forces import CellForces, FormForces, StressForces, det
+from contact.nonlinear.cell_forces import CellForces, FormForces, StressForces, det, with_unit
 
 Array = NDArray[np.float64]
 __all__ = ["NonlinearBody"]
@@ -238,13 +238,8 @@ class NonlinearBody(ElasticBody):
             corners = self.mesh.elem.refdom.p
             rule = corners, np.ones(corners.shape[1])
             basis = Basis(self.mesh, basis.elem, quadrature=rule, dofs=basis.dofs)
-        field = basis.interpolate(u)
         x = np.asarray(basis.global_coordinates())
-        H = self.in_space(field, x)
-        F = np.zeros((3, 3, *H.shape[2:]))
-        F[: len(H), : len(H)] = H
-        F[np.arange(3), np.arange(3)] += 1.0
-        return F
+        return with_unit(self.in_space(basis.interpolate(u), x))
 
     def cauchy_stress(self, u: Array, state: dict[str, Array], dt: float = 0.0) -> Array:
         """Cauchy stress at the quadrature points, shape (3, 3, ncells, npoints).

@@ -142,10 +142,13 @@ class NonlinearResult:
     @property
     def resultant(self) -> Array:
         """Force of contact on the first body, shape (dim,)."""
-        forces = -(self.touch.G.T @ self.mu + self.touch.T.T @ self.t.ravel())
         body = self.problem.body
-        one = body.bodies[0]
-        return np.asarray(_total(one, forces[body.slices[0]]))
+        return -_total(body.bodies[0], self._contact[body.slices[0]])
+
+    @property
+    def _contact(self) -> Array:
+        """Contact forces on all dofs, with the opposite sign."""
+        return np.asarray(self.touch.G.T @ self.mu + self.touch.T.T @ self.t.ravel())
 
     def reaction(self, boundary: Any, body: Any = None) -> Array:
         """Force of the supports on a boundary, shape (dim,).
@@ -170,10 +173,9 @@ class NonlinearResult:
             raise InputError("body: there are several; say which")
         k = 0 if body is None else together.number_of(body)
         one, own = together.bodies[k], together.slices[k]
-        contact = self.touch.G.T @ self.mu + self.touch.T.T @ self.t.ravel()
-        forces = (self.internal - self.load + contact)[own]
+        forces = (self.internal - self.load + self._contact)[own]
         dofs = one.basis.get_dofs(one.facets(boundary)).all()
-        return np.asarray(_total(one, np.where(np.isin(np.arange(forces.size), dofs), forces, 0.0)))
+        return _total(one, np.where(np.isin(np.arange(forces.size), dofs), forces, 0.0))
 
     def of_body(self, body: Any = None) -> tuple[Any, Array]:
         """A body and its part of u.

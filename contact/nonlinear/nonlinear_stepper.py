@@ -197,13 +197,16 @@ class NonlinearStepper(LoadProgram):
             found.append(float((np.abs(diagonal) / body.lengths[0] ** 2).max()))
         return max(found)
 
-    def _least_volume(self, u: Array) -> float:
-        each = [
-            float(det(body.deformation_gradient(u[own])).min())
+    def _gradients(self, u: Array, corners: bool = False) -> list[Array]:
+        """F of each nonlinear body."""
+        return [
+            body.deformation_gradient(u[own], corners)
             for body, own in self._bodies()
             if isinstance(body, NonlinearBody)
         ]
-        return min(each)
+
+    def _least_volume(self, u: Array) -> float:
+        return min(float(det(F).min()) for F in self._gradients(u))
 
     def _touch_at(self, last: Start, end: float) -> Callable[[Array, Array, Array], Touch]:
         """The rows of all sides as a function of u and the forces."""
@@ -422,11 +425,9 @@ class NonlinearStepper(LoadProgram):
     def _largest_change(self, before: Array, now: Array) -> float:
         """Largest norm of F_now F_before^-1 - I: other solutions of the same loads are far away."""
         largest = 0.0
-        for body, own in self._bodies():
-            if isinstance(body, NonlinearBody):
-                one, other = (body.deformation_gradient(u[own]) for u in (before, now))
-                step = np.einsum("ij...,kj...->ik...", other - one, cofactor(one) / det(one))
-                largest = max(largest, float(np.sqrt((step**2).sum(axis=(0, 1))).max()))
+        for one, other in zip(self._gradients(before), self._gradients(now), strict=True):
+            step = np.einsum("ij...,kj...->ik...", other - one, cofactor(one) / det(one))
+            largest = max(largest, float(np.sqrt((step**2).sum(axis=(0, 1))).max()))
         return largest
 
     def _step_problem(self, last: Start, end: float) -> StepProblem:
@@ -476,12 +477,7 @@ class NonlinearStepper(LoadProgram):
             said = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
             raise NotConverged(f"large strain: the step fails its certificate: {said}", lines)
         self._refuse_large_rotations(u)
-        ranges = [
-            det(body.deformation_gradient(u[own], corners))
-            for body, own in self._bodies()
-            if isinstance(body, NonlinearBody)
-            for corners in (False, True)
-        ]
+        ranges = [det(F) for corners in (False, True) for F in self._gradients(u, corners)]
         found["det_F_min"] = min(float(J.min()) for J in ranges)
         found["det_F_max"] = max(float(J.max()) for J in ranges)
         if not found["det_F_min"] > 0.0:

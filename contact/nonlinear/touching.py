@@ -22,7 +22,7 @@ from scipy import sparse
 
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
-from contact.nonlinear.cell_forces import cofactor
+from contact.nonlinear.cell_forces import cofactor, with_unit
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import motion_between, said_motion, unknown_motion
 from contact.rows.contact_boundaries import friction_values
@@ -151,11 +151,8 @@ class RigidSide:
     def _stretch(self, u: Array) -> Array:
         """Current over undeformed area at the points of the facets."""
         basis, body = self._whole, self.body
-        field = basis.interpolate(u[self._own])
-        H = body.in_space(field, np.asarray(basis.global_coordinates()))
-        F = np.zeros((3, 3, *H.shape[2:]))
-        F[: len(H), : len(H)] = H
-        F[np.arange(3), np.arange(3)] += 1.0
+        field, x = basis.interpolate(u[self._own]), np.asarray(basis.global_coordinates())
+        F = with_unit(body.in_space(field, x))
         normals = np.asarray(basis.normals)
         along = np.einsum("ij...,j...->i...", cofactor(F)[:, : len(normals)], normals)
         return np.asarray(np.linalg.norm(along, axis=0)).ravel()
