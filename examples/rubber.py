@@ -31,9 +31,9 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
     (shape, curve), histories, n = figure.subplots(1, 2), {}, options.cells
     for friction, held in ((0.0, "y"), (0.4, "xy")):
         mesh = MeshQuad.init_tensor(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1))
-        body = NonlinearBody.from_mesh(
-            mesh.with_defaults(), ElementQuad1(), stress=LAW, plane="axisymmetric", dilatation="mean"
-        ).fix("top", held)
+        kind = {"stress": LAW, "plane": "axisymmetric", "dilatation": "mean"}
+        body = NonlinearBody.from_mesh(mesh.with_defaults(), ElementQuad1(), **kind)
+        body.fix("top", held)
         stepper = NonlinearStepper(ContactProblem(body, ["bottom", "right"], FLOOR, friction))
         histories[friction] = stepper.move("top", "y", -0.3).run(np.linspace(0.1, 1.0, 10))
         force = -histories[friction].curve("top")[:, 1]

@@ -251,8 +251,7 @@ class NonlinearResult:
         ax = axes_of(ax)
         for one in self.problem.body.bodies:
             _draw(ax, *self.of_body(one))
-        held = self.mu > 0
-        ax.scatter(*self.x[:, held], c="#d1495b", s=9, zorder=3, label="in contact")
+        ax.scatter(*self.x[:, self.mu > 0], c="#d1495b", s=9, zorder=3)
         ax.set_aspect("equal")
         ax.autoscale_view()
         return ax

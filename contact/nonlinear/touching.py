@@ -163,14 +163,10 @@ class RigidSide:
         given = said_motion(said, dim)
         if given is not None:
             return np.broadcast_to(given[:, None], y.shape)
-        if now is before:
-            return np.zeros_like(y)
-        motion = motion_between(before, now)
-        if motion is None:
-            if np.any(self.friction > 0):
-                raise unknown_motion(before, now)
-            return np.zeros_like(y)
-        if motion.still:
+        motion = None if now is before else motion_between(before, now)
+        if motion is None and now is not before and np.any(self.friction > 0):
+            raise unknown_motion(before, now)
+        if motion is None or motion.still:
             return np.zeros_like(y)
         off = y - motion.about[:, None]
         turn = motion.rotation
