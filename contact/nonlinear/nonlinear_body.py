@@ -68,7 +68,7 @@ class NonlinearBody(ElasticBody):
     >>> body = NonlinearBody.from_mesh(mesh, stress=rubber).fix("left", "x").fix("top", "y")
     >>> problem = ContactProblem(body, "bottom", Plane((0.0, 0.0), (0.0, 1.0)), friction=0.3)
     >>> history = NonlinearStepper(problem).move("top", "y", -0.3).run([0.5, 1.0])
-    >>> bool(history.results[-1].certificate["det_F_min"] > 0.7)
+    >>> history.results[-1].certificate["balance"] < 1e-9
     True
     """
 
