@@ -33,6 +33,17 @@ from contact.laws.iteration import Iteration
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.status import Status
 from contact.laws.wear import Wear
+from contact.nonlinear.nonlinear_body import NonlinearBody
+from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult
+from contact.nonlinear.nonlinear_stepper import NonlinearStepper
+from contact.nonlinear.point_laws import (
+    FinitePlasticity,
+    MooneyRivlin,
+    NeoHooke,
+    Plasticity,
+    SaintVenant,
+    Viscous,
+)
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rough import Rough, self_affine
 from contact.obstacles.shapes import ClosestPoint, Cone, Cylinder, Moved, Parabola, Plane, Sphere
@@ -75,6 +86,7 @@ __all__ = [
     "DynamicStep",
     "DynamicStepper",
     "ElasticBody",
+    "FinitePlasticity",
     "GridContact",
     "GridResult",
     "HalfSpace",
@@ -89,17 +101,25 @@ __all__ = [
     "LoadStep",
     "LoadStepper",
     "MissingDependency",
+    "MooneyRivlin",
     "Moved",
+    "NeoHooke",
     "NoEquilibrium",
+    "NonlinearBody",
+    "NonlinearHistory",
+    "NonlinearResult",
+    "NonlinearStepper",
     "NotConverged",
     "Orthotropic",
     "Pair",
     "Parabola",
     "PeriodicLayers",
     "Plane",
+    "Plasticity",
     "PressureOverclosure",
     "Rigid",
     "Rough",
+    "SaintVenant",
     "SignedDistance",
     "Slice",
     "Sphere",
@@ -111,6 +131,7 @@ __all__ = [
     "Tie",
     "Unbounded",
     "Uniqueness",
+    "Viscous",
     "Wear",
     "cross_check",
     "recheck",

@@ -16,8 +16,8 @@ from sphinx.util import logging
 
 ROOT = Path(__file__).resolve().parents[1]
 GROUPS = {
-    "Contact": "contact_part contact_block surface_mesh rolling rough_surface cut_hertz "
-    "layered_block bumper_mesh contact_impact adhesion hard_surface wear_pin "
+    "Contact": "contact_part contact_block rubber surface_mesh rolling rough_surface "
+    "cut_hertz layered_block bumper_mesh contact_impact adhesion hard_surface wear_pin "
     "identify_friction punch_shape",
     "Bodies that touch each other": "lap_joint ironing validation_two_cylinders shrink_fit "
     "tied_meshes hot_contact",

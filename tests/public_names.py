@@ -57,6 +57,9 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.DistributedBody": ("fix", "load", "body_force", "gather"),
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),
+    "contact.NonlinearHistory": (),
+    "contact.NonlinearResult": (),
+    "contact.NonlinearStepper": (),
     "cip.Grid": (),
     "cip.Source": ("from_expression", "from_snapshots", "with_parameters"),
     "cip.Velocity": ("from_expression", "from_snapshots", "from_xarray", "with_parameters"),
@@ -77,6 +80,7 @@ _REASONS = {
         skfem_adini.FieldLevelSet skfem_adini.LevelSet skfem_adini.NearNullSpace skfem_adini.Polygon
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
         contact.BodyResult contact.GridResult contact.Surface contact.LoadHistory contact.LoadStep
+        contact.NonlinearHistory contact.NonlinearResult
         contact.DynamicHistory contact.DynamicStep
         contact.Status contact.Slice contact.ThermalResult
         contact.Uniqueness cip.Budget cip.Diagnostics cip.Sensors

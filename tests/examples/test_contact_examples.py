@@ -62,6 +62,12 @@ def test_a_real_part_from_a_mesh_file(example, tmp_path):
 
 
 @pytest.mark.slow
+def test_rubber(run):
+    found = run("rubber", "--cells", "4", files=["rubber.png"])
+    assert abs(found.forces[0.0] - found.exact) <= 1e-8 * found.exact
+    assert found.forces[0.4] > 1.2 * found.exact  # friction resists bulging
+
+
 def test_ironing(run, example):
     """Full slip to and fro, and energy that balances up to the rule for integrals."""
     script = example("ironing")

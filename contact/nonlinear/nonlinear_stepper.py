@@ -1,0 +1,526 @@
+"""Histories of bodies of large strain in contact: Newton's method, step cuts, certificates."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from contact.body.several_bodies import Bodies
+from contact.errors import InputError, NotConverged
+from contact.histories.load_history import as_path, checked_times
+from contact.histories.load_program import LoadProgram
+from contact.laws.iteration import Iteration
+from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
+from contact.nonlinear.cell_forces import cofactor, det
+from contact.nonlinear.nonlinear_body import NonlinearBody
+from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
+from contact.nonlinear.touching import ElasticSides, RigidSide, Touch, checked_obstacle, joined
+from contact.rows.interfaces import Interfaces
+from skfem_adini.ground.archives import checksum, read_arrays, write_arrays
+from skfem_adini.ground.arguments import finite_number, integer
+
+Array = NDArray[np.float64]
+Csr = sparse.csr_array
+__all__ = ["NonlinearStepper"]
+logger = logging.getLogger(__name__)
+LARGEST_CHANGE = 0.6  # of the deformation gradient in a step that is not halved
+SMALL = 0.1  # mean displacement gradient of bodies of small strain
+
+
+class NonlinearStepper(LoadProgram):
+    """Quasi-static steps of bodies of large strain in contact, on the current configuration.
+
+    Contact acts at the current places, along the current normal of the obstacle, on current areas;
+    friction opposes the slip since the last step. Each step is solved for bodies and contact
+    together by Newton's method (`contact.nonlinear.bulk_newton`), certified by residuals that are
+    recomputed from the forms, and halved where it does not converge. The state of the material
+    changes only where a step is accepted.
+
+    `load`, `move`, `obstacle`, ... add what varies in time, as for `LoadStepper`.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+        With at least one `NonlinearBody`; others may be `ElasticBody`, of small strains and
+        rotations. Obstacles are shapes with a place, friction is Coulomb's.
+    tol : float
+        Every relative residual of the certificate is at most this.
+    halvings : int
+        How often a step may be halved.
+
+    Attributes
+    ----------
+    history : NonlinearHistory
+        The finished steps; `run` goes on from there.
+
+    Raises
+    ------
+    InputError
+        Another problem, an obstacle without a distance, given friction or compliant surfaces.
+
+    References
+    ----------
+    P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4, 9 and 10.
+
+    Examples
+    --------
+    A block of rubber, pressed by a fifth and dragged:
+
+    >>> from contact import ContactProblem, NeoHooke, NonlinearBody, Plane
+    >>> from skfem import MeshQuad
+    >>> mesh = MeshQuad().refined(2).with_defaults()
+    >>> body = NonlinearBody.from_mesh(mesh, stress=NeoHooke(mu=1.0, lam=9.0)).fix("top", "xy")
+    >>> problem = ContactProblem(body, "bottom", Plane((0.0, 0.0), (0.0, 1.0)), friction=0.1)
+    >>> stepper = NonlinearStepper(problem).move("top", "y", -0.2, lambda t: min(t, 1.0))
+    >>> _ = stepper.move("top", "x", 0.5, lambda t: max(t - 1.0, 0.0))
+    >>> last = stepper.run([0.5, 1.0, 1.5, 2.0]).results[-1]
+    >>> ratio = last.resultant[0] / last.resultant[1]
+    >>> round(float(ratio), 6)
+    -0.1
+    """
+
+    def __init__(self, problem: Any, *, tol: float = 1e-9, halvings: int = 6) -> None:
+        from contact.problem.contact_problem import ContactProblem
+
+        if not isinstance(problem, ContactProblem):
+            raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
+        bodies = problem.body.bodies
+        if not any(isinstance(body, NonlinearBody) for body in bodies):
+            raise InputError("problem: it has no NonlinearBody; take LoadStepper")
+        for body in bodies:
+            if not hasattr(body, "basis"):
+                raise InputError(
+                    f"problem: a {type(body).__name__} does not go with a NonlinearBody; take "
+                    "ElasticBody"
+                )
+        if problem.law == "tresca" or any(law is not None for law in problem.overclosure):
+            raise InputError(
+                "problem: large strain takes Coulomb's law or none, and hard contact; leave "
+                "law='tresca' and overclosure out"
+            )
+        finite_number("tol", tol)
+        if not 0.0 < tol < 1e-3:
+            raise InputError(f"tol={tol!r}: expected a number between 0 and 1e-3")
+        integer("halvings", halvings, 0)
+        super().__init__(problem)
+        self.tol, self.halvings = tol, halvings
+        self.history = NonlinearHistory(np.zeros(0), ())
+        self._sides, self._elastic = self._read_sides()
+        self._checked = False
+
+    def _read_sides(self) -> tuple[list[tuple[int, RigidSide]], list[ElasticSides]]:
+        """Sides opposite rigid obstacles with their numbers, and pairs of bodies, then ties."""
+        problem, body = self.problem, self.problem.body
+        total, given = body.slices[-1].stop, problem.given_friction
+        if problem.functional is not None or any(
+            pair.functional is not None and not pair.two_bodies for pair in problem.pairs
+        ):
+            raise InputError(
+                "functional: in large strain the contact points are the nodes; leave it out"
+            )
+        if not problem.pairs:
+            several = getattr(problem.boundaries, "several", False)
+            places: Any = problem.boundary if several else [problem.boundary]
+            friction = given if several and isinstance(given, list | tuple) else None
+            each = friction or [given] * len(places)
+            for one in problem.opposite if several else [problem.opposite]:
+                checked_obstacle(one)
+            return [
+                (k, RigidSide(body, place, f, 0, total))
+                for k, (place, f) in enumerate(zip(places, each, strict=True))
+            ], []
+        rigid, free, tied = [], list[Any](), list[Any]()
+        for k, pair in enumerate(problem.pairs):
+            if pair.two_bodies:
+                if pair.opposite.clearance is not None:
+                    raise InputError(
+                        "clearance: in large strain the gap is that between the meshes where the "
+                        "bodies are; leave clearance out"
+                    )
+                (tied if problem.rows.ties[problem.rows.part == k].any() else free).append(pair)
+                continue
+            checked_obstacle(pair.opposite)
+            number = body.number_of(pair.body)
+            start = body.slices[number].start
+            own = pair.friction if given is None else given
+            rigid.append((k, RigidSide(pair.body, pair.boundary, own, start, total)))
+        if given is not None:
+            finite_number("friction", given)
+            free = [replace(pair, friction=given) for pair in free]
+        together = body if isinstance(body, Bodies) else Bodies([body])
+        sides = [ElasticSides(Interfaces.of(together, part)) for part in (free, tied) if part]
+        return rigid, sides
+
+    def _bodies(self) -> list[tuple[Any, slice]]:
+        return list(zip(self.problem.body.bodies, self.problem.body.slices, strict=True))
+
+    def _internal(self, u: Array, last: Start, dt: float, recomputed: bool = False) -> Array:
+        found = []
+        for k, (body, own) in enumerate(self._bodies()):
+            if isinstance(body, NonlinearBody):
+                of = body.cells.recomputed if recomputed else body.cells.at
+                found.append(of(u[own], last.states[k], dt))
+            else:
+                found.append(np.asarray(body.stiffness @ u[own]))
+        return np.concatenate(found)
+
+    def _tangent(self, u: Array, last: Start, dt: float) -> Csr:
+        found = []
+        for k, (body, own) in enumerate(self._bodies()):
+            if not isinstance(body, NonlinearBody):
+                found.append(body.stiffness)
+                continue
+            if not self._checked:
+                logger.info("%s", body.cells.check_tangent())
+            found.append(body.cells.tangent(u[own], last.states[k], dt))
+        self._checked = True
+        return Csr(sparse.block_diag(found, format="csr"))
+
+    @cached_property
+    def _stiffness(self) -> float:
+        """Largest diagonal entry of the tangent of the undeformed bodies."""
+        found = []
+        for body, _ in self._bodies():
+            if isinstance(body, NonlinearBody):
+                rest = np.zeros(body.ndofs)
+                diagonal = body.cells.tangent(rest, body.cells.rest, 1.0).diagonal()
+            else:
+                diagonal = body.stiffness.diagonal()
+            found.append(float((np.abs(diagonal) / body.lengths[0] ** 2).max()))
+        return max(found)
+
+    def _gradients(self, u: Array, corners: bool = False) -> list[Array]:
+        """F of each nonlinear body."""
+        return [
+            body.deformation_gradient(u[own], corners)
+            for body, own in self._bodies()
+            if isinstance(body, NonlinearBody)
+        ]
+
+    def _least_volume(self, u: Array) -> float:
+        return min(float(det(F).min()) for F in self._gradients(u))
+
+    def _touch_at(self, last: Start, end: float) -> Callable[[Array, Array, Array], Touch]:
+        """The rows of all sides as a function of u and the forces."""
+        begin = last.time if last.touch is not None else np.nan
+        before, now = self._obstacle_at(begin), self._obstacle_at(end)
+        said = self._said_between(begin, end)
+        several = isinstance(now, list)
+
+        def touch(u: Array, mu: Array, t: Array) -> Touch:
+            parts, start = [], 0
+            for k, side in self._sides:
+                own = slice(start, start + side.weights.size)
+                start = own.stop
+                pair = (before[k], now[k]) if several else (before, now)
+                there = said[k] if isinstance(said, list) and several else said
+                forces = mu[own], t[own]
+                if mu.size < own.stop:
+                    forces = np.zeros(side.weights.size), np.zeros((side.weights.size, self._slips))
+                parts.append(side.at(u, last.u, forces, pair, there))
+            for elastic in self._elastic:
+                parts.append(elastic.at(u, last.u, (mu[start:], t[start:])))
+                start += parts[-1].gap.size
+            return joined(parts)
+
+        return touch
+
+    @property
+    def _slips(self) -> int:
+        return int(self.problem.body.dim - 1)
+
+    def _start(self) -> Start:
+        """The end of the last step, or the undeformed bodies."""
+        if len(self.history):
+            return self.history.results[-1].end
+        bodies = self._bodies()
+        states = tuple(
+            body.cells.rest if isinstance(body, NonlinearBody) else {} for body, _ in bodies
+        )
+        u, forces = np.zeros(bodies[-1][1].stop), (np.zeros(0), np.zeros((0, self._slips)))
+        rest = Start(0.0, u, *forces, states, None, u)
+        return replace(rest, internal=self._internal(u, rest, 0.0))
+
+    def step(self, time: float) -> NonlinearResult:
+        """Solve one step, the next of the history, and keep it.
+
+        Parameters
+        ----------
+        time : float
+            Later than that of the last step; steps of viscous bodies take this much time. The first
+            step starts at 0.
+
+        Returns
+        -------
+        NonlinearResult
+
+        Raises
+        ------
+        InputError
+            The time is not later than that of the last step.
+        NotConverged
+            Not even steps halved `halvings` times converge; the history holds what was finished.
+        """
+        finite_number("time", time)
+        times = self.history.times
+        if time <= (times[-1] if times.size else 0.0):
+            raise InputError(f"time={time!r}: expected one later than the last step, or than 0")
+        result = self._advance(self._start(), float(time), self.halvings)
+        done = np.append(times, float(time))
+        self.history = NonlinearHistory(done, (*self.history.results, result))
+        return result
+
+    def run(
+        self,
+        times: ArrayLike,
+        *,
+        path: str | Path | None = None,
+        callback: Callable[[NonlinearResult], None] | None = None,
+    ) -> NonlinearHistory:
+        """Solve a step at each of the times.
+
+        Parameters
+        ----------
+        times : array, shape (n,)
+            Increasing, from above 0 or the last finished step.
+        path : str or Path, optional
+            A folder that gets a file for each finished step, for `resume`.
+        callback : callable, optional
+            Receives each `NonlinearResult`.
+
+        Returns
+        -------
+        NonlinearHistory
+
+        Raises
+        ------
+        InputError
+            Times that do not increase, or a folder that holds steps already.
+        NotConverged
+            See `step`.
+        """
+        schedule = checked_times(times, self.history.times)
+        folder = None if path is None else as_path(path)
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            if not len(self.history) and any(folder.glob("step_*.npz")):
+                raise InputError(f"path: {folder} holds a history already; resume(path) goes on")
+            for k, result in enumerate(self.history.results):
+                self._write(folder, k, result)
+        for time in schedule:
+            result = self.step(float(time))
+            if folder is not None:
+                self._write(folder, len(self.history) - 1, result)
+            if callback is not None:
+                callback(result)
+        return self.history
+
+    def resume(self, path: str | Path, times: ArrayLike) -> NonlinearHistory:
+        """Take over the finished steps of an interrupted `run`, certify them, and go on.
+
+        Parameters
+        ----------
+        path : str or Path
+            The folder that was given to `run`; the stepper is built as it was then.
+        times : array, shape (n,)
+            All times of the run, finished ones included.
+
+        Returns
+        -------
+        NonlinearHistory
+
+        Raises
+        ------
+        InputError
+            The folder holds steps of another problem, or of other times.
+        """
+        folder, schedule = as_path(path), checked_times(times, np.zeros(0))
+        self.history = NonlinearHistory(np.zeros(0), ())
+        for k, file in enumerate(sorted(folder.glob("step_*.npz"))):
+            known, _ = read_arrays(file)
+            another = InputError(f"path: {file} is a step of another problem, or of other times")
+            if k >= schedule.size or str(known["of"]) != self._fingerprint():
+                raise another
+            if float(known["time"]) != schedule[k]:
+                raise another
+            result = self._read(known)
+            self.history = NonlinearHistory(schedule[: k + 1], (*self.history.results, result))
+        left = schedule[len(self.history) :]
+        return self.run(left, path=folder) if left.size else self.history
+
+    def _write(self, folder: Path, k: int, result: NonlinearResult) -> None:
+        """Write a step: its end, and what its last part started from."""
+        arrays = {"time": np.array(result.time), "of": np.array(self._fingerprint())}
+        arrays["scale"] = result.scale
+        for name, point in (("begin", result.before), ("end", result.end)):
+            arrays[f"{name}/time"] = np.array(point.time)
+            arrays |= {f"{name}/{n}": getattr(point, n) for n in ("u", "mu", "t", "internal")}
+            for number, state in enumerate(point.states):
+                arrays |= {f"{name}/{number}/{n}": value for n, value in state.items()}
+        write_arrays(folder / f"step_{k:05d}.npz", arrays)
+
+    def _read(self, known: dict[str, Any]) -> NonlinearResult:
+        """A step from a file, certified anew."""
+        begin, end = (
+            Start(
+                float(known[f"{name}/time"]),
+                known[f"{name}/u"],
+                known[f"{name}/mu"],
+                known[f"{name}/t"],
+                tuple(
+                    {n: known[f"{name}/{k}/{n}"] for n in body.cells.rest}
+                    if isinstance(body, NonlinearBody)
+                    else {}
+                    for k, (body, _) in enumerate(self._bodies())
+                ),
+                None,
+                known[f"{name}/internal"],
+            )
+            for name in ("begin", "end")
+        )
+        step = self._step_problem(begin, end.time)
+        trial = step.trial(end.u, end.mu, end.t)
+        return self._certified(step, begin, end.time, trial, known["scale"], ())
+
+    def _fingerprint(self) -> str:
+        """Checksum of the problem, of its program's vectors, and of sample stresses."""
+        arrays: dict[str, Array] = {"friction": self.problem.friction}
+        rng = np.random.default_rng(1)
+        for k, (body, _) in enumerate(self._bodies()):
+            arrays |= {f"{k}/p": body.mesh.p, f"{k}/t": body.mesh.t, f"{k}/f": body.f}
+            u = 1e-3 * body.extent / body.mesh.nelements * rng.standard_normal(body.ndofs)
+            if isinstance(body, NonlinearBody):
+                forces = body.cells.at(u, body.cells.rest, 1.0)
+            else:
+                forces = body.stiffness @ u
+            size = np.abs(forces).max() or 1.0
+            arrays[f"{k}/stress"] = np.asarray(np.round(forces / size, 6) + 0.0, dtype=float)
+            arrays[f"{k}/size"] = np.array(float(f"{size:.6g}"))
+        vectors = [vector for vector, _ in (*self._loads, *self._motions)]
+        return checksum(arrays | {f"vector/{i}": v for i, v in enumerate(vectors)})
+
+    def _advance(self, last: Start, end: float, halvings: int) -> NonlinearResult:
+        failure: NotConverged | str = "the deformation changes too much for one step"
+        try:
+            result = self._solved(last, end)
+            if halvings == 0 or self._largest_change(last.u, result.u) <= LARGEST_CHANGE:
+                return result
+        except NotConverged as error:
+            if halvings == 0:
+                raise
+            failure = error
+        middle = 0.5 * (last.time + end)
+        logger.info("t = %g: %s; halved, by way of t = %g", end, failure, middle)
+        half = self._advance(last, middle, halvings - 1)
+        return self._advance(half.end, end, halvings - 1)
+
+    def _largest_change(self, before: Array, now: Array) -> float:
+        """Largest norm of F_now F_before^-1 - I: other solutions of the same loads are far away."""
+        largest = 0.0
+        for one, other in zip(self._gradients(before), self._gradients(now), strict=True):
+            step = np.einsum("ij...,kj...->ik...", other - one, cofactor(one) / det(one))
+            largest = max(largest, float(np.sqrt((step**2).sum(axis=(0, 1))).max()))
+        return largest
+
+    def _step_problem(self, last: Start, end: float) -> StepProblem:
+        body, dt = self._body_at(end), end - last.time
+        P, u0 = body.constraint
+        return StepProblem(
+            load=body.loads,
+            P=Csr(P),
+            u0=u0,
+            picked=Csr(sparse.block_diag([one.picked for one in body.bodies], format="csr")),
+            lengths=np.concatenate([one.lengths[1] for one in body.bodies]),
+            extent=body.extent,
+            stiffness=self._stiffness,
+            internal=lambda u: self._internal(u, last, dt),
+            tangent=lambda u: self._tangent(u, last, dt),
+            touch=self._touch_at(last, end),
+            least_volume=self._least_volume,
+        )
+
+    def _solved(self, last: Start, end: float) -> NonlinearResult:
+        step, lines = self._step_problem(last, end), list[Iteration]()
+
+        def report(line: Iteration) -> None:
+            lines.append(line)
+            logger.info("t = %g: %s", end, line)
+
+        start = last.u, last.mu, last.t, last.touch
+        now, scale = solve_step(step, start, self.tol, report=report)
+        return self._certified(step, last, end, now, scale, tuple(lines))
+
+    def _certified(
+        self,
+        step: StepProblem,
+        last: Start,
+        end: float,
+        now: Trial,
+        scale: Array,
+        lines: tuple[Iteration, ...],
+    ) -> NonlinearResult:
+        """The result with residuals recomputed from the forms.
+        Raises NotConverged if one exceeds the tolerance, or a cell is inverted."""
+        u, dt = now.u, end - last.time
+        now = now._replace(internal=self._internal(u, last, dt, recomputed=True))
+        found = step.residuals(now, scale)
+        missed = {name: value for name, value in found.items() if not value <= self.tol}
+        if missed:
+            said = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
+            raise NotConverged(f"large strain: the step fails its certificate: {said}", lines)
+        self._refuse_large_rotations(u)
+        ranges = [det(F) for corners in (False, True) for F in self._gradients(u, corners)]
+        found["det_F_min"] = min(float(J.min()) for J in ranges)
+        found["det_F_max"] = max(float(J.max()) for J in ranges)
+        if not found["det_F_min"] > 0.0:
+            raise NotConverged(
+                f"large strain: det F is {found['det_F_min']:.2g} in a corner of a cell, which "
+                "folds; take smaller steps, or a finer mesh there",
+                lines,
+            )
+        states = tuple(
+            body.cells.updated(u[own], last.states[k], dt)
+            if isinstance(body, NonlinearBody)
+            else {}
+            for k, (body, own) in enumerate(self._bodies())
+        )
+        found["work"] = self._work_defect(u, now, last)
+        values = (self.problem, end, u, now.mu, now.t, states, now.touch, now.internal, step.load)
+        return NonlinearResult(*values, scale, found, lines, last)
+
+    def _refuse_large_rotations(self, u: Array) -> None:
+        """Raise InputError if a linear body strains or turns too much for its theory."""
+        for k, (body, own) in enumerate(self._bodies()):
+            if isinstance(body, NonlinearBody):
+                continue
+            H, dx = body.gradients(u[own]), body.measure
+            size = float(np.sqrt((np.sum(H**2, axis=(0, 1)) * dx).sum() / dx.sum()))
+            if size > SMALL:
+                raise InputError(
+                    f"bodies: the displacement gradient of {self.problem.body.called(k)}, an "
+                    f"ElasticBody, has the mean {size:.2g}, too large for small strains (up to "
+                    f"{SMALL}); take NonlinearBody.from_mesh(..., stress=SaintVenant(E, nu))"
+                )
+
+    def _work_defect(self, u: Array, now: Trial, last: Start) -> float:
+        """Work of the internal forces by the trapezoidal rule minus the change of energy, over the
+        work; NaN if an energy is unknown."""
+        change = u - last.u
+        work = 0.5 * float((now.internal + last.internal) @ change)
+        stored = 0.0
+        for body, own in self._bodies():
+            for sign, v in ((1.0, u[own]), (-1.0, last.u[own])):
+                if isinstance(body, NonlinearBody):
+                    stored += sign * body.cells.energy(v)
+                else:
+                    stored += sign * 0.5 * float(v @ (body.stiffness @ v))
+        size = 0.5 * float(np.abs(now.internal + last.internal) @ np.abs(change))
+        return (work - stored) / (size or 1.0)

@@ -1,0 +1,286 @@
+r"""Contact rows at the current positions, with their derivatives.
+
+Opposite a rigid obstacle with the signed distance g the contact points are the nodes,
+
+.. math:: g_k = g(x_k + u_k), \qquad n = -\nabla g, \qquad w_k = \int N_k ,
+
+with weights over the undeformed area: the forces are derivatives of :math:`\sum \mu_k g_k`, and
+those of a uniform pressure are exact. Elements with a node of no weight (P2 on faces, and on the
+axis of a ring) or with derivatives as dofs take the means of g, weighted by the hat functions of
+the vertices. Between bodies the rows are `Interfaces.displaced`.
+
+P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4 and 9."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.errors import InputError
+from contact.facet_basis import facet_basis
+from contact.nonlinear.cell_forces import cofactor, with_unit
+from contact.obstacles.rigid import Rigid
+from contact.obstacles.rigid_motion import motion_between, said_motion, unknown_motion
+from contact.rows.contact_boundaries import friction_values
+from contact.rows.frames import by_point, scaled, tangent_frame
+from contact.rows.interfaces import Interfaces
+from contact.rows.outline import hats
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Csr = sparse.csr_array
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Rows of m contact points at a displacement, on the dofs of all bodies."""
+
+    G: Csr  # normal displacement, shape (m, ndofs)
+    T: Csr  # tangential, shape (m * (dim - 1), ndofs)
+    gap: Array  # at this displacement, (m,)
+    slip: Array  # relative to the obstacle since the last step, (m, dim - 1)
+    tilted: Csr  # derivative of the normal displacement by the change of G, as G
+    turned: Csr  # derivative of `slip` by the change of T, as T
+    force: Csr  # derivative of G^T mu + T^T t at fixed mu and t, (ndofs, ndofs)
+    friction: Array  # coefficients, (m,)
+    bonded: NDArray[np.bool_]  # tied points, (m,)
+    area: Array  # current one, undeformed between bodies, (m,)
+    x: Array  # current places, (dim, m)
+    normals: Array  # unit normals out of the body, (dim, m)
+    tangents: Array  # (dim, dim - 1, m)
+
+
+class RigidSide:
+    """A boundary of one body opposite a rigid obstacle."""
+
+    def __init__(self, body: Any, boundary: Any, friction: Any, start: int, total: int) -> None:
+        facets, mesh = body.whole_facets(boundary), body.mesh
+        self.body, self._own, self._total = body, slice(start, start + body.ndofs), total
+        order = 2 * body.element.maxdeg + 2
+        scalar = facet_basis(mesh, body.element, facets, intorder=order, dofs=body.scalar_dofs)
+        element, dofs = body.basis.elem, body.basis.dofs
+        self._whole = facet_basis(mesh, element, facets, intorder=order, dofs=dofs)
+        x = np.asarray(scalar.global_coordinates())
+        dA = (scalar.dx * body.depth(x)).ravel()
+        trace = _trace(scalar)
+        touched = np.unique(trace.indices)
+        self._share = Csr((trace.T @ sparse.diags_array(dA))[touched])  # N_k dA
+        self.weights = np.asarray(self._share.sum(axis=1)).ravel()
+        if body.are_values.all() and self.weights.min() > 1e-6 * self.weights.max():
+            self._X = body.basis.doflocs[:, body.dim * touched]
+            rows = sparse.eye_array(touched.size, format="csr")
+            self.mean, trace = (
+                Csr(rows),
+                Csr(sparse.eye_array(trace.shape[1], format="csr")[touched]),
+            )
+        else:
+            self._X = x.reshape(body.dim, -1)
+            self._share = _hats(mesh.facets[:, facets], scalar, dA)
+            self.weights = np.asarray(self._share.sum(axis=1)).ravel()
+            self.mean = scaled(1.0 / self.weights, self._share)
+        columns = [
+            self._own.start + body.dim * np.arange(trace.shape[1]) + c for c in range(body.dim)
+        ]
+        shape = trace.shape[0], total
+        self._phi = [
+            Csr((trace.data, at[trace.indices], trace.indptr), shape=shape) for at in columns
+        ]
+        self.friction = friction_values(friction, self.mean_of(self._X))
+        self.size = float(np.ptp(mesh.p, axis=1).max())
+
+    def mean_of(self, values: Array) -> Array:
+        """Weighted means at the contact points, (n, m), of values (n, npoints)."""
+        return np.asarray((self.mean @ values.T).T)
+
+    def _moved(self, u: Array) -> Array:
+        return np.array([phi @ u for phi in self._phi])
+
+    def at(
+        self, u: Array, last: Array, forces: tuple[Array, Array], obstacle: Any, said: Any
+    ) -> Touch:
+        """Rows at u; `obstacle` is the one of the last step and the present one."""
+        mu, t = forces
+        before, now = obstacle
+        y, dim = self._X + self._moved(u), self.body.dim
+        gap, frames = _frames(now, y)
+        turn = _turning(now, y, 1e-6 * self.size)
+        slip = self._moved(u - last) - self._travel(before, now, said, y)
+        G, *T = (self._rows(frames[k]) for k in range(dim))
+        turned = [
+            self._rows(np.einsum("icq,cq->iq", turn[:, k], slip)) for k in range(1, dim)
+        ]  # d tau / d y_i . slip
+        at_points = self.mean.T @ np.column_stack((mu, t))
+        stiff = np.einsum("ikcq,qk->ciq", turn, at_points)
+        mean_normal = self.mean_of(frames[0])
+        mean_normal /= np.linalg.norm(mean_normal, axis=0)
+        slips = np.stack([self.mean @ (frames[k] * slip).sum(axis=0) for k in range(1, dim)], 1)
+        return Touch(
+            G,
+            by_point(T),
+            np.asarray(self.mean @ gap),
+            slips,
+            Csr(G.shape),
+            by_point(turned),
+            self._force(stiff),
+            self.friction,
+            np.zeros(len(mu), dtype=bool),
+            np.asarray(self._share @ self._stretch(u)),
+            self.mean_of(y),
+            mean_normal,
+            tangent_frame(mean_normal),
+        )
+
+    def _rows(self, directions: Array) -> Csr:
+        """Mean displacement along directions (dim, npoints), shape (m, ndofs)."""
+        pairs = zip(directions, self._phi, strict=True)
+        total = sum((scaled(d, phi) for d, phi in pairs), start=Csr(self._phi[0].shape))
+        return Csr(self.mean @ total)
+
+    def _force(self, stiff: Array) -> Csr:
+        total = Csr((self._total, self._total))
+        for c, phi in enumerate(self._phi):
+            for i, other in enumerate(self._phi):
+                if np.any(stiff[c, i]):
+                    total = total + phi.T @ scaled(stiff[c, i], other)
+        return Csr(total)
+
+    def _stretch(self, u: Array) -> Array:
+        """Current over undeformed area at the points of the facets."""
+        basis, body = self._whole, self.body
+        field, x = basis.interpolate(u[self._own]), np.asarray(basis.global_coordinates())
+        F = with_unit(body.in_space(field, x))
+        normals = np.asarray(basis.normals)
+        along = np.einsum("ij...,j...->i...", cofactor(F)[:, : len(normals)], normals)
+        return np.asarray(np.linalg.norm(along, axis=0)).ravel()
+
+    def _travel(self, before: Any, now: Any, said: Any, y: Array) -> Array:
+        """Displacement of the obstacle's surface since the last step at places y."""
+        dim = self.body.dim
+        given = said_motion(said, dim)
+        if given is not None:
+            return np.broadcast_to(given[:, None], y.shape)
+        motion = None if now is before else motion_between(before, now)
+        if motion is None and now is not before and np.any(self.friction > 0):
+            raise unknown_motion(before, now)
+        if motion is None or motion.still:
+            return np.zeros_like(y)
+        off = y - motion.about[:, None]
+        turn = motion.rotation
+        spin = np.array([-off[1], off[0]]) * turn if dim == 2 else np.cross(turn, off.T).T
+        return np.asarray(motion.translation[:, None] + spin)
+
+
+def _trace(scalar: Any) -> Csr:
+    """Values of the scalar functions at the points of a facet basis, (npoints, scalar dofs)."""
+    values = np.stack([np.broadcast_to(np.asarray(f[0]), scalar.dx.shape) for f in scalar.basis])
+    point = np.broadcast_to(np.arange(scalar.dx.size).reshape(scalar.dx.shape), values.shape)
+    column = np.broadcast_to(np.asarray(scalar.element_dofs)[:, :, None], values.shape)
+    keep = np.abs(values) > 1e-13  # functions that vanish on the facet, up to rounding
+    size = scalar.dx.size, scalar.dofs.N
+    return Csr(sparse.coo_array((values[keep], (point[keep], column[keep])), shape=size))
+
+
+def _hats(corners: Index, scalar: Any, dA: Array) -> Csr:
+    """Hat functions of the vertices of facets, times area, at the points, (vertices, npoints)."""
+    vertices, number = np.unique(corners, return_inverse=True)
+    values = hats(np.asarray(scalar.quadrature[0]), len(corners))
+    shape = (len(corners), *scalar.dx.shape)
+    row = np.broadcast_to(number.reshape(corners.shape)[:, :, None], shape)
+    column = np.broadcast_to(np.arange(dA.size).reshape(scalar.dx.shape), shape)
+    weighted = (values[:, None] * dA.reshape(scalar.dx.shape)).ravel()
+    place = row.ravel(), column.ravel()
+    return Csr(sparse.coo_array((weighted, place), shape=(vertices.size, dA.size)))
+
+
+def _frames(obstacle: Any, y: Array) -> tuple[Array, Array]:
+    """Gap (npoints,), and normal and tangents (dim, dim, npoints) at places y."""
+    gap, gradient = obstacle.distance(y)
+    n = -np.asarray(gradient)
+    n = n / np.linalg.norm(n, axis=0)
+    return np.asarray(gap), np.concatenate((n[None], tangent_frame(n).transpose(1, 0, 2)))
+
+
+def _turning(obstacle: Any, y: Array, h: float) -> Array:
+    """Derivatives of the frames in y by central differences, (dim, dim, dim, npoints).
+    Axes: direction of the change, vector of the frame, component. Zero at edges of obstacles."""
+    found = []
+    for i in range(len(y)):
+        step = np.zeros((len(y), 1))
+        step[i] = h
+        found.append((_frames(obstacle, y + step)[1] - _frames(obstacle, y - step)[1]) / (2 * h))
+    turn = np.array(found)
+    size = np.abs(turn).max(axis=(0, 1, 2)) * h
+    # A turn by 1e-3 within h is an edge; one by 1e-13 is rounding.
+    turn[..., (size > 1e-3) | (size < 1e-13)] = 0.0
+    return turn
+
+
+def checked_obstacle(obstacle: Any) -> Any:
+    """The obstacle, or InputError if it has no distance, as numbers and functions of x."""
+    if isinstance(obstacle, Rigid):
+        raise InputError(
+            "obstacle: a Rigid moves by small displacements; in large strain let the obstacle be "
+            "a function of time, stepper.obstacle(lambda t: Moved(tool, (0.0, -t)))"
+        )
+    if not hasattr(obstacle, "distance"):
+        raise InputError(
+            f"obstacle: expected a shape with a place, such as Plane, Cylinder or SignedDistance; "
+            f"a {type(obstacle).__name__} says the gap at undeformed points only"
+        )
+    return obstacle
+
+
+class ElasticSides:
+    """The pairs of deformable bodies of a problem, projected anew at each displacement."""
+
+    def __init__(self, interfaces: Interfaces) -> None:
+        self._interfaces = interfaces
+
+    def at(self, u: Array, last: Array, forces: tuple[Array, Array]) -> Touch:
+        """Rows at u; derivatives are zero if `forces` are those of fewer points."""
+        here = self._interfaces.displaced(u)
+        rows, m, dim = here.rows, here.rows.gap.size, len(here.rows.normals)
+        mu, t = forces[0][:m], forces[1][:m]
+        N, ties = u.size, rows.ties
+        tilted, turned, force = Csr(rows.G.shape), Csr(rows.T.shape), Csr((N, N))
+        if m == mu.size and not ties.any():
+            change = here.in_motion(u, last, mu, t)
+            if change is not None:
+                tilted, turned, force = change.normal, change.tangential, change.force
+        since = np.where(np.repeat(ties, dim - 1), rows.T @ u, rows.T @ (u - last))
+        return Touch(
+            rows.G,
+            rows.T,
+            rows.gap - rows.G @ u,
+            since.reshape(m, dim - 1),
+            tilted,
+            turned,
+            force,
+            here.friction(None),
+            ties,
+            rows.weights,
+            rows.x,
+            rows.normals,
+            rows.tangents,
+        )
+
+
+def joined(parts: list[Touch]) -> Touch:
+    """The rows of several sides, one after the other."""
+    if len(parts) == 1:
+        return parts[0]
+    stacked: dict[str, Any] = {
+        name: Csr(sparse.vstack([getattr(p, name) for p in parts], format="csr"))
+        for name in ("G", "T", "tilted", "turned")
+    }
+    last = ("gap", "friction", "bonded", "area", "x", "normals", "tangents")
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(p, name) for p in parts], axis=-1) for name in last
+    }
+    force = sum((p.force for p in parts[1:]), start=parts[0].force)
+    slip = np.concatenate([p.slip for p in parts])
+    return Touch(**stacked, **arrays, force=Csr(force), slip=slip)

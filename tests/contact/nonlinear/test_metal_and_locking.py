@@ -1,0 +1,125 @@
+"""Plastic bodies beside closed forms, nearly incompressible ones that must not lock."""
+
+import numpy as np
+import pytest
+from rubber_blocks import FAR, alone
+from skfem import ElementQuad1, ElementQuad2, ElementTriP2, MeshQuad
+
+from contact import (
+    ContactProblem,
+    MooneyRivlin,
+    NeoHooke,
+    NonlinearBody,
+    NonlinearStepper,
+    Plasticity,
+    SaintVenant,
+)
+
+K = 1 / 3**0.5  # yield stress in shear, of one in tension
+
+
+def tube(n, nu, element=ElementQuad2, dilatation="pointwise"):
+    """A ring of radii 1 and 2 in plane strain, elastic and perfectly plastic."""
+    mesh = MeshQuad.init_tensor(np.linspace(1.0, 2.0, n + 1), [0.0, 1.0 / n]).with_defaults()
+    law = Plasticity(1000.0, nu, 1.0)
+    options = {"plane": "axisymmetric", "dilatation": dilatation}
+    body = NonlinearBody.from_mesh(mesh, element(), stress=law, **options)
+    return body.fix(["bottom", "top"], "y")
+
+
+def pressure_of(front):
+    """Inner pressure at which the tube is plastic up to a radius, for nu = 1/2."""
+    return K * (2 * np.log(front) + 1 - front**2 / 4)
+
+
+def radial_stress(r, front):
+    """sigma_rr at that pressure; R. Hill, The Mathematical Theory of Plasticity, 1950, ch. V."""
+    inside = 2 * np.log(r / front) - 1 + front**2 / 4
+    return K * np.where(r < front, inside, front**2 / 4 - front**2 / r**2)
+
+
+def error_of(n, nu, element, dilatation):
+    """Root mean square error of sigma_rr in a tube plastic to 1.5, over the pressure."""
+    stepper = alone(tube(n, nu, element, dilatation))
+    stepper.load("left", (pressure_of(1.5), 0.0))
+    result = stepper.run([0.5, 0.8, 1.0]).results[-1]
+    body, u = result.of_body()
+    sigma = body.cauchy_stress(u, result.before.states[0])[0, 0]
+    r, alpha = np.asarray(body.basis.global_coordinates())[0], result.states[0]["alpha"]
+    assert np.all(alpha[r < 1.4] > 0)
+    assert np.all(alpha[r > 1.6] == 0)
+    return np.sqrt(np.mean((sigma - radial_stress(r, 1.5)) ** 2)) / pressure_of(1.5)
+
+
+def test_thick_walled_tube():
+    """Exact for nu = 1/2; at .3 quadratic cells end at the difference between the materials."""
+    assert error_of(16, 0.3, ElementQuad2, "pointwise") <= 5e-3
+    errors = [error_of(n, 0.4999, ElementQuad1, "mean") for n in (8, 16, 32)]
+    assert errors[-1] <= 0.012
+    assert abs(np.polyfit(np.log([8, 16, 32]), np.log(errors), 1)[0] + 1) <= 0.05
+
+
+def test_the_state_changes_where_a_step_is_accepted_only():
+    stepper = alone(tube(4, 0.3))
+    stepper.load("left", (pressure_of(1.3), 0.0), lambda t: t if t <= 1.0 else 1.0 + 40 * (t - 1))
+    one = stepper.run([1.0]).results[-1]
+    alpha = one.states[0]["alpha"].copy()
+    stepper.halvings = 1
+    with pytest.raises(Exception, match="large strain"):
+        stepper.run([2.0])  # far above the limit load
+    assert len(stepper.history) == 1
+    assert np.array_equal(stepper.history.results[-1].states[0]["alpha"], alpha)
+
+
+def test_unloading_leaves_the_plastic_strain():
+    stepper = alone(tube(4, 0.3))
+    stepper.load("left", (pressure_of(1.3), 0.0), lambda t: 1 - abs(t - 1))
+    loaded, unloaded = stepper.run([1.0, 2.0]).results
+    assert np.abs(unloaded.states[0]["ep"] - loaded.states[0]["ep"]).max() <= 1e-12
+    assert np.abs(unloaded.u).max() > 1e-6
+
+
+def cook(element, law, n, force, dilatation, height=60.0):
+    """Deflection of the loaded side of Cook's membrane at a height, at its top by default."""
+    square = MeshQuad.init_tensor(*[np.linspace(0, 1, n + 1)] * 2)
+    X, Y = square.p
+    mesh = MeshQuad(np.array([48 * X, 44 * X + Y * (44 - 28 * X)]), square.t, sort_t=False)
+    mesh = mesh.to_meshtri() if element is ElementTriP2 else mesh
+    sides = {"left": lambda x: x[0] < 1e-9, "right": lambda x: x[0] > 48 - 1e-9}
+    sides["bottom"] = lambda x: x[1] < 44 * x[0] / 48 + 1e-9
+    mesh = mesh.with_boundaries(sides)
+    body = NonlinearBody.from_mesh(mesh, element(), stress=law, dilatation=dilatation).fix("left")
+    stepper = NonlinearStepper(ContactProblem(body, "bottom", FAR[2]))
+    u = stepper.load("right", (0.0, force / 16.0)).run([0.25, 0.5, 0.75, 1.0]).results[-1].u
+    place = np.isclose(mesh.p[0], 48.0) & np.isclose(mesh.p[1], height)
+    return u[body.basis.nodal_dofs[1, np.flatnonzero(place)[0]]]
+
+
+def test_cooks_membrane_at_small_load():
+    """23.96 in the middle for E = 1, nu = 1/3 in plane stress, that is E (1 + 2 nu) / (1 + nu)^2
+    and nu / (1 + nu) in plane strain; R. D. Cook, Concepts and Applications, 3rd ed. 1989, 6.13."""
+    found = cook(ElementQuad2, SaintVenant(0.9375, 0.25), 16, 1e-5, "pointwise", height=52.0)
+    assert abs(found / 1e-5 - 23.96) <= 0.05
+
+
+def test_nearly_incompressible_membrane_does_not_lock():
+    """The rubber of J. C. Simo and F. Armero, Int. J. Numer. Methods Engrg. 33 (1992), 1413."""
+    law = MooneyRivlin(80.1938 / 2, 0.0, 400942.0)
+    fine = cook(ElementTriP2, law, 16, 100.0, "pointwise")
+    mean = [cook(ElementQuad1, law, n, 100.0, "mean") for n in (4, 8, 16)]
+    locked = cook(ElementQuad1, law, 8, 100.0, "pointwise")
+    assert abs(mean[2] - fine) <= 0.02 * fine
+    assert mean[0] < mean[1] < mean[2]
+    assert locked < 0.5 * mean[1]
+
+
+def test_mean_dilatation_is_the_derivative_of_its_energy():
+    mesh = MeshQuad().refined(1).with_defaults()
+    law = NeoHooke(1.0, 100.0)
+    body = NonlinearBody.from_mesh(mesh, ElementQuad1(), stress=law, dilatation="mean")
+    rng = np.random.default_rng(0)
+    u, way, h = *0.1 * rng.standard_normal((2, body.ndofs)), 1e-6
+    slope = (body.cells.energy(u + h * way) - body.cells.energy(u - h * way)) / (2 * h)
+    assert abs(slope - body.cells.at(u, {}, 0.0) @ way) <= 1e-7 * abs(slope)
+    K = body.cells.tangent(u, {}, 0.0)
+    assert abs(K - K.T).max() <= 1e-12 * abs(K).max()

@@ -1,0 +1,185 @@
+"""Large strain against rigid obstacles and bodies: convergence, laws of contact, order."""
+
+import numpy as np
+import pytest
+from rubber_blocks import cube, orders, pressed
+from skfem import (
+    ElementHex1,
+    ElementQuad1,
+    ElementQuad2,
+    ElementTetP2,
+    ElementTriP1,
+    ElementTriP2,
+    MeshQuad,
+    MeshTri,
+)
+
+from contact import (
+    ContactProblem,
+    Cylinder,
+    ElasticBody,
+    FinitePlasticity,
+    MooneyRivlin,
+    Moved,
+    NeoHooke,
+    NonlinearBody,
+    NonlinearStepper,
+    Pair,
+    Plane,
+    Plasticity,
+    SaintVenant,
+    Sphere,
+    Status,
+    Viscous,
+)
+
+RUBBER = NeoHooke(1.0, 9.0)
+LAWS = [
+    *(SaintVenant(2.6, 0.3), RUBBER, MooneyRivlin(0.3, 0.2, 10.0)),
+    *(Plasticity(100.0, 0.3, 1.0, 10.0), FinitePlasticity(100.0, 0.3, 1.0, 10.0)),
+    Viscous(RUBBER, 0.5, 1.0),
+]
+ROUND = {2: Cylinder((0.4, -1.0), 1.0), 3: Sphere((0.4, 0.5, -1.0), 1.0)}
+NAMES = {"ids": lambda one: getattr(one, "__name__", type(one).__name__)}
+
+
+def half_cylinder(element=ElementTriP2, fine=3):
+    """Half a disk of radius one below its flat top."""
+    mesh = MeshTri.init_circle(fine)
+    mesh = mesh.restrict(np.flatnonzero(mesh.p[1][mesh.t].mean(axis=0) < 0.0))
+    names = {"top": lambda x: np.isclose(x[1], 0.0), "arc": lambda x: x[1] < -1e-9}
+    mesh = MeshTri(mesh.p, mesh.t).with_boundaries(names)
+    return NonlinearBody.from_mesh(mesh, element(), stress=RUBBER).fix("top")
+
+
+def check_laws(result, friction):
+    """Signorini's and Coulomb's conditions, and Newton's third law, from what a user sees."""
+    mu, t, slip = result.mu, result.t, result.touch.slip
+    largest = mu.max()
+    assert largest > 0
+    assert mu.min() >= -1e-9 * largest
+    assert result.gap.min() >= -1e-9
+    assert abs(mu @ result.gap) <= 1e-8 * largest
+    assert np.all(np.linalg.norm(t, axis=1) <= friction * mu + 1e-8 * largest)
+    assert np.all(np.sum(t * slip, axis=1) >= -1e-9 * largest)
+    moving = np.linalg.norm(slip, axis=1) > 1e-6
+    bound = friction * mu[moving]
+    assert np.abs(np.linalg.norm(t[moving], axis=1) - bound).max(initial=0.0) <= 1e-6 * largest
+    assert np.array_equal(result.status == Status.OPEN, mu <= 0)
+
+
+@pytest.mark.parametrize("law", LAWS, **NAMES)
+def test_newton_is_quadratic_for_every_law(law):
+    depth = 0.03 if "Plas" in type(law).__name__ else 0.2
+    stepper = pressed(cube(ElementQuad2, law), 0.2, depth, ROUND[2])
+    results = stepper.run([0.5, 1.0]).results
+    check_laws(results[-1], 0.2)
+    assert len(results[-1].history) <= 9
+    assert max(orders(r.history).max(initial=0.0) for r in results) > 1.6
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+@pytest.mark.parametrize(
+    "element", [ElementTriP1, ElementQuad1, ElementHex1, ElementTetP2], **NAMES
+)
+def test_pressed_onto_a_round_obstacle(element, friction):
+    body = cube(element, RUBBER, n=3)
+    result = pressed(body, friction, 0.2, ROUND[body.dim]).run([0.5, 1.0]).results[-1]
+    check_laws(result, friction)
+    assert np.abs(result.resultant + result.reaction("top")).max() <= 1e-8
+    assert result.certificate["balance"] <= 1e-9
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_half_cylinder_pressed_flat(friction):
+    floor = Plane((0.0, -1.0), (0.0, 1.0))
+    stepper = NonlinearStepper(ContactProblem(half_cylinder(), "arc", floor, friction))
+    history = stepper.move("top", "y", -0.4).run(np.linspace(0.1, 1.0, 10))
+    result = history.results[-1]
+    check_laws(result, friction)
+    force = -history.curve("top")[:, 1]
+    assert np.all(np.diff(force, 2)[2:] > 0)  # ever stiffer
+    x = np.sort(result.x[0, result.mu > 0])
+    assert np.abs(x + x[::-1]).max() <= 1e-7  # as symmetric as the mesh
+    assert x[-1] > 0.7
+    assert all(len(one.history) <= 7 for one in history)
+
+
+def test_forces_converge_with_the_mesh():
+    forces = []
+    for fine in (2, 3, 4):
+        floor = Plane((0.0, -1.0), (0.0, 1.0))
+        stepper = NonlinearStepper(ContactProblem(half_cylinder(fine=fine), "arc", floor))
+        forces.append(stepper.move("top", "y", -0.2).run([0.5, 1.0]).results[-1].resultant[1])
+    assert abs(forces[2] - forces[1]) <= 0.5 * abs(forces[1] - forces[0])
+    assert abs(forces[2] - forces[1]) <= 0.02 * forces[2]
+
+
+@pytest.mark.parametrize("steps", [4, 8])
+def test_work_is_stored_to_second_order(steps):
+    """Without friction; the trapezoidal rule is of second order in the steps."""
+    stepper = pressed(cube(ElementQuad1, RUBBER, n=3), 0.0, 0.3)
+    history = stepper.run(np.linspace(1 / steps, 1.0, steps))
+    force = np.r_[0.0, -history.curve("top")[:, 1]]
+    work = np.sum(0.5 * (force[1:] + force[:-1])) * 0.3 / steps
+    body, u = history.results[-1].of_body()
+    assert abs(work - body.cells.energy(u)) <= 0.05 * work * (4 / steps) ** 2
+
+
+def test_a_dragged_block_slips_everywhere_and_sticks_with_more_friction():
+    def dragged(friction):
+        stepper = pressed(cube(ElementQuad1, RUBBER, n=4), friction, 0.2)
+        stepper._motions[0] = (stepper._motions[0][0], lambda t: min(t, 1.0))
+        stepper.move("top", "x", 0.6, lambda t: max(t - 1.0, 0.0))
+        return stepper.run([0.5, 1.0, 1.25, 1.5, 1.75, 2.0]).results[-1]
+
+    slipping, sticking = dragged(0.1), dragged(2.0)
+    check_laws(slipping, 0.1)
+    assert abs(slipping.resultant[0] + 0.1 * slipping.resultant[1]) <= 1e-8
+    assert np.all(slipping.status == Status.SLIP)
+    check_laws(sticking, 2.0)
+    assert np.abs(sticking.touch.slip[sticking.mu > 0]).max() <= 1e-9
+
+
+def test_a_moving_tool_is_a_moving_block_seen_from_it():
+    """A cylinder pushed up and along into a block: as the block pushed onto the cylinder."""
+    tool, way = ROUND[2], np.array([0.05, 0.2])
+    moved = pressed(cube(ElementQuad2, RUBBER), 0.3, 0.2, tool)
+    moved.move("top", "x", -0.05)
+    one = moved.run([0.5, 1.0]).results[-1]
+    body = cube(ElementQuad2, RUBBER).fix("top")
+    stepper = NonlinearStepper(ContactProblem(body, "bottom", tool, 0.3))
+    stepper.obstacle(lambda t: Moved(tool, tuple(t * way)))
+    other = stepper.run([0.5, 1.0]).results[-1]
+    shift = one.problem.body.basis.project(lambda x: np.broadcast_to(-way[:, None, None], x.shape))
+    assert np.abs(other.u - (one.u - shift)).max() <= 1e-7
+    assert np.abs(one.mu - other.mu).max() <= 1e-6 * one.mu.max()
+
+
+def two_blocks(upper, friction, slide):
+    """A block of either kind, pressed into a wider one of rubber and dragged."""
+    wide = MeshQuad.init_tensor(np.linspace(-1, 2.5, 15), np.linspace(-1, 0, 5)).with_defaults()
+    lower = NonlinearBody.from_mesh(wide, ElementQuad1(), stress=RUBBER).fix("bottom")
+    mesh = MeshQuad.init_tensor(np.linspace(0, 1, 6), np.linspace(0, 0.6, 4)).with_defaults()
+    p = mesh.p.copy()
+    p[1] += 0.3 * (p[0] - 0.5) ** 2 * (1 - p[1] / 0.6)
+    mesh = MeshQuad(p, mesh.t, sort_t=False).with_boundaries(dict(mesh.boundaries))
+    if upper == "linear":
+        body = ElasticBody.from_mesh(mesh, ElementQuad1(), E=50.0, nu=0.3)
+    else:
+        body = NonlinearBody.from_mesh(mesh, ElementQuad1(), stress=SaintVenant(50.0, 0.3))
+    body = body.fix("top").named("iron")
+    problem = ContactProblem([body, lower], [Pair(body, "bottom", lower, "top", friction=friction)])
+    stepper = NonlinearStepper(problem)
+    stepper.move("top", "y", -0.15, lambda t: min(t, 1.0), body="iron")
+    stepper.move("top", "x", slide, lambda t: max(t - 1.0, 0.0), body="iron")
+    return stepper.run(np.r_[0.5, 1.0, 1.0 + np.linspace(0.2, 1.0, 5)]).results
+
+
+def test_a_linear_body_slides_on_rubber_as_a_stiff_nonlinear_one():
+    linear, other = (two_blocks(kind, 0.2, 0.6) for kind in ("linear", "nonlinear"))
+    for results in (linear, other):
+        last = results[-1]
+        assert abs(last.resultant[0] + 0.2 * last.resultant[1]) <= 0.05 * last.resultant[1]
+        assert np.abs(last.resultant + last.reaction("top", "iron")).max() <= 1e-8
+    assert np.allclose(linear[-1].resultant, other[-1].resultant, rtol=0.05)
