@@ -248,7 +248,7 @@ class ElasticSides:
         N, ties = u.size, rows.ties
         tilted, turned, force = Csr(rows.G.shape), Csr(rows.T.shape), Csr((N, N))
         if m == mu.size and not ties.any():
-            change = here.in_motion(u, last, mu, t)
+            change = here.in_motion(u, last, mu, t, [None] * len(here.sides))
             if change is not None:
                 tilted, turned, force = change.normal, change.tangential, change.force
         since = np.where(np.repeat(ties, dim - 1), rows.T @ u, rows.T @ (u - last))
