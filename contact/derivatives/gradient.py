@@ -288,6 +288,8 @@ def condensation(result: Any, problem: Any) -> tuple[CondensedContact, Any]:
         )
     if problem is not None and not _same_rows(problem.rows, system.rows):
         problem = None
+    if system.moduli is not None:
+        raise InputError("vjp: steps in time with inertia have no gradients; take LoadStepper")
     condensed: Any = None if problem is None else problem.kept_condensation(system.body)
     if condensed is None:
         condensed = CondensedContact(system.body, system.rows)

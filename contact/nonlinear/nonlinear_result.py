@@ -303,6 +303,14 @@ class NonlinearHistory:
     def __iter__(self) -> Iterator[NonlinearResult]:
         return iter(self.results)
 
+    def __getitem__(self, place: int) -> NonlinearResult:
+        """The result of one step, counted from zero."""
+        return self.results[place]
+
+    def __repr__(self) -> str:
+        last = f"; the last: {self.results[-1]!r}" if self.results else ""
+        return f"NonlinearHistory({len(self)} steps{last})"
+
     def curve(self, boundary: Any, body: Any = None) -> Array:
         """Force of the supports on a boundary in each step, shape (n, dim).
 

@@ -106,6 +106,8 @@ class NonlinearStepper(LoadProgram):
                 "problem: large strain takes Coulomb's law or none, and hard contact; leave "
                 "law='tresca' and overclosure out"
             )
+        if problem.surface is not None:
+            raise InputError("problem: large strain takes no adhesion, hardness or wear")
         finite_number("tol", tol)
         if not 0.0 < tol < 1e-3:
             raise InputError(f"tol={tol!r}: expected a number between 0 and 1e-3")

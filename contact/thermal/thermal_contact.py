@@ -59,6 +59,9 @@ class _HeatedSteps(LoadStepper):
     """The mechanical steps: the loads of a time, and the thermal strain of a temperature."""
 
     def __init__(self, given: ContactProblem | LoadStepper) -> None:
+        problem = given.problem if isinstance(given, LoadStepper) else given
+        if isinstance(problem, ContactProblem) and problem.surface is not None:
+            raise InputError("problem: thermal contact takes no adhesion, hardness or wear")
         if isinstance(given, ContactProblem):
             super().__init__(given)
             return
