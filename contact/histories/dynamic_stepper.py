@@ -148,9 +148,7 @@ class DynamicStepper(LoadProgram):
         if problem.overclosure:
             raise InputError("overclosure: dynamics takes hard contact; set it to None")
         if problem.surface is not None:
-            raise InputError(
-                "problem: dynamics takes no adhesion, hardness or wear"
-            )
+            raise InputError("problem: dynamics takes no adhesion, hardness or wear")
         super().__init__(problem)
         self.dt, self.scheme = positive_number("dt", dt), choice("scheme", scheme, SCHEMES)
         self.keep = integer("keep", keep, 1)
