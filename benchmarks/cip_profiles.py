@@ -10,8 +10,9 @@ r"""Which profile: every one, with every limiter, on flows that bring the field 
 * space: LeVeque's deformation, T = 3, a ball with a smooth edge.
 
 Beside them the semi-Lagrangian method with SciPy's cubic splines and a finite-difference WENO5 with
-SSP-RK3 (Jiang and Shu; written here in NumPy). Errors are relative, in L1, of the nodal values; the cost is that of a step
-in times of one spline with its prefilter: least processor time of steps inside a run, one thread.
+SSP-RK3 (Jiang and Shu; written here in NumPy). Errors are relative, in L1, of the nodal values; the
+cost is that of a step in times of one spline with its prefilter: least processor time of steps inside
+a run, one thread.
 
 Then what limits csl4 in planes: errors at a time at which the field is deformed, against the
 exact flow map, with and without shear; and the areas of level sets that return, Zalesak's disk
