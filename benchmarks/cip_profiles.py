@@ -11,8 +11,8 @@ r"""Which profile: every one, with every limiter, on flows that bring the field 
 
 Beside them the semi-Lagrangian method with SciPy's cubic splines and a finite-difference WENO5 with
 SSP-RK3 (Jiang and Shu; written here in NumPy). Errors are relative, in L1, of the nodal values; the
-cost is that of a step in times of one spline with its prefilter: least processor time of steps inside
-a run, one thread.
+cost is that of a step in times of one spline with its prefilter: the least processor time of steps
+inside a run, on one thread.
 
 Then what limits csl4 in planes: errors at a time at which the field is deformed, against the
 exact flow map, with and without shear; and the areas of level sets that return, Zalesak's disk
