@@ -50,6 +50,7 @@ class _Limits(NamedTuple):
     dense: int = 30  # conductances up to which the whole derivative is computed
     step: float = 1e-6  # change of conductances in difference quotients, relative to the largest
     near: float = 0.1  # last change of the temperature over the tolerance of the certificate
+    rounding: float = 3e-15  # of temperatures, in a change that is none: a few units of doubles
 
 
 LIMITS = _Limits()
@@ -566,7 +567,8 @@ class ThermalContact:
             size = max(spread, float(np.abs(change).max()))
             changes.append(float(np.abs(change[system.values > 0]).max()) / size)
             logger.info("iteration %d: temperature changes by %.1e", len(changes), changes[-1])
-            if changes[-1] <= LIMITS.near * self.tol or not self._couples:
+            rounding = LIMITS.rounding * float(np.abs(values).max()) / size
+            if changes[-1] <= max(LIMITS.near * self.tol, rounding) or not self._couples:
                 history = tuple(changes) if self._couples else ()
                 return self._certified(contact, image, system, through, end, history)
             start, seen = contact, [*seen[-1:], through]
