@@ -92,14 +92,17 @@ def new_means(
     m: Array, out: Out, line: Line, mean: Index, count: Index, cell: Array, left: Array
 ) -> None:
     """New means of `count` lines from the integrals of `values`."""
-    n, stride, periodic = line.n, line.stride, line.periodic
-    for i in range(n):
+    n, stride = line.n, line.stride
+    cells = n
+    if line.periodic == 0:  # the last node has no cell after it, and no width
+        cells = n - 1
+        for q in range(count):
+            out[mean + cells * stride + q] = 0.0
+    for i in range(cells):
         after, wrapped = i + 1, 0
         if after == n:
             after, wrapped = 0, n
-        inverse = 0.0
-        if periodic == 1 or i < n - 1:
-            inverse = 1.0 / line.h[i]
+        inverse = 1.0 / line.h[i]
         for q in range(count):
             k1, k2 = cell[i * count + q], cell[after * count + q] + wrapped
             mass = left[after * count + q] - left[i * count + q]

@@ -229,3 +229,15 @@ def test_smoothed_choice_costs_accuracy_on_fine_grids():
     )
     assert soft[0] <= 1.2 * sharp[0]
     assert soft[1] >= 3 * sharp[1]
+
+
+@pytest.mark.parametrize("profile", ["csl2", "csl4"])
+def test_nothing_is_read_beyond_the_last_cell_of_a_walled_line(profile):
+    """What lay in memory after the widths could make the place behind the last mean NaN."""
+    line = np.cumsum([0, 0.2, 0.15, 0.25, 0.1, 0.2, 0.15])
+    grid = Grid.from_coordinates(line, 2 * line[-1] - 2 * line[::-1])
+    solver = swept(profile, grid, [0.4, -0.7], boundary=0.0)
+    start = solver.state(quartic)
+    expected, engine = solver.step(start, 0.1), solver._kernels
+    engine._lines = [(np.append(line[0], np.nan)[:-1], *line[1:]) for line in engine._lines]
+    assert np.array_equal(solver.step(start, 0.1).data, expected.data)
