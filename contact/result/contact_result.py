@@ -533,7 +533,7 @@ class ContactResult(BodyFields, ContactState):
         >>> from skfem import MeshQuad
         >>> from contact import ContactProblem, ElasticBody
         >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
-        >>> body = body.fix("top", "xy").fix("top", "y", -0.1)
+        >>> body = body.fix("top", "x").fix("top", "y", -0.1)
         >>> frame = ContactProblem(body, "bottom", 0.05, friction=0.3).solve().to_frame()
         >>> print(list(frame.columns), len(frame))
         ['x', 'y', 'boundary', 'status', 'gap', 'pressure', 'shear', 'slip'] 9
