@@ -114,7 +114,7 @@ def _of_points(step: Any, sides: Any, axes: Array, friction: Array) -> Array:
     surface, weights = system.compliance(np.ones(m)), system.rows.weights
     if surface is not None:  # of u_n - d = h(mu / weight)
         closed = system.relative(result.u, result.motion)[0] - system.rows.gap
-        slope = surface.closest(result.mu + closed)[2]
+        slope = surface.at(result.mu, closed, np.zeros(m)).slope
         by_area = by_area - found.normal * slope * weights * result.mu
     gap = np.where(found.normal != 0.0, sides.gap(system.obstacle), 0.0)
     return np.asarray(
