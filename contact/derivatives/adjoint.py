@@ -97,8 +97,10 @@ def _read(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     if value is None:
         return np.zeros(shape)
     array = numbers(name, value)
-    if array.shape != shape or not np.all(np.isfinite(array)):
+    if array.shape != shape:
         raise InputError(f"{name}: expected finite numbers of shape {shape}, got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise InputError(f"{name}: expected finite numbers, got NaN or infinity")
     return array
 
 

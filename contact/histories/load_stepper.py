@@ -442,20 +442,31 @@ class LoadStepper(LoadProgram):
         return self._advance(last, middle, end, halvings - 1)
 
     def _small_step(self, last: ContactResult | None, begin: float, end: float) -> ContactResult:
-        problem = self.problem
-        condensed = problem.condense()  # the body now computes on the device of the condensation
-        moving = self._moving(np.nan if last is None else begin, end)
+        self.problem.condense()  # the body now computes on the device of the condensation
+        start = last if last is None else self._extrapolated(last, begin, end)
+        result = self._solved(self._body_at(end), last, begin, end, start)
+        result = with_jump(result, last)
+        self._check(result)
+        vars(result)["origin"] = Origin(self.problem)
+        return result
+
+    def _solved(
+        self, body: Any, last: ContactResult | None, begin: float, end: float, start: Any
+    ) -> ContactResult:
+        """The contact of a body under the loads of a step of small sliding, solved from `start`."""
+        problem, moving = self.problem, self._moving(np.nan if last is None else begin, end)
         if last is not None and not moving:  # a step from a file has no obstacle
             moving = {"since": problem.opposite}
-        system = problem.system_of(self._body_at(end), last, **moving)
-        condensed = condensed.under(system.body)
-        start = last if last is None else self._extrapolated(last, begin, end)
-        result = problem.solve_system(system, condensed, self.options, start)
-        result, boundaries = with_jump(result, last), problem.boundaries
+        system = problem.system_of(body, last, **moving)
+        condensed = problem.condense().under(system.body)
+        return problem.solve_system(system, condensed, self.options, start)
+
+    def _check(self, result: ContactResult) -> None:
+        """Warn, or raise, where a result of small sliding moved too far along its obstacles."""
+        boundaries, system = self.problem.boundaries, result.system
         check_motion(result, boundaries, system.obstacle)
+        condensed = self.problem.condense().under(system.body)
         warn_of_sagitta(result, boundaries.rise(system.obstacle), condensed, self.options)
-        vars(result)["origin"] = Origin(problem)
-        return result
 
     def _extrapolated(self, last: ContactResult, begin: float, end: float) -> ContactResult:
         """Linear extrapolation of the last two steps: a start that saves about one Newton step."""

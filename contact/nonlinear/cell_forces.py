@@ -86,6 +86,8 @@ class CellForces(ABC):
         u, way = 0.01 * cell * rng.uniform(-1.0, 1.0, (2, self.basis.N))
         way *= 1e-5
         expected = 0.5 * (self.at(u + way, state, dt) - self.at(u - way, state, dt))
+        if not np.all(np.isfinite(expected)):
+            raise InputError("stress: the law or form gives NaN or infinity at strains of .01")
         size = float(np.abs(expected).max()) or 1.0
 
         def error() -> float:

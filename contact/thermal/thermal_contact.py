@@ -17,8 +17,6 @@ from contact.histories.load_history import checked_times
 from contact.histories.load_program import Factor, checked_factor, value_at
 from contact.histories.load_stepper import LoadStepper
 from contact.problem.contact_problem import ContactProblem
-from contact.problem.large_motion import check_motion
-from contact.problem.sagitta import warn_of_sagitta
 from contact.result.certify import as_lines
 from contact.result.contact_result import ContactResult
 from contact.thermal.conduction import Conduction, field_at, steady
@@ -69,24 +67,6 @@ class _HeatedSteps(LoadStepper):
         if given._finite is not None or len(given.history):
             raise InputError("problem: a LoadStepper of small sliding without finished steps")
         self.__dict__.update(given.__dict__)
-
-    def pressed(
-        self, body: Any, last: ContactResult | None, begin: float, end: float, start: Any
-    ) -> ContactResult:
-        """The contact of a body under the loads of this step, solved from `start`."""
-        problem, moving = self.problem, self._moving(np.nan if last is None else begin, end)
-        if last is not None and not moving:  # a step from a file has no obstacle
-            moving = {"since": problem.opposite}
-        condensed = problem.condense()
-        system = problem.system_of(body, last, **moving)
-        return problem.solve_system(system, condensed.under(body), self.options, start)
-
-    def check(self, result: ContactResult) -> None:
-        """Warn, or raise, where the result moved too far along its obstacles."""
-        boundaries, system = self.problem.boundaries, result.system
-        check_motion(result, boundaries, system.obstacle)
-        condensed = self.problem.condense().under(system.body)
-        warn_of_sagitta(result, boundaries.rise(system.obstacle), condensed, self.options)
 
 
 class ThermalContact:
@@ -473,7 +453,7 @@ class ThermalContact:
         if isinstance(given, ThermalResult):
             contact = given.contact
         else:
-            contact = self._steps.pressed(self._heated(T, time), None, np.nan, time, None)
+            contact = self._steps._solved(self._heated(T, time), None, np.nan, time, None)
         h, power = self._through(contact, time, None)
         return ThermalResult(contact, T, system, h, power, time, tol=self.tol)
 
@@ -557,7 +537,7 @@ class ThermalContact:
         tried: list[tuple[Array, Array]] = []  # temperatures, and their changes
         seen: list[Through] = []
         for _ in range(self.max_iterations):
-            contact = self._steps.pressed(self._heated(T, end), last, begin, end, start)
+            contact = self._steps._solved(self._heated(T, end), last, begin, end, start)
             through = self._through(contact, end, dt)
             image = system.solve(*through)
             values, change = image[system.values > 0], image - T
@@ -593,7 +573,7 @@ class ThermalContact:
                 f"the certificate of temperature and contact fails:\n{as_lines(found.kkt)}\n"
                 "take a tol that is larger, or units in which numbers differ less"
             )
-        self._steps.check(contact)
+        self._steps._check(contact)
         return found
 
     def _unsettled(
@@ -624,7 +604,7 @@ class ThermalContact:
 
         def image(y: Array) -> Array:
             T = found.system.solve(*np.split(y * units, 2))
-            contact = self._steps.pressed(self._heated(T, time), None, np.nan, time, found.contact)
+            contact = self._steps._solved(self._heated(T, time), None, np.nan, time, found.contact)
             return np.concatenate(self._through(contact, time, None)) / units
 
         rest = image(at)

@@ -186,6 +186,9 @@ BAD = {
     "expected P of the shape": lambda: NonlinearStepper(
         problem(body(stress=lambda F: F[:2, :2]))
     ).run([1.0]),
+    "gives NaN or infinity": lambda: NonlinearStepper(
+        problem(body(stress=lambda F: np.nan * F))
+    ).run([1.0]),
     "expected arrays named": lambda: NonlinearStepper(
         problem(
             body(
