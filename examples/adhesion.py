@@ -30,7 +30,9 @@ def main(arguments=None):
     left.plot(way[:11], force[:11], "o-", way[10:], force[10:], "s--", ms=4)
     left.set(xlabel="approach (dashed: back)", ylabel="force / $\\pi w R$")
     pressure = results[force.index(min(force))].pressure / glue.tension
-    drawn = right.imshow(pressure, cmap="RdBu_r", vmin=-1, vmax=1)
+    box = (-SIDE / 2, SIDE / 2) * 2
+    drawn = right.imshow(pressure.T, cmap="RdBu_r", vmin=-1, vmax=1, extent=box, origin="lower")
+    right.set(xlabel="x / R", ylabel="y / R")
     plt.colorbar(drawn, label="pressure / $\\sigma_0$ at the least force")
     plt.savefig(output / "adhesion.png", dpi=120)
     return results, force

@@ -244,22 +244,22 @@ class NonlinearResult:
         InputError
             Bodies in space; use `to_pyvista`.
         """
-        from contact.output.pictures import axes_of
+        from contact.output.pictures import axes_of, scale_colours
 
         if self.problem.body.dim != 2:
             raise InputError("plot: bodies in space are drawn by to_pyvista()")
         ax = axes_of(ax)
-        for one in self.problem.body.bodies:
-            _draw(ax, *self.of_body(one))
+        parts = [_draw(ax, *self.of_body(one)) for one in self.problem.body.bodies]
+        scale_colours(ax, parts, "displacement")
         ax.scatter(*self.x[:, self.mu > 0], c="#d1495b", s=9, zorder=3)
         ax.set_aspect("equal")
         ax.autoscale_view()
         return ax
 
 
-def _draw(ax: Any, body: Any, u: Array) -> None:
+def _draw(ax: Any, body: Any, u: Array) -> Any:
     """Cells of a body, filled by the size of the displacement, and its edges as the element bends
-    them."""
+    them; the filled cells."""
     from matplotlib.collections import LineCollection
 
     from contact.output.pictures import deformed_edges, triangulated
@@ -267,10 +267,11 @@ def _draw(ax: Any, body: Any, u: Array) -> None:
     drawn: Any = SimpleNamespace(body=body, u=u)
     x, moved, triangles = triangulated(drawn, 4, False)
     place, size = x + moved, np.linalg.norm(moved, axis=1)
-    ax.tripcolor(*place.T, triangles, size, shading="gouraud", cmap="viridis")
+    filled = ax.tripcolor(*place.T, triangles, size, shading="gouraud", cmap="viridis")
     for outline, width in ((False, 0.3), (True, 1.2)):
         edges = deformed_edges(drawn, 1.0, outline)
         ax.add_collection(LineCollection(edges, colors="#202020", linewidths=width))
+    return filled
 
 
 def _total(body: Any, forces: Array) -> Array:
@@ -386,11 +387,11 @@ class NonlinearHistory:
         if not self.results:
             raise InputError("animate: the history has no steps yet; run it first")
         low, high = _frame(self.results)
-        figure, ax = plt.subplots(figsize=(6, 4), layout="constrained")
+        figure = plt.figure(figsize=(6, 4), layout="constrained")
 
         def draw(k: int) -> Sequence[Any]:
-            ax.clear()
-            self.results[k].plot(ax)
+            figure.clear()  # the bar of colours too
+            ax = self.results[k].plot(figure.subplots())
             ax.set_xlim(low[0], high[0])
             ax.set_ylim(low[1], high[1])
             ax.set_title(f"t = {self.times[k]:.3g}")

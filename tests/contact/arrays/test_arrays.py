@@ -96,7 +96,7 @@ def test_sums_of_products(terms):
 def test_a_sum_of_which_float64_keeps_nothing():
     a, x = np.array([1e16, 1.0, -1e16, 1e-3]), np.array([1.0, 1.0, 1.0, 1.0])
     assert dot(a, Pairs.of(x)).rounded == 1.001
-    assert a @ x != 1.001
+    assert np.cumsum(a * x)[-1] != 1.001  # in order: a processor may add in another one
 
 
 @pytest.mark.parametrize("seed", range(4))
