@@ -19,13 +19,15 @@ extensions = [
     "numpydoc",
     "gallery",
     "tutorial_pictures",
+    "sphinx_copybutton",
 ]
 # The extra `docs` brings MathJax along; without it a browser loads it from the net.
 extensions += [name for name in ["sphinx-mathjax-offline"] if find_spec(name)]
-exclude_patterns = ["_build", "gallery/front.rst", "paper.md"]
+exclude_patterns = ["_build", "gallery/front.rst", "paper.md", "upstream"]
 myst_heading_anchors = 3
 myst_enable_extensions = ["dollarmath"]
 templates_path = ["_templates"]
+copybutton_exclude = ".linenos, .gp, .go"  # prompts and output
 default_role = "py:obj"  # a name in single backticks links to its page of the reference
 # One page a name; these two would be one file where case does not count.
 autosummary_filename_map = {"contact.uniqueness": "contact.uniqueness-function"}

@@ -12,6 +12,7 @@ import ast
 import re
 from pathlib import Path
 
+from scenes import scene
 from sphinx.util import logging
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -47,6 +48,7 @@ PAGE = """{title}
 
 {pictures}
 
+{scene}
 .. literalinclude:: {script}
    :language: python
    :lines: {code}-
@@ -111,6 +113,7 @@ def write(app) -> None:
             line="=" * len(title),
             text=text,
             code=code,
+            scene=scene(script.stem, Path(app.outdir) / "_static"),
             pictures="\n".join(f".. image:: ../../out/{name}" for name in found),
             script=f"../../examples/{script.name}",
             name=script.stem,

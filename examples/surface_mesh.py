@@ -132,7 +132,7 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
     parser.add_argument("--cells", type=int, default=28, help="along a side below the stamp")
     parser.add_argument("--around", type=int, default=240, help="triangles around the stamp")
     parser.add_argument("--steps", type=int, default=8)
-    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for STL and PNG")
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for STL, VTU, PNG")
     options = parser.parse_args(argv)
     options.output.mkdir(parents=True, exist_ok=True)
     path = options.output / "stamp.stl"
@@ -148,6 +148,7 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
     by_formula = -smooth.results[0].resultant[2]
     print(f"push {push:.2f} N, with the formula of the face {by_formula:.2f} N")
     print(f"torque at the end {torque[-1]:.1f} Nmm of {limit[-1]:.1f} Nmm")
+    last.to_pyvista().save(options.output / "surface_mesh.vtu")
     picture(stamp, history, torque, limit, options.output)
     found = {"stamp": stamp, "history": history, "smooth": smooth, "torque": torque}
     return SimpleNamespace(**found, limit=limit, push=push, by_formula=by_formula)

@@ -81,12 +81,14 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
     """Print force, centre pressure and contact radius over those of Hertz, draw the pressure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=4, help="cells in the radius a")
-    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for VTU and PNG")
     options = parser.parse_args(argv)
     found = sphere(options.cells)
     body = found.result.system.body
     print(f"{body.mesh.nelements} quadratic hexahedra, {body.basis.N} unknowns")
     print(f"force {found.force:.6f}, p0 {found.p0:.4f}, a {found.a:.4f}, each over Hertz' value")
+    options.output.mkdir(parents=True, exist_ok=True)
+    found.result.to_pyvista().save(options.output / "validation_hertz_sphere.vtu")
     picture(found.result, options.output)
     return found
 
@@ -112,7 +114,6 @@ def picture(result: ContactResult, output: Path) -> None:
     right.set(xlim=(-1.3, 1.3), ylim=(-1.3, 1.3), aspect="equal", xlabel="x / a", ylabel="y / a")
     right.legend(facecolor="0.3", labelcolor="w", loc="upper right")
     figure.colorbar(drawn, ax=right, label="pressure / $p_0$")
-    output.mkdir(parents=True, exist_ok=True)
     figure.savefig(output / "validation_hertz_sphere.png", dpi=120)
 
 
