@@ -18,6 +18,7 @@ import inverse_tables
 import kernel_tables
 import profile_tables
 import reproduction_tables
+import summary_table
 import validation_table
 from markdown_table import Record, every_other, rows_of, source
 
@@ -266,6 +267,7 @@ def curved(record: Record) -> str:
 TABLES: dict[str, Callable[[Record], str]] = {
     table.__name__: table
     for table in (
+        summary_table.summary,
         *(assembly, elements, sparse_solving, curved),
         *(contact_block, mkl, contact_scaling, contact_layers, contact_peers),
         *(body_tables.contact_pair, body_tables.distributed, body_tables.rough_layers),
@@ -284,7 +286,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
     )
 } | reproduction_tables.REPRODUCTION
 FILES = {
-    "mkl": "contact_block", "periodic": "validation_periodic",
+    "summary": "contact_block", "mkl": "contact_block", "periodic": "validation_periodic",
     **dict.fromkeys(("cip_profile_costs", "cip_profile_orders", "cip_areas"), "cip_profiles"),
 } | reproduction_tables.FILES  # fmt: skip
 
