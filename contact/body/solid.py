@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.arrays.sparse_rows import transpose
 from contact.body.axisymmetry import AXISYMMETRIC, circumference
 from contact.body.constitutive import StressLaw, total_stress
 from contact.errors import InputError
@@ -361,7 +362,7 @@ class Solid(Portable, ABC):
 
     def contact_forces(self, rows: Any, mu: Array, t: Array) -> Any:
         """``G^T mu + T^T t`` on all dofs, from `ContactRows`, on the device of the body."""
-        return rows.G.T @ mu + rows.T.T @ t.ravel()
+        return transpose(rows.G) @ mu + transpose(rows.T) @ t.ravel()
 
     def at_points(self, rows: sparse.csr_array, u: Any) -> Array:
         """Product of contact rows, shape (n, ndofs), and a displacement, on the device of u."""

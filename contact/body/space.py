@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays
-from contact.arrays.sparse_rows import SparseRows
+from contact.arrays.sparse_rows import AllRows, SparseRows
 from contact.body.supports import transposed
 
 Array = NDArray[np.float64]
@@ -34,15 +34,17 @@ class Space:
         put = arrays.xp.asarray
         self._S = stiffness or arrays.rows(body.stiffness)
         self.P, self.transposed = (arrays.rows(A) for A in (P, transposed(P, body.chosen)))
+        if body.chosen is not None and body.chosen.size == P.shape[0]:  # no supports
+            self.P = self.transposed = AllRows(None)
         self.picked, self.picks, self.of_moduli = self.P, self.transposed, self.transposed
         if body.picked is not P:
             self.picked, self.picks = (arrays.rows(A) for A in (body.picked, body.picked.T))
         self.lengths, self.free_lengths = map(put, body.lengths)
         self.values = put(body.are_values)
-        self._of_nodes = self.values.reshape(-1, body.dim).astype(float)
+        self._of_nodes = self.values.reshape(-1, body.dim).T.astype(float)
         self.diagonal = stiffness.diagonal() if stiffness else put(body.diagonal)
         self._moved = put(body.translations)
-        self._count = self._of_nodes.sum(axis=0)
+        self._count = self._of_nodes.sum(axis=1)
         self._last: tuple[Any, Any, bool] | None = None
         self._modes: tuple[Any, Array] | None = None
 
@@ -85,11 +87,12 @@ class Space:
 
     def mean_translation(self, u: Any) -> Any:
         """The mean of a displacement along the rigid translations, on all dofs, shape (ndofs,)."""
-        return (self._of_nodes * (self._moved * self._sums(u) / self._count)).ravel()
+        mean = self._moved * self._sums(u) / self._count
+        return self.values * self.arrays.xp.tile(mean, self._of_nodes.shape[1])
 
     def _sums(self, v: Any) -> Any:
         """Sum of each component over the nodes, (dim,)."""
-        return self.arrays.xp.einsum("nc,nc->c", self._of_nodes, v.reshape(self._of_nodes.shape))
+        return (self._of_nodes * v.reshape(self._of_nodes.T.shape).T).sum(axis=1)
 
     def moduli(self, u: Any) -> Any:
         """``|S| |u|``."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.arrays.dense_arrays import HostArrays
+from contact.arrays.sparse_rows import transpose
 from contact.body.free_motions import not_held
 from contact.body.rigid_modes import describe_motion
 from contact.body.supports import few_times
@@ -150,7 +151,7 @@ class CondensedBody:
 
     def _gathered(self, forces: Array) -> Any:
         """``P^T f`` on the device of the factors."""
-        return self._P.T @ forces
+        return transpose(self._P) @ forces
 
     def _spread(self, z: Any) -> Array:
         """``P z`` of a solution of the factors."""

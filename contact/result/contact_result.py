@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.arrays.sparse_rows import transpose
 from contact.body.distributed_body import DistributedBody
 from contact.derivatives.gradient import ContactGradient, gradient, warn_of
 from contact.errors import ContactError, InputError
@@ -329,7 +330,8 @@ class ContactResult(BodyFields, ContactState):
 
     def _forces(self, chosen: Chosen) -> Array:
         rows, t = self.system.rows, np.where(chosen[:, None], self.t, 0.0)
-        return np.asarray(rows.G.T @ np.where(chosen, self.mu, 0.0) + rows.T.T @ t.ravel())
+        mu = np.where(chosen, self.mu, 0.0)
+        return np.asarray(transpose(rows.G) @ mu + transpose(rows.T) @ t.ravel())
 
     @property
     def contact_force(self) -> float:
