@@ -299,6 +299,11 @@ class Solid(Portable, ABC):
         """Internal forces S u on the device of u (read-only)."""
         return self.vectors.returned(self.forces_on(self.placed(u)), u)
 
+    def know(self, u: Array, forces: Array) -> None:
+        """Take S u of a displacement, known from those of others, for the next calls."""
+        for body, own in zip(self.bodies, self.slices, strict=True):
+            body.vectors.know(u[own], forces[own], body.slender)
+
     def equilibrium(
         self, u: Any, contact: Any, load: Any, moduli: Any = None
     ) -> tuple[float, float]:

@@ -41,7 +41,8 @@ class Space:
             self.picked, self.picks = (arrays.rows(A) for A in (body.picked, body.picked.T))
         self.lengths, self.free_lengths = map(put, body.lengths)
         self.values = put(body.are_values)
-        self._of_nodes = self.values.reshape(-1, body.dim).T.astype(float)
+        of_nodes = self.values.reshape(-1, body.dim).T.astype(float)
+        self._of_nodes = arrays.xp.ascontiguousarray(of_nodes)  # rows, which sum fast
         self.diagonal = stiffness.diagonal() if stiffness else put(body.diagonal)
         self._moved = put(body.translations)
         self._count = self._of_nodes.sum(axis=1)
@@ -84,6 +85,10 @@ class Space:
             if isinstance(known[1], np.ndarray):
                 known[1].setflags(write=False)
         return known[1]
+
+    def know(self, u: Any, forces: Any, strained: bool) -> None:
+        """Take the forces of a displacement for `remembered`, both read-only."""
+        self._last = u, forces, strained
 
     def mean_translation(self, u: Any) -> Any:
         """The mean of a displacement along the rigid translations, on all dofs, shape (ndofs,)."""
