@@ -290,13 +290,14 @@ def main() -> None:
     found["machine"] = describe()
     reaches = (0.05, 0.025) if few else (0.05, 0.025, 0.0125, 0.00625)
     waves = [(60, 1.0)] if few else [(100, 0.5), (200, 1.0), (800, 5.0)]
+    sizes = (60,) if few else (60, 223)
     parts: dict[str, Any] = {
         "bar": lambda: [bar(*wave, way) for way in ("midpoint", "stabilised") for wave in waves],
         "bars": lambda: bars(50 if few else 100),
         "block": lambda: [block(dt) for dt in (0.01, 0.02, 0.04)],
         "ball": lambda: [ball(reach, 100, 0.2 if few else 0.1) for reach in reaches],
         "fine_ball": lambda: ball(reaches[0], 100, 0.1 if few else 0.05),
-        "cost": lambda: [cost(60 if few else 223, friction, 20) for friction in (0.0, 0.3)],
+        "cost": lambda: [cost(cells, friction, 20) for cells in sizes for friction in (0.0, 0.3)],
     }
     for name in options.only or parts:
         found[name] = parts[name]()

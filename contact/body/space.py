@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import operator
 import weakref
 from typing import Any
 
@@ -52,8 +53,7 @@ class Space:
     def are_of(self, body: Any) -> bool:
         """Whether the body still has the matrices from which this space was made."""
         materials, P = self._of
-        same = all(a is b for a, b in zip(materials, body.materials, strict=True))
-        return same and P is body.constraint[0]
+        return P is body.constraint[0] and all(map(operator.is_, materials, body.materials))
 
     @staticmethod
     def bytes(body: Any, stiffness: SparseRows | None = None) -> int:
