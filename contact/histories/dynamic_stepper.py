@@ -133,6 +133,8 @@ class DynamicStepper(LoadProgram):
     2.0
     """
 
+    _SAME = f"density, damping, dt, initial state, {LoadProgram._SAME}"
+
     def __init__(
         self,
         problem: ContactProblem,
@@ -362,9 +364,7 @@ class DynamicStepper(LoadProgram):
             another run or was changed; another process is writing to the folder.
         """
         report = reporter(progress, callback)
-        folder = HistoryFolder.opened(as_path(path), self.problem.body)
-        if folder.fingerprint != self._fingerprint():
-            raise self._another(path)
+        folder = self._opened(path)
         steps = round((float(folder.times[-1]) - self._start) / self.dt)
         with folder.locked():
             self._now, self._kept = None, []
@@ -404,13 +404,6 @@ class DynamicStepper(LoadProgram):
     def _vectors(self) -> list[Array]:
         masses = [np.asarray(M.data) for M in self._of.M.matrices]
         return [*super()._vectors(), self._settings, self._u, self._v, *masses]
-
-    def _another(self, path: str | Path) -> InputError:
-        return InputError(
-            f"path: {path} holds the history of another problem (other mesh, material, density, "
-            "damping, dt, initial state, contact rows, gap, friction, loads or supports); build "
-            "the stepper as it was"
-        )
 
     def _run(self, steps: int, folder: HistoryFolder | None, report: Progress) -> DynamicHistory:
         for number in range(len(self._rows), steps + 1):

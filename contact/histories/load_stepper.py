@@ -339,18 +339,12 @@ class LoadStepper(LoadProgram):
             or was changed; another process is writing to the folder.
         """
         report = reporter(progress, callback)
-        folder = HistoryFolder.opened(as_path(path), self.problem.body)
-        another = InputError(
-            f"path: {path} holds the history of another problem (other mesh, material, contact "
-            "rows, gap, friction, loads or supports); build the stepper as it was"
-        )
-        if folder.fingerprint != self._fingerprint():
-            raise another
+        folder = self._opened(path)
         with folder.locked():
             history, last, begin = LoadHistory(), None, np.nan
             for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
                 if not self._belongs(last, result, begin, float(t)):
-                    raise another  # different function of time
+                    raise self._another(path)  # different function of time
                 last, begin = result, float(t)
                 history = history.extended(float(t), result)
             folder.prepare(len(history), self.problem.system)

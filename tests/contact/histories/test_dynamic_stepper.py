@@ -446,6 +446,39 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, scheme):
             assert np.array_equal(one.result.mu, same.result.mu)
 
 
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_two_rubbing_bodies_with_the_mass_of_contact_nodes_go_on(tmp_path, mass):
+    """The second scheme with friction, two bodies, loads in time, and a run in two parts."""
+
+    def made():
+        top = np.linspace(0.2, 0.8, 6), np.linspace(0.505, 0.9, 5)
+        mesh = MeshQuad.init_tensor(*top).with_defaults()
+        upper = ElasticBody.from_mesh(mesh, ElementQuad1(), E=2.0, nu=0.3).named("upper")
+        lower = strip(8, high=0.5, layers=4).fix("bottom", "xy").named("lower")
+        problem = ContactProblem(
+            [lower, upper], [Pair(upper, "bottom", lower.surface("top"), friction=0.3)]
+        )
+        options = {"velocity": [None, (0.02, -0.02)], "mass": mass, "damping": (0.0, 0.001)}
+        stepper = DynamicStepper(problem, [1.0, 2.0], 0.05, scheme="stabilised", keep=4, **options)
+        return stepper.load("top", (0.005, -0.01), np.sin, body=upper)
+
+    whole = made().run(30)
+    assert closed(whole)
+    assert whole.friction.sum() > 1e-6
+    assert whole.impact.sum() > 1e-7
+    assert max(max(step.result.kkt.values()) for step in whole) < 1e-10
+
+    def stop(step):
+        if step.number == 17:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        made().run(30, path=tmp_path / "run", callback=stop)
+    resumed = made().resume(tmp_path / "run")
+    assert np.array_equal(resumed.table, whole.table)
+    assert np.array_equal(resumed[-1].v, whole[-1].v)
+
+
 @pytest.mark.parametrize(
     "changed",
     [
