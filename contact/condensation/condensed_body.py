@@ -153,16 +153,16 @@ class CondensedBody:
 
     def _gathered(self, forces: Array) -> Any:
         """``P^T f`` on the device of the factors."""
-        diagonal = self._diagonal
+        diagonal = self._only_diagonal
         return transpose(self._P) @ forces if diagonal is None else diagonal * forces
 
     def _spread(self, z: Any) -> Array:
         """``P z`` of a solution of the factors."""
-        diagonal = self._diagonal
+        diagonal = self._only_diagonal
         return np.asarray(self._P @ z if diagonal is None else diagonal * z)
 
     @property
-    def _diagonal(self) -> Array | None:
+    def _only_diagonal(self) -> Array | None:
         """That of P, where no dof is supported or tied; else None."""
         P = self._P
         if self._looked_at is not P:
