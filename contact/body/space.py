@@ -35,7 +35,7 @@ class Space:
         put = arrays.xp.asarray
         self._S = stiffness or arrays.rows(body.stiffness)
         self.P, self.transposed = (arrays.rows(A) for A in (P, transposed(P, body.chosen)))
-        if body.chosen is not None and body.chosen.size == P.shape[0]:  # no supports
+        if np.array_equal(body.chosen, np.arange(P.shape[0])):  # no supports
             self.P = self.transposed = AllRows(None)
         self.picked, self.picks, self.of_moduli = self.P, self.transposed, self.transposed
         if body.picked is not P:
