@@ -99,6 +99,45 @@ def rough_peers(record: Record) -> str:
     return f"{table}\n\n{end} {source('rough_peers', record)}"
 
 
+def contact_dynamics(record: Record) -> str:
+    """Steps with inertia beside the substitution and the factorisation that they need."""
+    costs = [
+        (
+            f"{row['unknowns']:,}",
+            f"{row['friction']:.1f}",
+            *(f"{1e3 * row[name]:.1f} ms" for name in ("solve_s", "boundary_s", "step_s")),
+            f"**{row['step_over_one_solution_and_boundary']:.2f}**",
+            f"{row['hundred_steps_over_factor']:.1f}",
+        )
+        for row in record["cost"]
+    ]
+    header = (
+        "unknowns | friction | forward and backward substitution | boundary problem | step "
+        "| step over these two | 100 steps over a factorisation"
+    )
+    balls = [
+        (
+            f"{row['reach']:.3g}",
+            f"{row['unknowns']:,}",
+            *(f"{row[name]:.4f}" for name in ("duration", "force")),
+            *(f"{row['quasistatic_' + name]:.4f}" for name in ("duration", "force")),
+        )
+        for row in (record["fine_ball"], *record["ball"])
+    ]
+    impact = rows_of(
+        "a / R | unknowns | duration | force | duration by its static compliance | force by it",
+        balls,
+    )
+    end = (
+        "Impact of a ball, over Hertz' theory: the difference is of the order "
+        f"{record['ball_order_duration']:.2f} (duration) and {record['ball_order_force']:.2f} "
+        "(force) in a / R. A mass on the static compliance of the same ball differs as much."
+    )
+    return "\n\n".join(
+        (rows_of(header, costs), impact, f"{end} {source('contact_dynamics', record, 'MKL')}")
+    )
+
+
 def contact_device(record: Record) -> str:
     """Meshed bodies on a device, and on its host where they were solved there too."""
     names = {"adini": "Adini rectangles", "hex1": "trilinear bricks", "part": "P2 tetrahedra"}

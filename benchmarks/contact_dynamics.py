@@ -130,18 +130,61 @@ def half_ball(fine: float, ratio: float) -> MeshTri2:
     return MeshTri2(place, curved.t)
 
 
-def ball(reach: float, steps: int) -> dict[str, float]:
-    """The impact of a ball with a / R = reach: duration and largest force over Hertz'."""
-    mesh, nu = half_ball(reach / 16, 0.2), 0.3
+NU, STAR, MASS = 0.3, 1 / (1 - 0.3**2), 4 * np.pi / 3  # of a ball of radius, E and density one
+
+
+def pressed(reach: float, coarse: float, off: float) -> ContactProblem:
+    """A ball over a plane at the distance `off`, with points as far as 2.5 times a / R = reach."""
+    mesh = half_ball(reach * coarse / 3.2, coarse)
     rim = mesh.facets_satisfying(
         lambda x: (np.hypot(*x) > 0.99) & (x[0] > 1e-9) & (np.hypot(x[0], x[1] + 1) < 2.5 * reach),
         boundaries_only=True,
     )
-    star, depth = 1 / (1 - nu**2), reach**2
-    v = np.sqrt(depth**2.5 * 16 * star / (20 * np.pi))
-    lasts, peak, off = 2.943 * depth / v, 4 / 3 * star * depth**1.5, 4e-4 * depth
-    body = ElasticBody.from_mesh(mesh, ElementTriP2(), E=1.0, nu=nu, plane="axisymmetric")
-    problem = ContactProblem(body, rim, Plane((0.0, -1.0 - off), (0.0, 1.0)))
+    body = ElasticBody.from_mesh(mesh, ElementTriP2(), E=1.0, nu=NU, plane="axisymmetric")
+    return ContactProblem(body, rim, Plane((0.0, -1.0 - off), (0.0, 1.0)))
+
+
+def quasistatic(reach: float, coarse: float) -> dict[str, float]:
+    """The same impact of a mass on the static compliance of this very ball, over Hertz'.
+
+    Its own weight presses it by F; the mean displacement is ``x (1 - c sqrt(x))`` with Hertz'
+    ``F = 4 / 3 E* x^1.5``. Energy and time of the approach are integrals.
+    """
+    problem, peak = pressed(reach, coarse, 0.0), 4 / 3 * STAR * reach**3
+    body = problem.body
+    weight = body.body_force((0.0, -1.0)).f.copy()
+    mass = -weight @ (np.arange(weight.size) % 2 * body.are_values)
+    root, lost = [], []
+    for part in (0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.15):
+        body.f = weight * (part * peak / mass)
+        x = (part * peak / (4 / 3 * STAR)) ** (2 / 3)
+        moved = weight @ problem.solve().u / mass
+        root.append(np.sqrt(x))
+        lost.append((1 - moved / x) / np.sqrt(x))
+    c = np.polyfit(root, lost, 1)
+    s = np.linspace(0.0, 1.2 * reach, 20001)  # sqrt(x)
+    way, force = s**2 * (1 - np.polyval(c, s) * s), 4 / 3 * STAR * s**3
+    work = np.concatenate(([0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(way))))
+    v2 = reach**5 * 16 * STAR / (15 * MASS)
+    top = float(np.interp(0.5 * MASS * v2, work, s))
+    theta = (np.arange(2000) + 0.5) * np.pi / 4000  # s^2.5 = top^2.5 sin(theta): no singular end
+    at = top * np.sin(theta) ** 0.4
+    slope = np.interp(at, s, np.gradient(way, s)) * 0.4 * at / np.tan(theta)
+    left = np.sqrt(v2 - 2 * np.interp(at, s, work) / MASS)
+    lasts = 2 * np.sum(slope / left) * np.pi / 4000
+    return {
+        "quasistatic_duration": float(lasts / (2.943 * reach**2 / np.sqrt(v2))),
+        "quasistatic_force": float((top / reach) ** 3),
+    }
+
+
+def ball(reach: float, steps: int, coarse: float) -> dict[str, float]:
+    """The impact of a ball with a / R = reach: duration and largest force over Hertz'; cells of
+    `coarse` times the distance from its pole."""
+    depth = reach**2
+    v = np.sqrt(depth**2.5 * 16 * STAR / (15 * MASS))
+    lasts, peak, off = 2.943 * depth / v, 4 / 3 * STAR * depth**1.5, 4e-4 * depth
+    problem = pressed(reach, coarse, off)
     stepper, found = thrown(problem, lasts / steps, int(1.1 * steps), (0.0, -v))
     history = stepper.history
     force, middle = history.force[1:, 1], history.times[1:] - 0.5 * history.dt
@@ -152,7 +195,10 @@ def ball(reach: float, steps: int) -> dict[str, float]:
     bend = np.polyfit([-1.0, 0.0, 1.0], force[k - 1 : k + 2], 2)
     most = bend[2] - bend[1] ** 2 / (4 * bend[0])
     return found | {
+        **quasistatic(reach, coarse),
         "reach": reach,
+        "coarse": coarse,
+        "unknowns": problem.body.ndofs,
         "steps": steps,
         "duration": float(end / lasts),
         "force": float(most / peak),
@@ -244,12 +290,14 @@ def main() -> None:
     found["machine"] = describe()
     reaches = (0.05, 0.025) if few else (0.05, 0.025, 0.0125, 0.00625)
     waves = [(60, 1.0)] if few else [(100, 0.5), (200, 1.0), (800, 5.0)]
+    sizes = (60,) if few else (60, 223)
     parts: dict[str, Any] = {
         "bar": lambda: [bar(*wave, way) for way in ("midpoint", "stabilised") for wave in waves],
         "bars": lambda: bars(50 if few else 100),
         "block": lambda: [block(dt) for dt in (0.01, 0.02, 0.04)],
-        "ball": lambda: [ball(reach, 100) for reach in reaches],
-        "cost": lambda: [cost(60 if few else 223, friction, 20) for friction in (0.0, 0.3)],
+        "ball": lambda: [ball(reach, 100, 0.2 if few else 0.1) for reach in reaches],
+        "fine_ball": lambda: ball(reaches[0], 100, 0.1 if few else 0.05),
+        "cost": lambda: [cost(cells, friction, 20) for cells in sizes for friction in (0.0, 0.3)],
     }
     for name in options.only or parts:
         found[name] = parts[name]()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg.blas import dgemm, dsyrk
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgetrf, dgetrs
 
 from contact.arrays.sparse_rows import DeviceRows, SparseRows
 from contact.errors import InputError, MissingDependency
@@ -98,8 +98,16 @@ class HostArrays:
     def solve_square(self, A: Any, b: Any, definite: bool = False) -> Any:
         """Solve ``A x = b`` for a square A, which may be overwritten; b and x are on the host.
         `definite`: symmetric positive definite up to rounding. Raises LinAlgError if singular."""
-        _, _, x, info = dgesv(A, b, overwrite_a=True, overwrite_b=True)
-        return regular(x, info)
+        return self.solve_factored(self.factored(A), b)
+
+    def factored(self, A: Any, overwrite: bool = True) -> tuple[Any, Any]:
+        """Factors of a square A of the host for `solve_factored`; LinAlgError if singular."""
+        factor, pivots, info = dgetrf(A, overwrite_a=overwrite)
+        return factor, regular(pivots, info)
+
+    def solve_factored(self, factors: tuple[Any, Any], b: Any) -> Any:
+        """Solve by the factors of the host; b is overwritten."""
+        return regular(*dgetrs(*factors, b, overwrite_b=True))
 
     def synchronize(self) -> None:
         """Wait until all operations have finished."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cache, cached_property
+import weakref
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,31 @@ class SparseRows:
     def bytes(matrix: Any) -> int:
         """Memory that the matrix takes on a device."""
         return int(matrix.data.nbytes + 4 * (matrix.indices.size + matrix.indptr.size))
+
+
+class AllRows(SparseRows):
+    """The identity, on host or device."""
+
+    def __matmul__(self, x: Any) -> Any:
+        """x itself."""
+        return x
+
+
+_transposes: dict[int, tuple[Any, Any]] = {}
+
+
+def transpose(matrix: Any) -> Any:
+    """``A^T``, sharing the arrays of A, made once: SciPy's takes longer than a small product."""
+    known = _transposes.get(id(matrix))
+    if known is None or known[0]() is not matrix:
+        forget = partial(_forget, id(matrix))
+        known = _transposes[id(matrix)] = weakref.ref(matrix, forget), matrix.T
+    return known[1]
+
+
+def _forget(number: int, gone: Any) -> None:
+    if _transposes.get(number, (None,))[0] is gone:
+        del _transposes[number]
 
 
 class DeviceRows(SparseRows):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.arrays.sparse_rows import transpose
 from contact.body.axisymmetry import AXISYMMETRIC, circumference
 from contact.body.constitutive import StressLaw, total_stress
 from contact.errors import InputError
@@ -298,6 +299,11 @@ class Solid(Portable, ABC):
         """Internal forces S u on the device of u (read-only)."""
         return self.vectors.returned(self.forces_on(self.placed(u)), u)
 
+    def know(self, u: Array, forces: Array) -> None:
+        """Take S u of a displacement, known from those of others, for the next calls."""
+        for body, own in zip(self.bodies, self.slices, strict=True):
+            body.vectors.know(u[own], forces[own], body.slender)
+
     def equilibrium(
         self, u: Any, contact: Any, load: Any, moduli: Any = None
     ) -> tuple[float, float]:
@@ -361,7 +367,7 @@ class Solid(Portable, ABC):
 
     def contact_forces(self, rows: Any, mu: Array, t: Array) -> Any:
         """``G^T mu + T^T t`` on all dofs, from `ContactRows`, on the device of the body."""
-        return rows.G.T @ mu + rows.T.T @ t.ravel()
+        return transpose(rows.G) @ mu + transpose(rows.T) @ t.ravel()
 
     def at_points(self, rows: sparse.csr_array, u: Any) -> Array:
         """Product of contact rows, shape (n, ndofs), and a displacement, on the device of u."""

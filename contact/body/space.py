@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import operator
 import weakref
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays
-from contact.arrays.sparse_rows import SparseRows
+from contact.arrays.sparse_rows import AllRows, SparseRows
 from contact.body.supports import transposed
 
 Array = NDArray[np.float64]
@@ -34,23 +35,25 @@ class Space:
         put = arrays.xp.asarray
         self._S = stiffness or arrays.rows(body.stiffness)
         self.P, self.transposed = (arrays.rows(A) for A in (P, transposed(P, body.chosen)))
+        if np.array_equal(body.chosen, np.arange(P.shape[0])):  # no supports
+            self.P = self.transposed = AllRows(None)
         self.picked, self.picks, self.of_moduli = self.P, self.transposed, self.transposed
         if body.picked is not P:
             self.picked, self.picks = (arrays.rows(A) for A in (body.picked, body.picked.T))
         self.lengths, self.free_lengths = map(put, body.lengths)
         self.values = put(body.are_values)
-        self._of_nodes = self.values.reshape(-1, body.dim).astype(float)
+        of_nodes = self.values.reshape(-1, body.dim).T.astype(float)
+        self._of_nodes = arrays.xp.ascontiguousarray(of_nodes)  # rows, which sum fast
         self.diagonal = stiffness.diagonal() if stiffness else put(body.diagonal)
         self._moved = put(body.translations)
-        self._count = self._of_nodes.sum(axis=0)
+        self._count = self._of_nodes.sum(axis=1)
         self._last: tuple[Any, Any, bool] | None = None
         self._modes: tuple[Any, Array] | None = None
 
     def are_of(self, body: Any) -> bool:
         """Whether the body still has the matrices from which this space was made."""
         materials, P = self._of
-        same = all(a is b for a, b in zip(materials, body.materials, strict=True))
-        return same and P is body.constraint[0]
+        return P is body.constraint[0] and all(map(operator.is_, materials, body.materials))
 
     @staticmethod
     def bytes(body: Any, stiffness: SparseRows | None = None) -> int:
@@ -83,13 +86,18 @@ class Space:
                 known[1].setflags(write=False)
         return known[1]
 
+    def know(self, u: Any, forces: Any, strained: bool) -> None:
+        """Take the forces of a displacement for `remembered`, both read-only."""
+        self._last = u, forces, strained
+
     def mean_translation(self, u: Any) -> Any:
         """The mean of a displacement along the rigid translations, on all dofs, shape (ndofs,)."""
-        return (self._of_nodes * (self._moved * self._sums(u) / self._count)).ravel()
+        mean = self._moved * self._sums(u) / self._count
+        return self.values * self.arrays.xp.tile(mean, self._of_nodes.shape[1])
 
     def _sums(self, v: Any) -> Any:
         """Sum of each component over the nodes, (dim,)."""
-        return self.arrays.xp.einsum("nc,nc->c", self._of_nodes, v.reshape(self._of_nodes.shape))
+        return (self._of_nodes * v.reshape(self._of_nodes.T.shape).T).sum(axis=1)
 
     def moduli(self, u: Any) -> Any:
         """``|S| |u|``."""

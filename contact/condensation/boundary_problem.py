@@ -53,6 +53,7 @@ class BoundaryProblem:
     bonded: NDArray[np.bool_] | None = None  # u_n = d, u_t = 0 for any forces, shape (m,)
     compliance: Compliance | None = None  # a `SurfaceLaw` replaces u_n = d
     swept: NDArray[np.bool_] | None = None  # one of two slips is prescribed: cannot stick, (m,)
+    systems: list[Any] | None = None  # the last linear systems of Newton's method, factored
     D: Array | None = None  # replaces C in the balance, if forces follow the motions, (n, k)
 
     @property

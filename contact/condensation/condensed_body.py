@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.arrays.dense_arrays import HostArrays
+from contact.arrays.sparse_rows import transpose
 from contact.body.free_motions import not_held
 from contact.body.rigid_modes import describe_motion
 from contact.body.supports import few_times
@@ -55,6 +56,8 @@ class CondensedBody:
     _boundary: NDArray[np.int64]
     _u0: Array | None
     _lifted: Array | None
+    _looked_at: Any = None
+    _of_all: Array | None = None
 
     def _prescribe(self, body: Any) -> None:
         """Store the body with its prescribed displacements."""
@@ -150,11 +153,25 @@ class CondensedBody:
 
     def _gathered(self, forces: Array) -> Any:
         """``P^T f`` on the device of the factors."""
-        return self._P.T @ forces
+        diagonal = self._only_diagonal
+        return transpose(self._P) @ forces if diagonal is None else diagonal * forces
 
     def _spread(self, z: Any) -> Array:
         """``P z`` of a solution of the factors."""
-        return np.asarray(self._P @ z)
+        diagonal = self._only_diagonal
+        return np.asarray(self._P @ z if diagonal is None else diagonal * z)
+
+    @property
+    def _only_diagonal(self) -> Array | None:
+        """That of P, where no dof is supported or tied; else None."""
+        P = self._P
+        if self._looked_at is not P:
+            n = P.shape[0]
+            alone = P.nnz == n == P.shape[1] and all(
+                np.array_equal(part, np.arange(part.size)) for part in (P.indices, P.indptr)
+            )
+            self._looked_at, self._of_all = P, P.data if alone else None
+        return self._of_all
 
     @property
     def boundary_columns(self) -> sparse.csr_array:

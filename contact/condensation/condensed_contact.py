@@ -13,6 +13,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from contact.arrays.blas_threads import one_blas_thread
+from contact.arrays.sparse_rows import transpose
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condense import choose_condensation
 from contact.condensation.condensed_body import BodyRows, CondensedBody
@@ -330,6 +331,7 @@ class CondensedContact(CondensedBodies):
 
     def _condense(self) -> None:
         """Compute the compliance of the rows, the sum of those of the bodies."""
+        self._systems: list[Any] = []
         self._arrays = self.parts[0].arrays
         if self._dense:
             self._add_up()
@@ -433,6 +435,7 @@ class CondensedContact(CondensedBodies):
             prescribed_slip=fixed_t / scale[:, None],
             bonded=self.rows.ties if self.rows.bonded.size else None,
             swept=self.swept(tangent, fixed_t, motion),
+            systems=self._systems,
         )
 
     def prescribed(
@@ -523,7 +526,7 @@ class CondensedContact(CondensedBodies):
     ) -> tuple[Array, Array, Array]:
         """Displacement of all dofs and physical forces: (u, mu, t)."""
         stacked = problem.forces(forces.mu, forces.t) / self._scale
-        reduced = self.reduce(load) - self.B.T @ stacked
+        reduced = self.reduce(load) - transpose(self.B) @ stacked
         of_body = forces.a[: self.N.shape[1]]
         z_b = self.flexed(reduced) + self.N @ of_body
         scale = self.point_scale

@@ -76,7 +76,8 @@ class ForwardCache:
     def _forward(self, load: Vector) -> Vector:
         known = self._known
         for before, eliminated in known:
-            if np.array_equal(before, load):
+            some = slice(None, None, 101)  # tells most others apart
+            if np.array_equal(before[some], load[some]) and np.array_equal(before, load):
                 return eliminated
         found = self._eliminate(load)
         if isinstance(found, np.ndarray):

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,7 @@ from contact.errors import InputError
 from contact.histories.dynamic_history import DynamicHistory, DynamicStep, arrays_of, stored_steps
 from contact.histories.history_folder import HistoryFolder, same_values
 from contact.histories.inertial_step import Integrator, Masses, Moment
-from contact.histories.load_history import as_path
+from contact.histories.load_history import as_path, reporter
 from contact.histories.load_program import LoadProgram, value_at
 from contact.laws.options import Options
 from contact.obstacles.rigid import ObstacleMotion
@@ -38,6 +38,15 @@ Array = NDArray[np.float64]
 Initial = ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any] | ContactResult | None
 Progress = Callable[[DynamicStep], None]
 SCHEMES = ("midpoint", "stabilised")
+
+
+class _Limits(NamedTuple):
+    steps: int = 10**8  # of a run: the table of more does not fit into memory
+    dt: float = 1e140  # its square, or that of its inverse, would overflow
+    lost: float = 1e-6  # of dt, by which rounding may change a step
+
+
+LIMITS = _Limits()
 logger = logging.getLogger(__name__)
 
 
@@ -124,6 +133,8 @@ class DynamicStepper(LoadProgram):
     2.0
     """
 
+    _SAME = f"density, damping, dt, initial state, {LoadProgram._SAME}"
+
     def __init__(
         self,
         problem: ContactProblem,
@@ -151,12 +162,15 @@ class DynamicStepper(LoadProgram):
             raise InputError("problem: dynamics takes no adhesion, hardness or wear")
         super().__init__(problem)
         self.dt, self.scheme = positive_number("dt", dt), choice("scheme", scheme, SCHEMES)
+        if not 1.0 / LIMITS.dt < self.dt < LIMITS.dt:
+            raise InputError(f"dt={dt!r}: its square is beyond the range of numbers; change units")
         self.keep = integer("keep", keep, 1)
         choice("mass", mass, ("consistent", "lumped"))
         a, b = finite_numbers("damping", damping, (2,))
         if min(a, b) < 0.0:
             raise InputError(f"damping={damping!r}: expected two numbers that are not negative")
         self._start = finite_number("start", start)
+        self._check_time(self._start)
         body = problem.body
         options = Options.checked(problem.law, body.dim, method, tol, max_iterations, None)
         bare = touched_dofs(problem) if scheme == SCHEMES[0] else np.zeros(body.ndofs, dtype=bool)
@@ -180,6 +194,12 @@ class DynamicStepper(LoadProgram):
     def __repr__(self) -> str:
         done = max(len(self._rows) - 1, 0)
         return f"DynamicStepper({self.problem!r}; dt={self.dt:.6g}, {self.scheme}; {done} steps)"
+
+    def _check_time(self, t: float) -> None:
+        if np.spacing(abs(t)) > LIMITS.lost * self.dt:
+            raise InputError(
+                f"start, dt: steps of {self.dt:.6g} are lost in the rounding of the time {t:.6g}"
+            )
 
     def _conditions(self) -> tuple[Any, ...]:
         body = self.problem.body
@@ -263,7 +283,7 @@ class DynamicStepper(LoadProgram):
         u0, u1, u2 = (body.constraint[1] for body in bodies)
         given = (-1.5 * u0 + 2.0 * u1 - 0.5 * u2) / h
         v = v + bodies[0].at_supports(given - v)
-        return self._of.moment(t, u, v, system, motion)
+        return self._of.moment(t, self._of.moved(u, v), system, motion)
 
     def run(
         self,
@@ -300,20 +320,22 @@ class DynamicStepper(LoadProgram):
         OSError
             A step could not be written. Steps written before it stay readable.
         """
-        integer("steps", steps, 1)
+        integer("steps", steps, 1, LIMITS.steps)
+        report = reporter(progress, callback)
         self._begin()
         done = len(self._rows) - 1
+        self._check_time(self._start + self.dt * (done + steps))
         if path is None:
-            return self._run(done + steps, None, progress, callback)
+            return self._run(done + steps, None, report)
         if done:
             raise InputError("path: only the first run of a stepper writes; make a new one")
-        numbers = [k for k in range(1, steps + 1) if k % self.keep == 0 or k == steps]
-        times = self._start + self.dt * np.array(numbers)
+        numbers = np.append(np.arange(self.keep, steps, self.keep), steps)
+        times = self._start + self.dt * numbers
         system = self.problem.system
         folder = HistoryFolder.created(as_path(path), times, system, self._fingerprint())
         with folder.locked():
             folder.prepare(0, system)
-            return self._run(steps, folder, progress, callback)
+            return self._run(steps, folder, report)
 
     def resume(
         self, path: str | Path, *, progress: bool = False, callback: Progress | None = None
@@ -341,9 +363,8 @@ class DynamicStepper(LoadProgram):
             The folder holds no dynamic history, or that of another problem; a step belongs to
             another run or was changed; another process is writing to the folder.
         """
-        folder = HistoryFolder.opened(as_path(path), self.problem.body)
-        if folder.fingerprint != self._fingerprint():
-            raise self._another(path)
+        report = reporter(progress, callback)
+        folder = self._opened(path)
         steps = round((float(folder.times[-1]) - self._start) / self.dt)
         with folder.locked():
             self._now, self._kept = None, []
@@ -353,7 +374,7 @@ class DynamicStepper(LoadProgram):
                     raise self._another(path)  # another function of time
             folder.prepare(len(self._kept), self.problem.system)
             logger.info("resuming after %d of %d steps", len(self._rows) - 1, steps)
-            return self._run(steps, folder, progress, callback)
+            return self._run(steps, folder, report)
 
     def _take(self, step: DynamicStep, arrays: dict[str, Array]) -> bool:
         """Continue from a stored step; whether loads, motions, obstacles and energies agree."""
@@ -363,7 +384,7 @@ class DynamicStepper(LoadProgram):
         if middle is not None and middle.travel is not None:
             motion = ObstacleMotion.with_travel(system.motion, middle.travel)
             system = replace(system, motion=motion)
-        then = self._of.moment(t, step.u, step.v, system, arrays["motion"])
+        then = self._of.moment(t, self._of.moved(step.u, step.v), system, arrays["motion"])
         energy, known = np.array(then.energy[:3]), arrays["table"][-1][:3]
         pairs = [(energy, known), (system.rows.gap, arrays["gap"])]
         if not all(same_values(a, b) for a, b in [*pairs, (self._varied(t), arrays["varied"])]):
@@ -384,20 +405,7 @@ class DynamicStepper(LoadProgram):
         masses = [np.asarray(M.data) for M in self._of.M.matrices]
         return [*super()._vectors(), self._settings, self._u, self._v, *masses]
 
-    def _another(self, path: str | Path) -> InputError:
-        return InputError(
-            f"path: {path} holds the history of another problem (other mesh, material, density, "
-            "damping, dt, initial state, contact rows, gap, friction, loads or supports); build "
-            "the stepper as it was"
-        )
-
-    def _run(
-        self,
-        steps: int,
-        folder: HistoryFolder | None,
-        progress: bool,
-        callback: Progress | None,
-    ) -> DynamicHistory:
+    def _run(self, steps: int, folder: HistoryFolder | None, report: Progress) -> DynamicHistory:
         for number in range(len(self._rows), steps + 1):
             kept = len(self._kept)
             step = self._step(number == steps)
@@ -407,11 +415,7 @@ class DynamicStepper(LoadProgram):
                 gap, rows = self._now.end.system.rows.gap, np.array(self._rows[since:])
                 values = (step.u, step.v, self._now.motion, gap, self._varied(step.time))
                 folder.write(kept, step.result, arrays_of((*values, rows, np.array(self.dt))))
-            logger.info("%s", step)
-            if progress:
-                print(step, flush=True)
-            if callback is not None:
-                callback(step)
+            report(step)
         return self.history
 
 

@@ -14,7 +14,7 @@ Ertel, Int. J. Numer. Meth. Engng 73 (2008), 1274-1290."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -40,7 +40,15 @@ if TYPE_CHECKING:
     from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
-Physical = Callable[[Array, Array, Array, Array | None], ContactResult]
+
+
+class Moved(NamedTuple):
+    """Displacement and velocity, with momentum M v and internal forces K u, (ndofs,)."""
+
+    u: Array
+    v: Array
+    Mv: Array
+    Ku: Array
 
 
 class Ledger(NamedTuple):
@@ -90,16 +98,22 @@ class Masses:
 class StepSystem(ContactSystem):
     """The static problem of a step, certified by the equations with stiffness, mass and damping."""
 
-    physical: Physical | None = None
+    physical: _Middle | None = None
     _last: list[Any] = field(default_factory=list)
 
     def at_middle(self, u: Array, mu: Array, t: Array, w: Array | None) -> ContactResult:
         """The state in the middle of the step for a half increment u."""
         if not self._last or self._last[0] is not u or self._last[1] is not mu:
             assert self.physical is not None
-            self._last[:] = u, mu, self.physical(u, mu, t, w)
+            self._last[:] = u, mu, *self.physical(u, mu, t, w)
         found: ContactResult = self._last[2]
         return found if found.t is t else replace(found, t=t)
+
+    @property
+    def at_end(self) -> Moved:
+        """The bodies at the end of the step of the last `at_middle`."""
+        moved: Moved = self._last[3]
+        return moved
 
     def balance(self, u: Any, mu: Array, t: Array) -> float:
         """Zero: with inertia no forces cancel that a step of refinement would have to balance."""
@@ -116,17 +130,20 @@ class Moment:
     """Bodies and obstacles at the end of a step: `end` holds u, the motion, gaps and slips."""
 
     time: float
-    v: Array
+    bodies: Moved
     end: ContactResult
-    Mv: Array
-    Ku: Array
     energy: Ledger
     middle: ContactResult | None = None  # of the step before
 
     @property
     def u(self) -> Array:
         """Displacement of all dofs."""
-        return self.end.u
+        return self.bodies.u
+
+    @property
+    def v(self) -> Array:
+        """Velocity of all dofs."""
+        return self.bodies.v
 
     @property
     def motion(self) -> Array:
@@ -174,16 +191,19 @@ class Integrator(Portable):
         body = self.M.bodies_with(self.problem.body, 1.0, 0.0)
         return CondensedContact(body, _free(self.problem.rows), self.problem.solver)
 
+    def moved(self, u: Array, v: Array) -> Moved:
+        """The bodies with this displacement and velocity."""
+        return Moved(u, v, self.M @ v, np.asarray(self.problem.body.internal(u)))
+
     def moment(
-        self, time: float, u: Array, v: Array, system: ContactSystem, motion: Array | None
+        self, time: float, bodies: Moved, system: ContactSystem, motion: Array | None
     ) -> Moment:
         """The bodies at a time, with their energies."""
+        (u, v, Mv, Ku), f = bodies, self.problem.body.f
         m, slips = system.rows.gap.size, system.body.dim - 1
         end = ContactResult(system, u, np.zeros(m), np.zeros((m, slips)), "", (), motion)
-        Mv, Ku = self.M @ v, np.asarray(self.problem.body.internal(u))
-        f = self.problem.body.f
         energy = Ledger(0.5 * float(v @ Mv), 0.5 * float(u @ Ku), -float(f @ u))
-        return Moment(time, v, end, Mv, Ku, energy)
+        return Moment(time, bodies, end, energy)
 
     def system_at(self, program: LoadProgram, now: Moment, time: float) -> ContactSystem:
         """Gaps, slips, supports and obstacles at the end of a step."""
@@ -194,9 +214,10 @@ class Integrator(Portable):
         """Advance to a time; the ledger is closed and every law certified, or NotConverged."""
         h, end = self.dt, self.system_at(program, now, time)
         around = program._body_at(now.time + 0.5 * h)
-        u_n, u_t = end.relative(now.u, now.motion)
+        same = end.motion is None and now.end.system.motion is None
+        u_n, u_t = now.end._relative if same else end.relative(now.u, now.motion)
         impact = self._impact(now, end, u_n) if self.stabilised else None
-        load = around.f - now.Ku + (2.0 / h) * now.Mv
+        load = around.f - now.bodies.Ku + (2.0 / h) * now.bodies.Mv
         if impact is not None:
             load = load - (2.0 / h**2) * impact.forces
         u0 = 0.5 * (end.body.constraint[1] - now.end.system.body.constraint[1])
@@ -220,12 +241,11 @@ class Integrator(Portable):
         middle = system.at_middle(found.u, found.mu, found.t, found.motion)
         middle = replace(middle, history=found.history, slack=found.slack)
         check_motion(middle, self.problem.boundaries, end.obstacle)
-        v = self.velocity(now, found.u, impact)
         after = None
         if end.motion is not None and found.motion is not None:
             moved = now.motion + 2.0 * found.motion
             after = np.where(end.motion.free, moved, end.motion.prescribed)
-        then = replace(self.moment(time, now.u + 2.0 * found.u, v, end, after), middle=middle)
+        then = replace(self.moment(time, system.at_end, end, after), middle=middle)
         return replace(then, energy=self._ledger(now, then, found, around.f, impact))
 
     def velocity(self, now: Moment, w: Array, impact: _Impact | None) -> Array:
@@ -256,18 +276,18 @@ class Integrator(Portable):
         self, now: Moment, then: Moment, found: ContactResult, f: Array, impact: _Impact | None
     ) -> Ledger:
         """The balance of energy of a step; `NotConverged` unless it closes."""
-        step, system, middle, end = 2.0 * found.u, found.system, then.middle, then.end.system
+        step, system, middle = 2.0 * found.u, found.system, then.middle
         assert middle is not None
         assert system.slip_from is not None
         mu, t, pressed = found.mu, found.t, found.mu != 0.0
-        u_n = end.relative(now.u, now.motion)[0]
-        left, before = (np.where(pressed, gap, 0.0) for gap in (end.rows.gap - u_n, now.end.gap))
+        left, before = (np.where(pressed, gap, 0.0) for gap in (2.0 * system.rows.gap, now.end.gap))
         pushed, dragged = left - before, 2.0 * system.slip_from
         if system.motion is not None and found.motion is not None:
             w_n, w_t = system.motion.displacement(found.motion)
             pushed, dragged = pushed + 2.0 * w_n, dragged + 2.0 * w_t
         forces = middle.contact_forces + middle.tie_forces
-        body, residual = self.problem.body, 0.5 * (now.Ku + then.Ku) + forces - middle.system.load
+        body, internal = self.problem.body, 0.5 * (now.bodies.Ku + then.bodies.Ku)
+        residual = internal + forces - middle.system.load
         parts = {
             "loads": float((f - body.f) @ step),
             "supports": float(np.asarray(body.at_supports(residual)) @ step),
@@ -313,12 +333,15 @@ class _Middle:
     before: tuple[Array, Array]  # u_n and u_t at the start, relative to obstacles at the end
     impact: _Impact | None
 
-    def __call__(self, w: Array, mu: Array, t: Array, motion: Array | None) -> ContactResult:
-        """The result for a half increment w of displacement and `motion` of obstacles."""
+    def __call__(
+        self, w: Array, mu: Array, t: Array, motion: Array | None
+    ) -> tuple[ContactResult, Moved]:
+        """The result for a half increment w of displacement and `motion` of obstacles, and the
+        bodies at the end of the step."""
         of, now, end, f = self.of, self.now, self.end, self.around.f
         h, v = of.dt, of.velocity(now, w, self.impact)
-        resistance = of.resistance(w)
-        load = f - (of.M @ v - now.Mv) / h - resistance
+        moved, resistance = of.moved(now.u + 2.0 * w, v), of.resistance(w)
+        load = f - (moved.Mv - now.bodies.Mv) / h - resistance
         moduli = np.abs(f) + np.abs(resistance) + of.M.moduli(np.abs(v) + np.abs(now.v)) / h
         body, program = of._rest, self.program
         if program._motions or program._heats:
@@ -342,8 +365,10 @@ class _Middle:
             motion=then,
             moduli=moduli,
         )
-        options = of.options
-        return ContactResult(system, now.u + w, mu, t, options.method, (), motion, options.tol)
+        options, u = of.options, now.u + w
+        body.know(u, 0.5 * (now.bodies.Ku + moved.Ku))  # linear in u
+        found = ContactResult(system, u, mu, t, options.method, (), motion, options.tol)
+        return found, moved
 
 
 def _free(rows: ContactRows) -> ContactRows:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult
 
 Array = NDArray[np.float64]
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -299,6 +301,21 @@ def checked_times(times: ArrayLike, done: Array) -> Array:
     if np.any(np.diff(np.concatenate((done[-1:], schedule))) <= 0):
         raise InputError("times: must increase, from the last finished step on")
     return schedule
+
+
+def reporter(progress: bool, callback: Callable[[Any], None] | None) -> Callable[[Any], None]:
+    """What a run does with a finished step: log it, print it, hand it to the callback."""
+    if callback is not None and not callable(callback):
+        raise InputError(f"callback={callback!r}: expected a function of a finished step")
+
+    def report(step: Any) -> None:
+        logger.info("%s", step)
+        if progress:
+            print(step, flush=True)
+        if callback is not None:
+            callback(step)
+
+    return report
 
 
 def as_path(path: str | Path) -> Path:

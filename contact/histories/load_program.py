@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -11,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
-from contact.histories.history_folder import fingerprint
+from contact.histories.history_folder import HistoryFolder, fingerprint
+from contact.histories.load_history import as_path
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
 from skfem_adini.ground.arguments import numbers
@@ -29,6 +31,7 @@ Boundary = str | Sequence[str] | ArrayLike
 class LoadProgram(Portable):
     """Loads, motions of supports and an obstacle that vary, added to those of a problem."""
 
+    _SAME = "mesh, material, contact rows, gap, friction, loads or supports"
     _FUNCTIONS = ("_loads", "_calls", "_heats", "_motions", "_obstacle")
 
     def __init__(self, problem: ContactProblem) -> None:
@@ -314,6 +317,19 @@ class LoadProgram(Portable):
             before = 0.0 if part.thermal is None else part.thermal
             part.thermal = before + value_at(factor, t) * strain
         return now
+
+    def _opened(self, path: str | Path) -> HistoryFolder:
+        """The folder of a run of this very problem; else `InputError`."""
+        folder = HistoryFolder.opened(as_path(path), self.problem.body)
+        if folder.fingerprint != self._fingerprint():
+            raise self._another(path)
+        return folder
+
+    def _another(self, path: str | Path) -> InputError:
+        return InputError(
+            f"path: {path} holds the history of another problem (other {self._SAME}); build the "
+            "stepper as it was"
+        )
 
     def _fingerprint(self) -> str:
         return fingerprint(self.problem.system, self._vectors())

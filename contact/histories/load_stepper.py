@@ -18,7 +18,13 @@ from contact.derivatives.history_gradient import Backward
 from contact.errors import InputError, NotConverged
 from contact.histories.finite_sliding import FiniteSliding
 from contact.histories.history_folder import HistoryFolder, same_conditions, same_path
-from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
+from contact.histories.load_history import (
+    LoadHistory,
+    LoadStep,
+    as_path,
+    checked_times,
+    reporter,
+)
 from contact.histories.load_program import LoadProgram
 from contact.laws.options import Options
 from contact.portable import Origin
@@ -34,6 +40,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Boundary = str | Sequence[str] | ArrayLike
 Progress = Callable[["LoadStep"], None]
+Report = Callable[[LoadStep], None]
 logger = logging.getLogger(__name__)
 
 
@@ -210,9 +217,9 @@ class LoadStepper(LoadProgram):
         OSError
             A step could not be written. Steps written before it stay readable.
         """
-        schedule = checked_times(times, self.history.times)
+        schedule, report = checked_times(times, self.history.times), reporter(progress, callback)
         if path is None:
-            return self._run(schedule, None, progress, callback)
+            return self._run(schedule, None, report)
         everything = np.concatenate((self.history.times, schedule))
         system = self.problem.system
         folder = HistoryFolder.created(as_path(path), everything, system, self._fingerprint())
@@ -220,7 +227,7 @@ class LoadStepper(LoadProgram):
             folder.prepare(0, system)
             for k in range(len(self.history)):
                 folder.write(k, self.history.results[k])
-            return self._run(schedule, folder, progress, callback)
+            return self._run(schedule, folder, report)
 
     def vjp(
         self,
@@ -331,25 +338,20 @@ class LoadStepper(LoadProgram):
             The folder holds no history, or that of another problem; a step belongs to another run
             or was changed; another process is writing to the folder.
         """
-        folder = HistoryFolder.opened(as_path(path), self.problem.body)
-        another = InputError(
-            f"path: {path} holds the history of another problem (other mesh, material, contact "
-            "rows, gap, friction, loads or supports); build the stepper as it was"
-        )
-        if folder.fingerprint != self._fingerprint():
-            raise another
+        report = reporter(progress, callback)
+        folder = self._opened(path)
         with folder.locked():
             history, last, begin = LoadHistory(), None, np.nan
             for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
                 if not self._belongs(last, result, begin, float(t)):
-                    raise another  # different function of time
+                    raise self._another(path)  # different function of time
                 last, begin = result, float(t)
                 history = history.extended(float(t), result)
             folder.prepare(len(history), self.problem.system)
             self.history = history
             left = folder.times[len(self.history) :]
             logger.info("resuming after %d of %d steps", len(self.history), folder.times.size)
-            return self._run(left, folder, progress, callback)
+            return self._run(left, folder, report)
 
     def _belongs(
         self, last: ContactResult | None, result: ContactResult, begin: float, end: float
@@ -396,13 +398,7 @@ class LoadStepper(LoadProgram):
         size = max(np.abs(part).max(initial=0.0) for part in (direct, stored(result)))
         return bool(np.all(np.abs(found - direct) <= 2 * curve + 1e-9 * size))
 
-    def _run(
-        self,
-        schedule: Array,
-        folder: HistoryFolder | None,
-        progress: bool,
-        callback: Progress | None,
-    ) -> LoadHistory:
+    def _run(self, schedule: Array, folder: HistoryFolder | None, report: Report) -> LoadHistory:
         count = len(self.history) + schedule.size
         for t in schedule:
             begin = time.perf_counter()
@@ -410,12 +406,7 @@ class LoadStepper(LoadProgram):
             number = len(self.history)
             if folder is not None:
                 folder.write(number - 1, result)
-            line = LoadStep(number, count, float(t), result, time.perf_counter() - begin)
-            logger.info("%s", line)
-            if progress:
-                print(line, flush=True)
-            if callback is not None:
-                callback(line)
+            report(LoadStep(number, count, float(t), result, time.perf_counter() - begin))
         return self.history
 
     def _advance(

@@ -82,6 +82,7 @@ class Condensed:
             W=arrays_of(p.W).shifted(p.W, delta),
             v0=p.v0 + delta * p.forces(forces.mu, forces.t),
             swept=None,  # the springs yield
+            systems=None,
         )
         return replace(self, problem=shifted)
 
@@ -143,8 +144,20 @@ class Condensed:
         balance = np.hstack((p.balanced[rows].T, np.diag(self.springs))) if k else np.zeros((0, n))
         if p.K is not None:
             balance[:, n:] += p.K
-        system = ProductSystem if isinstance(p.W, FactorCompliance) else DenseSystem
-        return system(p.W, rows, added, C, balance, laws)
+        if isinstance(p.W, FactorCompliance):
+            return ProductSystem(p.W, rows, added, C, balance, laws)
+        kept = p.systems if not k and n <= DenseSystem.KEPT and arrays_of(p.W).xp is np else None
+        if kept is None:
+            return DenseSystem(p.W, rows, added, C, balance, laws)
+        # In a history most steps begin in the zones of the last one.
+        parts = [part for each in laws for part in each.matrices]
+        key = b"".join(np.ascontiguousarray(part).tobytes() for part in (rows, added, *parts))
+        for known, system in kept:
+            if known == key:
+                return system
+        lasting = DenseSystem(p.W, rows, added, C, balance, laws, lasting=True)
+        kept[:] = (key, lasting), *kept[:1]
+        return lasting
 
 
 @dataclass(frozen=True)
@@ -249,6 +262,11 @@ class SlipRows:
         return cls(at[:, None], turn[:, None, None] * one, known[:, None], one, 0.0 * one, none)
 
     @property
+    def matrices(self) -> tuple[NDArray[Any], ...]:
+        """All but the right-hand sides."""
+        return self.at, self.of_v, self.own, self.normal, self.of_normal
+
+    @property
     def rows(self) -> NDArray[np.int64]:
         """Row numbers, flattened."""
         return self.at[self.at >= 0]
@@ -278,11 +296,23 @@ def blocks_in(
 
 
 class DenseSystem:
-    """``[[W + D, -C], [balance]]`` with the rows of laws replaced, on the device of W."""
+    """``[[W + D, -C], [balance]]`` with the rows of laws replaced, on the device of W; `lasting`
+    for several solutions."""
+
+    KEPT = 1500  # largest order of one whose factors are kept
+    _factors: Any = None
 
     def __init__(
-        self, W: Any, rows: Any, added: Array, C: Array, balance: Array, laws: Sequence[SlipRows]
+        self,
+        W: Any,
+        rows: Any,
+        added: Array,
+        C: Array,
+        balance: Array,
+        laws: Sequence[SlipRows],
+        lasting: bool = False,
     ) -> None:
+        self._lasting = lasting
         self._arrays: HostArrays = arrays_of(W)
         put = self._arrays.xp.asarray
         A = self._arrays.bordered(W, rows, added, -C)
@@ -306,7 +336,11 @@ class DenseSystem:
         return np.asarray(self._arrays.get(self._A @ self._arrays.xp.asarray(x)))
 
     def solve(self, right: Array) -> Array:
-        """Solve; overwrites the matrix."""
+        """Solve; overwrites the matrix unless it is to last."""
+        if self._lasting:
+            if self._factors is None:
+                self._factors = self._arrays.factored(self._A, overwrite=False)
+            return np.asarray(self._arrays.solve_factored(self._factors, right))
         return np.asarray(self._arrays.solve_square(self._A, right, self._definite))
 
     def solve_transposed(self, right: Array) -> Array:

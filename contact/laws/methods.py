@@ -74,6 +74,10 @@ def solve_boundary(
             start = None
     if friction is None and problem.compliance is not None:
         return _compliant(problem, start, tol, report), 0.0
+    if friction is None and monolithic and start is not None and not problem.s.size:
+        laws = Condensed(problem, Tresca(np.zeros(problem.gap.size)))
+        with suppress(NotConverged, LinAlgError):
+            return newton(laws, start, tol=tol, phase="active set", report=report), 0.0
     if friction is None:
         return signorini(problem, start=start, tol=tol, peer=options.peer, report=report), 0.0
     if start is None:

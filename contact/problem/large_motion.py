@@ -99,6 +99,9 @@ def _check_cells(result: ContactResult, boundaries: ContactBoundaries | Interfac
     for body, own, of_all_steps in zip(result.solid.bodies, result.solid.slices, kept, strict=True):
         if not isinstance(body, ElasticBody):
             continue
+        # Twice the largest value bounds the differences of each component.
+        if np.sqrt(body.dim) * np.abs(result.u[own]).max() < of_all_steps.turning_move:
+            continue
         mesh, dofs = body.mesh, body.scalar_dofs.nodal_dofs[0]
         moves = np.array([result.u[own][body.dim * dofs + c] for c in range(body.dim)])
         if 0.5 * np.linalg.norm(np.ptp(moves, axis=1)) < of_all_steps.turning_move:
@@ -125,7 +128,7 @@ def _large(
 ) -> _Motion:
     """Points, not bonded, that have moved further than to the next contact point."""
     rows = result.system.rows
-    slip = result.system.relative(result.u, result.motion)[1]
+    slip = result.slip
     given = result.system.motion
     if given is not None and given.travel is not None:  # the gap is that of the current shape
         slip = slip + given.travel

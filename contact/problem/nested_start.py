@@ -34,8 +34,9 @@ def start_forces(
         )
     rows, theirs = system.rows, result.system.rows
     # Meshes are equal if their contact points differ by rounding only.
-    same = theirs.x_nominal.shape == rows.x_nominal.shape and np.allclose(
-        theirs.x_nominal, rows.x_nominal, rtol=0.0, atol=1e-9 * float(np.ptp(rows.x_nominal))
+    x, there = rows.x_nominal, theirs.x_nominal
+    same = there is x or (
+        there.shape == x.shape and np.allclose(there, x, rtol=0.0, atol=1e-9 * float(np.ptp(x)))
     )
     mu, t = (result.mu, result.t) if same else _interpolated(result, system)
     mu, t = mu * scale, t * scale[:, None]

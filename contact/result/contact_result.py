@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.arrays.sparse_rows import transpose
 from contact.body.distributed_body import DistributedBody
 from contact.derivatives.gradient import ContactGradient, gradient, warn_of
 from contact.errors import ContactError, InputError
@@ -209,7 +210,12 @@ class ContactResult(BodyFields, ContactState):
     @cached_property
     def slip(self) -> Array:
         """Tangential displacement relative to the obstacle, u_t - w_t, shape (m, dim - 1)."""
-        return self.system.relative(self.u, self.motion)[1]
+        return self._relative[1]
+
+    @cached_property
+    def _relative(self) -> tuple[Array, Array]:
+        """Normal and tangential displacement relative to the obstacle, (m,) and (m, dim - 1)."""
+        return self.system.relative(self.u, self.motion)
 
     @cached_property
     def slip_increment(self) -> Array:
@@ -223,7 +229,7 @@ class ContactResult(BodyFields, ContactState):
         On compliant surfaces under pressure it is minus the overclosure. What has been worn or
         indented in earlier steps is part of d; what this step adds is minus the gap in contact.
         """
-        return self.system.rows.gap - self.system.relative(self.u, self.motion)[0]
+        return self.system.rows.gap - self._relative[0]
 
     @property
     def part(self) -> NDArray[np.int64]:
@@ -328,8 +334,11 @@ class ContactResult(BodyFields, ContactState):
         return np.array([on_points[p].sum(axis=0) for p in boundaries])
 
     def _forces(self, chosen: Chosen) -> Array:
+        if not chosen.any():
+            return np.zeros_like(self.system.load)
         rows, t = self.system.rows, np.where(chosen[:, None], self.t, 0.0)
-        return np.asarray(rows.G.T @ np.where(chosen, self.mu, 0.0) + rows.T.T @ t.ravel())
+        mu = np.where(chosen, self.mu, 0.0)
+        return np.asarray(transpose(rows.G) @ mu + transpose(rows.T) @ t.ravel())
 
     @property
     def contact_force(self) -> float:

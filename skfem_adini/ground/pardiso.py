@@ -57,6 +57,17 @@ def upper_triangle(A: Any) -> Any:
     return upper
 
 
+def _number(value: int) -> Any:
+    return ctypes.byref(ctypes.c_int32(value))
+
+
+def _address(array: NDArray[Any]) -> Any:
+    return ctypes.c_void_p(array.__array_interface__["data"][0])
+
+
+_ONE, _NOTHING = _number(1), np.zeros(1)
+
+
 class Pardiso:
     """One matrix in PARDISO's memory, released with the object; threads use it one after another. A
     copy or pickle factors again when used. A forked process inherits the factors and has one
@@ -153,26 +164,8 @@ class Pardiso:
         self._check(phase, b, x)
         if phase in PHASES.analyses + PHASES.factorisations:
             self._factored = False
-        nothing = np.zeros(1)
-        b, x = (nothing if array is None else array for array in (b, x))
+        b, x = (_NOTHING if array is None else array for array in (b, x))
         error = ctypes.c_int32(0)
-        arguments = (
-            self._handle,
-            1,  # maxfct: number of factorisations kept
-            1,  # mnum: which of them
-            self._kind,
-            phase,
-            self._ia.size - 1,
-            self._data,
-            self._ia,
-            self._ja,
-            self._perm,
-            b.shape[1] if b.ndim == 2 else 1,
-            self._iparm,
-            0,  # msglvl: no messages
-            b,
-            x,
-        )
         if phase in PHASES.analyses:
             self._threads = _threads()
         # Two-level factors depend on the number of threads, and a numeric factorisation crashes
@@ -180,12 +173,18 @@ class Pardiso:
         alone = phase in PHASES.solutions and self._phases == (12,) and not self._given_iparm[23]
         with _held_to(1 if alone else self._threads):
             _library()(
-                *(
-                    ctypes.byref(ctypes.c_int32(value))
-                    if isinstance(value, int)
-                    else value.ctypes.data_as(ctypes.c_void_p)
-                    for value in arguments
-                ),
+                _address(self._handle),
+                _ONE,  # maxfct: number of factorisations kept
+                _ONE,  # mnum: which of them
+                _number(self._kind),
+                _number(phase),
+                _number(self._ia.size - 1),
+                *map(_address, (self._data, self._ia, self._ja, self._perm)),
+                _number(b.shape[1] if b.ndim == 2 else 1),
+                _address(self._iparm),
+                _number(0),  # msglvl: no messages
+                _address(b),
+                _address(x),
                 ctypes.byref(error),
             )
         if error.value == -2:
@@ -291,6 +290,12 @@ def _library() -> Any:
     return function
 
 
+@functools.cache
+def _thread_setter() -> Any:
+    """Return MKL's function that sets the number of threads for the caller."""
+    return _mkl()["MKL_Set_Num_Threads_Local"]
+
+
 def _threads() -> int:
     """Return the number of threads that MKL may use for the caller; 1 in a forked process."""
     return 1 if _forked else int(_mkl()["MKL_Get_Max_Threads"]())
@@ -300,7 +305,7 @@ def _threads() -> int:
 def _held_to(threads: int) -> Iterator[None]:
     """Set MKL's number of threads, inside the context, to that of the factors' layout. With another
     number of threads PARDISO misreads two-level factors and returns no error."""
-    set_threads = _mkl()["MKL_Set_Num_Threads_Local"]
+    set_threads = _thread_setter()
     before = set_threads(ctypes.c_int(threads))
     try:
         yield

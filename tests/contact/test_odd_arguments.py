@@ -195,7 +195,7 @@ CALLS = {
     "arc spacing": lambda v, s: s[2].arc(spacing=v),
     "cut fix": lambda v, s: s[2].fix(v),
 }
-_TAKES_LONG = {"layer cells", "layers lengths", "dynamic run"}
+_TAKES_LONG = {"layer cells", "layers lengths"}
 
 
 @pytest.mark.sampled(3)

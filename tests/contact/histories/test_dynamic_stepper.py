@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+import scipy.integrate
 import scipy.linalg
 from skfem import (
     ElementHex1,
@@ -35,6 +36,7 @@ from contact import (
     Sphere,
     Tie,
 )
+from contact.arrays.dense_arrays import HostArrays
 from skfem_adini import ElementQuadAdini
 
 SI, MILLIMETRES = (1.0, 1.0, 1.0), (1e3, 1e-6, 1e-12)  # units of length, E and density: m, Pa, kg
@@ -240,18 +242,29 @@ def half_ball(fine):
     return MeshTri2(place, MeshTri2.from_mesh(mesh).t)
 
 
-def hertz_impact(reach):
-    """Duration and peak force of the impact of a ball, over those of Hertz, for a / R = reach."""
-    mesh, nu, steps = half_ball(reach / 16), 0.3, 100
+STIFF, BALL = 4 / 3 / (1 - 0.3**2), 4 * np.pi / 3  # force over depth^1.5, and mass
+
+
+def ball_over_plane(reach, off):
+    mesh = half_ball(reach / 16)
     rim = mesh.facets_satisfying(
         lambda x: (np.hypot(*x) > 0.99) & (x[0] > 1e-9) & (np.hypot(x[0], x[1] + 1) < 2.5 * reach),
         boundaries_only=True,
     )
-    star, ball, depth = 1 / (1 - nu**2), 4 * np.pi / 3, reach**2
-    v = np.sqrt(depth**2.5 * 16 * star / (15 * ball))
-    lasts, peak, off = 2.943 * depth / v, 4 / 3 * star * depth**1.5, 4e-4 * depth
-    body = ElasticBody.from_mesh(mesh, ElementTriP2(), E=1.0, nu=nu, plane="axisymmetric")
-    problem = ContactProblem(body, rim, Plane((0.0, -1.0 - off), (0.0, 1.0)))
+    body = ElasticBody.from_mesh(mesh, ElementTriP2(), E=1.0, nu=0.3, plane="axisymmetric")
+    return ContactProblem(body, rim, Plane((0.0, -1.0 - off), (0.0, 1.0)))
+
+
+def hertz_speed(reach):
+    """Of the impact with a / R = reach, and its duration and peak force."""
+    v = np.sqrt(reach**5 * 4 * STIFF / (5 * BALL))
+    return v, 2.943 * reach**2 / v, STIFF * reach**3
+
+
+def hertz_impact(reach):
+    """Duration and peak force of the impact of a ball, over those of Hertz, for a / R = reach."""
+    (v, lasts, peak), off, steps = hertz_speed(reach), 4e-4 * reach**2, 100
+    problem = ball_over_plane(reach, off)
     stepper = DynamicStepper(problem, 1.0, lasts / steps, velocity=(0.0, -v), keep=9**9)
     history = stepper.run(int(1.1 * steps))
     assert closed(history)
@@ -262,6 +275,42 @@ def hertz_impact(reach):
     return end / lasts, force.max() / peak
 
 
+def test_impact_of_a_ball_is_that_of_a_mass_on_its_static_compliance():
+    """At a / R = .05 the ball is no half space: its own weight tells how stiff it is."""
+    reach = 0.05
+    v, lasts, peak = hertz_speed(reach)
+    problem = ball_over_plane(reach, 0.0)
+    weight = problem.body.body_force((0.0, -1.0)).f.copy()
+    size, lost = [], []
+    for part in (0.1, 0.25, 0.5, 0.75, 1.0, 1.15):
+        problem.body.f = weight * (part * peak / BALL)
+        size.append((part * peak / STIFF) ** (1 / 3))
+        lost.append(1.0 - weight @ problem.solve().u / BALL / size[-1] ** 2)
+    c = (np.array(size) @ lost) / (np.array(size) @ size)
+    s = np.linspace(0.0, 1.3 * reach, 2000)
+    way, force = s**2 * (1.0 - c * s), STIFF * s**3
+
+    def moves(t, y):
+        return y[1], -np.interp(y[0], way, force) / BALL
+
+    def leaves(t, y):
+        return y[0] + 1e-12 * (t < 0.1 * lasts)
+
+    leaves.terminal, leaves.direction = True, -1
+    path = scipy.integrate.solve_ivp(
+        moves,
+        (0.0, 2 * lasts),
+        (0.0, v),
+        events=leaves,
+        max_step=lasts / 400,
+        rtol=1e-8,
+        atol=1e-12,
+    )
+    expected = path.t_events[0][0] / lasts, np.interp(path.y[0].max(), way, force) / peak
+    assert abs(expected[1] - 1.0) > 0.012  # not Hertz'
+    assert np.allclose(hertz_impact(reach), expected, atol=0.004)
+
+
 def test_impact_of_a_ball_is_that_of_hertz():
     """The difference is that of a ball from a half space, of first order in a / R."""
     found = np.array([hertz_impact(reach) for reach in (0.05, 0.025, 0.0125)])
@@ -269,6 +318,33 @@ def test_impact_of_a_ball_is_that_of_hertz():
     assert np.allclose(found[2], 1.0, atol=0.01)
     order = np.log2((1.0 - found[:-1, 0]) / (1.0 - found[1:, 0]))
     assert np.all((order > 0.7) & (order < 1.3))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_steps_in_the_zones_of_the_last_one_use_its_factors(friction, monkeypatch):
+    """They are those that each step would compute anew, bit for bit."""
+    made = []
+    whole = HostArrays.factored
+
+    def counted(arrays, A, overwrite=True):
+        made.append(A.shape)
+        return whole(arrays, A, overwrite)
+
+    monkeypatch.setattr(HostArrays, "factored", counted)
+    tables, counts = [], []
+    for kept in (True, False):
+        body = strip(8, high=0.5, layers=4).body_force((0.0, -0.01)).fix("left", "x")
+        problem = ContactProblem(body, "bottom", 0.0, friction=friction)
+        still = problem.solve()
+        stepper = DynamicStepper(problem, 1.0, 0.05, displacement=still)
+        stepper.load("right", (-0.001, 0.0), np.sin)
+        if not kept:
+            stepper._of.condensed._systems = None
+        made.clear()
+        tables.append(stepper.run(30).table)
+        counts.append(len(made))
+    assert np.array_equal(*tables)
+    assert counts[0] <= 6 < 25 <= counts[1]
 
 
 def test_free_vibration_is_of_second_order_in_dt():
@@ -398,6 +474,39 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, scheme):
             assert np.array_equal(one.result.mu, same.result.mu)
 
 
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_two_rubbing_bodies_with_the_mass_of_contact_nodes_go_on(tmp_path, mass):
+    """The second scheme with friction, two bodies, loads in time, and a run in two parts."""
+
+    def made():
+        top = np.linspace(0.2, 0.8, 6), np.linspace(0.505, 0.9, 5)
+        mesh = MeshQuad.init_tensor(*top).with_defaults()
+        upper = ElasticBody.from_mesh(mesh, ElementQuad1(), E=2.0, nu=0.3).named("upper")
+        lower = strip(8, high=0.5, layers=4).fix("bottom", "xy").named("lower")
+        problem = ContactProblem(
+            [lower, upper], [Pair(upper, "bottom", lower.surface("top"), friction=0.3)]
+        )
+        options = {"velocity": [None, (0.02, -0.02)], "mass": mass, "damping": (0.0, 0.001)}
+        stepper = DynamicStepper(problem, [1.0, 2.0], 0.05, scheme="stabilised", keep=4, **options)
+        return stepper.load("top", (0.005, -0.01), np.sin, body=upper)
+
+    whole = made().run(30)
+    assert closed(whole)
+    assert whole.friction.sum() > 1e-6
+    assert whole.impact.sum() > 1e-10
+    assert max(max(step.result.kkt.values()) for step in whole) < 1e-10
+
+    def stop(step):
+        if step.number == 17:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        made().run(30, path=tmp_path / "run", callback=stop)
+    resumed = made().resume(tmp_path / "run")
+    assert np.array_equal(resumed.table, whole.table)
+    assert np.array_equal(resumed[-1].v, whole[-1].v)
+
+
 @pytest.mark.parametrize(
     "changed",
     [
@@ -499,6 +608,10 @@ REFUSED = [
     (changed_body, "make a new one"),
     (off_supports, "supports"),
     (second_run, "first run"),
+    (lambda: dynamic().run(10**30), "to 100000000"),
+    (lambda: dynamic().run(1, callback=3), "callback"),
+    (lambda: dynamic(dt=1e-300), "square"),
+    (lambda: dynamic(start=1e16), "lost in the rounding"),
 ]
 
 
@@ -509,16 +622,24 @@ def test_what_cannot_be_stepped_is_refused(make, named):
 
 
 def test_a_ledger_that_does_not_close_is_an_error(monkeypatch):
-    """Breaks the velocity: the certificate of the laws still holds, that of the energy fails."""
-    stepper = dynamic(velocity=(-SPEED, 0.0))
-    right = stepper._of.velocity
+    """Breaks the damping of the ledger alone: the certificate of the laws still holds."""
+    stepper = dynamic(velocity=(-SPEED, 0.0), damping=(0.1, 0.0))
+    right = stepper._of.resistance
     calls = []
 
-    def wrong(now, w, impact):
+    def wrong(w):
         calls.append(1)
-        return right(now, w, impact) * (1.0 if len(calls) % 2 else 1.001)
+        return right(w) * (1.0 if len(calls) % 2 else 1.001)
 
-    monkeypatch.setattr(stepper._of, "velocity", wrong)
+    monkeypatch.setattr(stepper._of, "resistance", wrong)
     with pytest.raises(NotConverged, match="ledger"):
         stepper.run(3)
     assert len(stepper.history.times) < 4
+
+
+def test_a_wrong_velocity_fails_the_certificate(monkeypatch):
+    stepper = dynamic(velocity=(-SPEED, 0.0))
+    right = stepper._of.velocity
+    monkeypatch.setattr(stepper._of, "velocity", lambda *given: 1.001 * right(*given))
+    with pytest.raises(NotConverged, match="equilibrium"):
+        stepper.run(3)
