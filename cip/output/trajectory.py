@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ from cip.output.recorder import HEAD, Gauges, gauges_of, read_run
 from cip.output.sample import sample, sample_sea
 from cip.profiles.catalogue import moments
 from cip.stages.state import State, by_field, states_in, values_of
-from cip.stages.state_dataset import state_dataset
+from cip.stages.state_dataset import dated, state_dataset
 from cip.stages.state_files import SUFFIXES, read_states, write_states
 from skfem_adini.ground.vtk_files import write_series
 
@@ -237,10 +237,11 @@ class Trajectory:
         Parameters
         ----------
         start : str or datetime, optional
-            The date of t = 0; then t holds dates, counted in ``units["t"]``.
+            The date of t = 0; then t holds dates, counted in ``units["t"]``. Default: that of the
+            winds of `Velocity.from_xarray`, in seconds.
         units : dict, optional
             Units by the names of coordinates and fields, ``{"t": "h", "x": "m", "u": "kg m-3"}``;
-            of t with dates s (default), min, h or d.
+            of t with dates s (default), min, h or d. Those of coordinates default to the winds'.
 
         Returns
         -------
@@ -251,6 +252,11 @@ class Trajectory:
         MissingDependency
             xarray is not installed.
         """
+        winds = getattr(self.solver, "velocity", None)
+        if start is None:
+            start = getattr(winds, "_start", None)
+        if isinstance(units, Mapping | None):
+            units = {**getattr(winds, "_units", {}), **(units or {})}
         found, of = state_dataset(self.states, start, units), self.diagnostics
         for field, one in (of if self.final.fields else {"": of}).items():
             for name in ("mass", "total_variation", "minimum", "maximum", "l1", "l2"):
@@ -412,17 +418,23 @@ class Trajectory:
         """
         from cip.output.plot import plot_states
 
-        return plot_states(self.states, ax, places)
+        return plot_states(self.states, ax, places, when=self._when())
 
-    def animate(self, path: str | Path | None = None, fps: int = 20) -> Any:
+    def _when(self) -> Callable[[float], str]:
+        """Times as titles show them: dates, where the winds have some."""
+        return dated(getattr(getattr(self.solver, "velocity", None), "_start", None))
+
+    def animate(self, path: str | Path | None = None, fps: float | None = None) -> Any:
         """An animation of the snapshots, a panel for each field, written to `path` if given.
+
+        Titles have dates where the winds have them (`Velocity.from_xarray`).
 
         Parameters
         ----------
         path : str or Path, optional
             Ends in ``.gif``, or in ``.mp4`` where ffmpeg is installed.
-        fps : int
-            Frames per second.
+        fps : float, optional
+            Frames per second; by default as many as last for five seconds, at most 20.
 
         Returns
         -------
@@ -435,7 +447,7 @@ class Trajectory:
         """
         from cip.output.plot import animate_states
 
-        return animate_states(self.states, path, fps)
+        return animate_states(self.states, path, fps, self._when())
 
 
 def total_variation(state: State) -> float:
