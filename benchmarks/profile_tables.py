@@ -89,6 +89,21 @@ def cip_areas(record: Record) -> str:
     return f"{rows_of(head, rows)}\n\n{source('cip_profiles', record)}"
 
 
+def cip_cited(record: Record) -> str:
+    """Errors beside those that others have published."""
+    titles = {"bell": "cosine bell on the sphere", "vortex": "circle in a vortex, T = 15"}
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for row in record["rows"]:
+        n = row["cells"]
+        cells = f"{2 * n} x {n}" if row["case"] == "bell" else f"{n}^2"
+        steps = "" if row["steps"] is None else str(row["steps"])
+        key = titles[row["case"]], cells, row["scheme"], steps
+        rows.setdefault(key, []).append(f"{row['error']:.1e}")
+    head = "test | cells | scheme | steps | error"
+    shown = [(*key, " / ".join(errors)) for key, errors in rows.items()]
+    return f"{rows_of(head, shown)}\n\n{source('cip_cited', record)}"
+
+
 def cip_tracers(record: Record) -> str:
     """What a further tracer costs."""
     rows = [

@@ -33,7 +33,6 @@ from cip.output.flow_map import FlowMap, flow_map
 from cip.output.level_set import area, contour, reinitialise
 from cip.output.trajectory import Diagnostics, Trajectory
 from cip.solver.solver import Solver
-from cip.sphere.run import SphereTrajectory
 from cip.sphere.solver import SphereSolver
 from cip.stages.state import State
 
@@ -63,7 +62,6 @@ __all__ = [
     "Source",
     "Sphere",
     "SphereSolver",
-    "SphereTrajectory",
     "SplineVelocity",
     "State",
     "Trajectory",

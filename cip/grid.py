@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from math import prod
 from typing import Any
 
@@ -16,7 +17,41 @@ Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
 
 
-class Grid:
+class _Lines:
+    """What all grids of lines of coordinates have."""
+
+    nodes: tuple[int, ...]
+    edges: tuple[Array, ...]
+    widths: tuple[Array, ...]
+    coordinates: tuple[Array, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return prod(self.nodes)
+
+    @property
+    def bounds(self) -> tuple[tuple[float, float], ...]:
+        """Ends of the lines in each direction."""
+        return tuple((float(line[0]), float(line[-1])) for line in self.edges)
+
+    @property
+    def spacing(self) -> tuple[float, ...]:
+        """Smallest cell width in each direction."""
+        return tuple(float(width.min()) for width in self.widths)
+
+    def mesh(self) -> tuple[Array, ...]:
+        """Coordinates of all nodes, one array of shape `nodes` for each direction.
+
+        Returns
+        -------
+        tuple of ndarray
+            In the unit of the bounds; on a sphere longitudes and latitudes in radians.
+        """
+        return tuple(np.meshgrid(*self.coordinates, indexing="ij"))
+
+
+class Grid(_Lines):
     """Nodes of a box, uniform or not, periodic or not in each direction.
 
     Parameters
@@ -178,21 +213,6 @@ class Grid:
         return f"Grid({box}, cells={self.cells}, periodic={self.periodic})"
 
     @property
-    def size(self) -> int:
-        """Number of nodes."""
-        return prod(self.nodes)
-
-    @property
-    def bounds(self) -> tuple[tuple[float, float], ...]:
-        """Ends of the box in each direction."""
-        return tuple((float(line[0]), float(line[-1])) for line in self.edges)
-
-    @property
-    def spacing(self) -> tuple[float, ...]:
-        """Smallest cell width in each direction."""
-        return tuple(float(width.min()) for width in self.widths)
-
-    @property
     def weights(self) -> Array:
         """Weight of each node in sums over the grid: its share of the adjacent cells.
 
@@ -208,15 +228,10 @@ class Grid:
             result = result[..., None] * share
         return result
 
-    def mesh(self) -> tuple[Array, ...]:
-        """Coordinates of all nodes, one array of shape `nodes` for each direction.
-
-        Returns
-        -------
-        tuple of ndarray
-            In the unit of the bounds.
-        """
-        return tuple(np.meshgrid(*self.coordinates, indexing="ij"))
+    @property
+    def volumes(self) -> Array:
+        """Size of each cell, shape `cells`."""
+        return np.asarray(reduce(np.multiply.outer, self.widths))
 
     def index_displacement(self, axis: int, start: Array, shift: Array, index: Any) -> Array:
         """Displacement in cells (with fraction) of the point start + shift from node `index`.
@@ -249,7 +264,7 @@ class Grid:
         return np.where(shift == 0.0, 0.0, result)
 
 
-class Sphere:
+class Sphere(_Lines):
     """Cells of equal steps in longitude and latitude on a sphere, for `SphereSolver`.
 
     Arrays of fields have the shape ``(nlon, nlat)``, from longitude 0 eastward and from the south
@@ -317,34 +332,28 @@ class Sphere:
         return f"Sphere({self.cells[0]}, {self.cells[1]}, radius={self.radius:g})"
 
     @property
-    def size(self) -> int:
-        """Number of cells."""
-        return prod(self.cells)
-
-    @property
-    def bounds(self) -> tuple[tuple[float, float], ...]:
-        """Ends of longitude and latitude."""
-        return tuple((float(line[0]), float(line[-1])) for line in self.edges)
-
-    @property
     def weights(self) -> Array:
         """Areas of the cells, shape ``(nlon, nlat)``: R^2 dlon (sin of the upper latitude less
         that of the lower one)."""
         row = self.radius**2 * self.widths[0][0] * np.diff(np.sin(self.edges[1]))
         return np.tile(row, (self.cells[0], 1))
 
-    def mesh(self) -> tuple[Array, ...]:
-        """Longitudes and latitudes of all centres, each of shape ``(nlon, nlat)``.
-
-        Returns
-        -------
-        tuple of ndarray
-            In radians.
-        """
-        return tuple(np.meshgrid(*self.coordinates, indexing="ij"))
+    @property
+    def volumes(self) -> Array:
+        """Areas of the cells, as `weights`."""
+        return self.weights
 
 
-def node_name(grid: Grid | Sphere, flat: int) -> str:
+GridLike = Grid | Sphere
+
+
+def in_space(lon: ArrayLike, lat: ArrayLike) -> Array:
+    """Points of the unit sphere, shape (3, ...)."""
+    lon, lat = np.broadcast_arrays(lon, lat)
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+
+
+def node_name(grid: GridLike, flat: int) -> str:
     """Indices and coordinates of a node, for messages."""
     place = np.unravel_index(int(flat), grid.nodes)
     point = ", ".join(f"{line[i]:.6g}" for line, i in zip(grid.coordinates, place, strict=True))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cip import Sphere, SphereSolver, SphereTrajectory
+from cip import Sphere, SphereSolver, Trajectory
 
 T = 5.0
 
@@ -28,7 +28,7 @@ def hill(centre: float) -> object:
     return lambda lon, lat: 0.95 * np.exp(10 * (np.cos(lat) * np.cos(lon - centre) - 1))
 
 
-def main(argv: list[str] | None = None) -> SphereTrajectory:
+def main(argv: list[str] | None = None) -> Trajectory:
     """Draw both hills at the start, at half time and in the end; return the run."""
     import matplotlib.pyplot as plt
 

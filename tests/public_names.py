@@ -86,8 +86,7 @@ _REASONS = {
         contact.Uniqueness cip.Budget cip.Diagnostics cip.Sensors
         cip.Placement
         cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.Source cip.State cip.Trajectory
-        cip.Sphere cip.SphereTrajectory
-        cip.Velocity
+        cip.Sphere cip.Velocity
         gpu.KKT gpu.LQRResult gpu.DLQRResult gpu.QPFactor
         gpu.QPBatch gpu.QPResult gpu.Status gpu.Step""",
     "geometry of school": """

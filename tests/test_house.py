@@ -124,8 +124,8 @@ def test_modules_hold_one_concept() -> None:
 # Modules below 150 lines that only one other imports, faces not counted, and why they stay alone.
 ALONE = {
     "skfem_adini.ground.progress": "the one door to tqdm, for whoever has a loop of steps",
-    "cip.sources.diffusion": "another operator of a step than the reactions beside it",
     "cip.formulas.spline_sums": "sums that numba compiles, imported where they run",
+    "cip.sphere.kernels": "kernels that numba compiles, imported where they run",
     "contact.condensation.bisection": "kernels that numba compiles, imported where they run",
     "gpu.qp.active_set.dual_device": "the door to one CUDA kernel, imported where a device is",
     "skfem_adini.assembly.affine_kernels": "kernels that numba compiles, imported where they run",

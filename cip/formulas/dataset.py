@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import InputError
-from cip.grid import Grid
+from cip.grid import AXES, Grid
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
@@ -74,6 +74,14 @@ def gridded_arrays(
         _Reader(data, names, axes, time, tuple(falling)),
         Grid.from_coordinates(lines[0], y, z, closed),
     )
+
+
+def meaning(data: Any, axes: Sequence[str], time: str) -> tuple[Any, dict[str, str]]:
+    """The date of the first time, None for numbers, and the units of coordinates by x, y, z."""
+    first = data[time].values.flat[0]
+    start = first if isinstance(first, np.datetime64) else None
+    units = {own: data[name].attrs.get("units") for own, name in zip(AXES, axes, strict=False)}
+    return start, {own: str(unit) for own, unit in units.items() if unit is not None}
 
 
 def _names(given: Any, label: str) -> tuple[str, ...]:

@@ -21,7 +21,8 @@ from cip.formulas.expression import (
 )
 from cip.formulas.parameters import bound
 from cip.formulas.parsing import parse
-from cip.grid import Grid
+from cip.formulas.sphere_spline import at_places
+from cip.grid import GridLike, Sphere
 from skfem_adini.ground.arguments import real_array, real_number
 
 Array = NDArray[np.float64]
@@ -232,10 +233,11 @@ def _difference(function: Callable[..., Any], place: int, step: float) -> Callab
 
 
 def spline(
-    values: Any, grid: Grid, name: str, of: Sequence[int] = (0, 0, 0), factor: float = 1.0
+    values: Any, grid: GridLike, name: str, of: Sequence[int] = (0, 0, 0), factor: float = 1.0
 ) -> Formula:
     """The interpolating quintic tensor spline of nodal values (cubic in a direction of fewer than 6
-    cells), periodic where the grid is; or its derivative of the orders `of`, times a factor.
+    cells), periodic where the grid is; or its derivative of the orders `of`, times a factor. On a
+    sphere that of values at the centres of cells, without derivatives.
     """
     from scipy.interpolate import NdBSpline, make_interp_spline
 
@@ -248,6 +250,10 @@ def spline(
     if not np.isfinite(array).all():
         at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InputError(f"{name}: NaN or infinity at node {at}")
+    if isinstance(grid, Sphere):
+        whole = array.astype(float)
+        lone = {(0, 0, 0, 0): lambda lon, lat, *rest: at_places(whole, lon, lat)}
+        return Formula(opaque(_label(name, lone), (0, 0, 0, 0)), grid.dim, lone)
     coefficients, knots = array.astype(float), []
     degree = [5 if n >= 6 else 3 for n in grid.cells]
     for axis in range(grid.dim):

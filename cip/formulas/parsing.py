@@ -20,11 +20,13 @@ from cip.formulas.expression import (
 )
 from cip.formulas.parameters import parameter
 
+ALIASES = {"x": "x1", "y": "x2", "z": "x3", "lon": "x1", "lat": "x2"}
+
 
 def parse(text: str, name: str = "expression", parameters: Collection[str] = ()) -> Expression:
-    """Parse a formula in x1, x2, x3 (or x, y, z), t and `parameters`: Python's operators + - * / **
-    with finite numbers, pi, e and the elementary functions of `expression`. Raises `InputError` for
-    anything else, with a message that begins with `name`."""
+    """Parse a formula in x1, x2, x3 (or x, y, z; lon, lat), t and `parameters`: Python's operators
+    + - * / ** with finite numbers, pi, e and the elementary functions of `expression`. Raises
+    `InputError` for anything else, with a message that begins with `name`."""
     if not isinstance(text, str):
         raise InputError(f"{name}: expected a text such as 'x2 * sin(t)', got {text!r}")
     if not text.isascii():  # Python reads letters of other scripts as the Latin ones like them
@@ -63,11 +65,11 @@ def _parsed(tree: ast.expr, text: str, name: str, parameters: Collection[str]) -
     if isinstance(tree, ast.Name):
         if tree.id in ("pi", "e"):
             return constant(getattr(math, tree.id))
-        known = {"x": "x1", "y": "x2", "z": "x3"}.get(tree.id, tree.id)
-        if known in COORDINATES:
-            return variable(known)
         if tree.id in parameters:
             return parameter(tree.id)
+        known = ALIASES.get(tree.id, tree.id)
+        if known in COORDINATES:
+            return variable(known)
         known_names = ", ".join(["x1, x2, x3, t, pi, e", *parameters])
         raise InputError(
             f"{name}: {tree.id!r} in {text!r} is none of {known_names}; other names need values in "

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from cip.errors import InputError
+from cip.errors import InputError, NotSupported
 from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Box, Formula, spline
 from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.parsing import parse
 from cip.formulas.snapshots import SnapshotFormula, Snapshots
 from cip.formulas.traced_function import clock_of, portable, timed
-from cip.grid import Grid
+from cip.grid import Grid, GridLike, Sphere
 from skfem_adini.ground.arguments import own_array, real_number
 
 
@@ -25,10 +25,10 @@ class Source(Parametrised):
     Parameters
     ----------
     s : float, str, callable or array
-        A number; a formula in x1, x2, x3 (or x, y, z) and t; a callable of the coordinates as
-        arrays, and of the time if it has an argument ``t`` (or ``time``), the last; or values at
-        the nodes of the grid, shape ``grid.nodes``, copied, between which it is a quintic spline.
-        In the unit of the field over that of time.
+        A number; a formula in x1, x2, x3 (or x, y, z; on a sphere lon, lat in radians) and t; a
+        callable of the coordinates as arrays, and of the time if it has an argument ``t`` (or
+        ``time``), the last; or values at the nodes of the grid, shape ``grid.nodes``, copied,
+        between which it is a quintic spline. In the unit of the field over that of time.
 
     Raises
     ------
@@ -182,12 +182,12 @@ class Source(Parametrised):
         if self._snapshots is not None:
             self._snapshots.check_times(start, end, self._name)
 
-    def on(self, grid: Grid) -> Formula:
+    def on(self, grid: GridLike) -> Formula:
         """The source as a formula on a grid.
 
         Parameters
         ----------
-        grid : Grid
+        grid : Grid or Sphere
 
         Returns
         -------
@@ -197,8 +197,15 @@ class Source(Parametrised):
         ------
         InputError
             Arrays or a formula that do not fit the grid.
+        NotSupported
+            Snapshots on a sphere.
         """
         if self._snapshots is not None:
+            if isinstance(grid, Sphere):
+                raise NotSupported(
+                    f"{self._name}: snapshots live on a Grid; on a sphere pass a callable of lon, "
+                    "lat and t"
+                )
             self._snapshots.check_cover(grid, self._name)
             return SnapshotFormula(self._snapshots, 0, f"{self._name}_snapshots")
         if self._text is not None:

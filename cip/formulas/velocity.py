@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import InputError, PeriodicityWarning
-from cip.formulas.dataset import gridded_arrays
+from cip.formulas.dataset import gridded_arrays, meaning
 from cip.formulas.expression import COORDINATES, raised, traced
 from cip.formulas.formula import CLOCK, Box, Formula, Orders, agree, spline
 from cip.formulas.mesh_field import MeshField
@@ -91,6 +91,8 @@ class Velocity(Parametrised):
         self._parameters: dict[str, float] = {}
         self._feet: Any = WeakValueDictionary()  # of a steady velocity, which solvers share
         self._snapshots: Snapshots | None = None
+        self._start: Any = None  # the date of t = 0, where there is one
+        self._units: dict[str, str] = {}  # of coordinates, as a trajectory names them
         self._mesh: MeshField | None = None
         self._box: Box = ()
         for name, value in {"jacobian": jacobian, "hessian": hessian}.items():
@@ -225,6 +227,11 @@ class Velocity(Parametrised):
         self._snapshots, self.steady = field, False
         return self
 
+    @property
+    def grid(self) -> Grid | None:
+        """The grid of its snapshots, for a solver; None for other velocities."""
+        return None if self._snapshots is None else self._snapshots.grid
+
     @classmethod
     def from_xarray(
         cls,
@@ -249,7 +256,8 @@ class Velocity(Parametrised):
             Names of the coordinates that are x1, x2, x3, as ``("lon", "lat")``. Components must be
             in their unit over that of time: convert degrees and m/s before.
         time : str
-            Name of the coordinate of time; dates become seconds since the first.
+            Name of the coordinate of time; dates become seconds since the first. Runs carry them
+            and the units of the axes on: `Trajectory.to_xarray`, plots and animations have dates.
         periodic : bool or sequence of bool
             Directions whose last value is followed by the first.
         degree : {5, 3}
@@ -278,14 +286,16 @@ class Velocity(Parametrised):
         >>> axes = {"time": np.arange(4.0), "lat": np.linspace(3, 0, 9), "lon": np.arange(8.0)}
         >>> one = (("time", "lat", "lon"), np.ones((4, 9, 8)))
         >>> winds = xarray.Dataset({"u10": one, "v10": one}, axes)
-        >>> Velocity.from_xarray(winds, ("u10", "v10"), ("lon", "lat")).dim
-        2
+        >>> Velocity.from_xarray(winds, ("u10", "v10"), ("lon", "lat")).grid
+        Grid([0, 7], [0, 3], cells=(7, 8), periodic=(False, False))
         """
         times, read, grid = gridded_arrays(winds, components, axes, time, periodic)
-        if not flag("lazy", lazy):
-            return cls.from_snapshots(times, read(slice(None)), grid, degree, in_time)
-        self = cls([0.0] * grid.dim)
-        self._snapshots, self.steady = LazySnapshots(times, read, grid, degree, in_time), False
+        if flag("lazy", lazy):
+            self = cls([0.0] * grid.dim)
+            self._snapshots, self.steady = LazySnapshots(times, read, grid, degree, in_time), False
+        else:
+            self = cls.from_snapshots(times, read(slice(None)), grid, degree, in_time)
+        self._start, self._units = meaning(winds, axes, time)
         return self
 
     @classmethod

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.grid import AXES, Grid
+from cip.grid import AXES, Grid, GridLike
 
 Array = NDArray[np.float64]
 
@@ -75,8 +75,9 @@ class Budget:
 class Tally:
     """Sums of what passed the walls, was added, decayed and replaced, with compensation."""
 
-    def __init__(self, grid: Grid) -> None:
-        self._axes = [axis for axis in range(grid.dim) if not grid.periodic[axis]]
+    def __init__(self, grid: GridLike) -> None:
+        walls = isinstance(grid, Grid)  # a sphere has none
+        self._axes = [axis for axis in range(grid.dim) if walls and not grid.periodic[axis]]
         keys = list(product(self._axes, (0, 1), ("in", "out")))
         self._keys: list[Any] = [*keys, "added", "decayed", "replaced", "reacted"]
         self._sums = dict.fromkeys(self._keys, (0.0, 0.0))

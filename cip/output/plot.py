@@ -13,6 +13,10 @@ from cip.errors import InputError, MissingDependency, NotSupported
 from cip.grid import Grid, Sphere
 from cip.output.sample import sample
 from cip.stages.state import State, values_of
+from cip.stages.state_dataset import dated
+
+SECONDS = 5.0  # of an animation
+NUMBERS = dated(None)
 
 
 def plot_states(
@@ -20,6 +24,7 @@ def plot_states(
     ax: Any = None,
     places: Sequence[int] | None = None,
     label: str = "u",
+    when: Callable[[float], str] = NUMBERS,
 ) -> Any:
     """Draw snapshots on one grid by their profiles: curves in one dimension, in two a colour map of
     the last of `places`, which are indices of states (default all), a panel for each field. Returns
@@ -33,25 +38,30 @@ def plot_states(
         if len(axes) != len(fields):
             raise InputError(f"ax: expected one for each of {len(fields)} fields, got {len(axes)}")
         for name, one in zip(fields, axes, strict=True):
-            plot_states([state.field(name) for state in states], one, places, name)
+            plot_states([state.field(name) for state in states], one, places, name, when)
             one.set_title(f"{name}, {one.get_title()}" if grid.dim == 2 else name)
         return list(axes)
     ax = _axes(ax, figsize=(6, 4))
     if grid.dim == 2:
         state = states[-1 if places is None else places[-1]]
         _map(ax, grid, values_of(state), label, shading="nearest", cmap="viridis")
-        ax.set_title(f"t = {state.t:.4g}")
+        ax.set_title(when(state.t))
         return ax
     x = _fine(grid.bounds[0], grid.cells[0])
     for place in range(len(states)) if places is None else places:
         state = states[place]
-        ax.plot(x, sample(states[place], x), lw=1.2, label=f"t = {state.t:.4g}")
+        ax.plot(x, sample(states[place], x), lw=1.2, label=when(state.t))
     ax.set(xlabel="x", ylabel=label)
     ax.legend(frameon=False, fontsize=8)
     return ax
 
 
-def animate_states(states: Sequence[State], path: str | Path | None = None, fps: int = 20) -> Any:
+def animate_states(
+    states: Sequence[State],
+    path: str | Path | None = None,
+    fps: float | None = None,
+    when: Callable[[float], str] = NUMBERS,
+) -> Any:
     """A matplotlib animation of snapshots in one or two dimensions, a panel for each field, written
     to `path` (.gif, or .mp4 by ffmpeg).
     """
@@ -67,6 +77,8 @@ def animate_states(states: Sequence[State], path: str | Path | None = None, fps:
         raise MissingDependency(
             "path: .mp4 needs ffmpeg (apt install ffmpeg); take .gif without it"
         )
+    if fps is None:
+        fps = min(20.0, max(1.0, len(states) / SECONDS))
     fields = states[0].fields
     axes = _panels(len(fields), states[0].grid) if fields else [_axes(None, figsize=(6, 4))]
     parts = [[state.field(name) for state in states] for name in fields] or [list(states)]
@@ -76,7 +88,7 @@ def animate_states(states: Sequence[State], path: str | Path | None = None, fps:
 
     def draw(place: int) -> list[Any]:
         for ax, name in zip(axes, names, strict=True):
-            ax.set_title(f"{name}t = {states[place].t:.4g}")
+            ax.set_title(name + when(states[place].t))
         return [show(place) for show in drawn]
 
     figure = axes[0].figure
@@ -87,7 +99,8 @@ def animate_states(states: Sequence[State], path: str | Path | None = None, fps:
     )  # the places of the axes stay: finding them takes half the time
     animation = FuncAnimation(figure, draw, frames=len(states), interval=1000 / fps, blit=False)
     if path is not None:
-        animation.save(str(path), writer="pillow" if suffix == ".gif" else "ffmpeg", fps=fps)
+        writer: Any = {"writer": "pillow" if suffix == ".gif" else "ffmpeg", "fps": fps}
+        animation.save(str(path), **writer)
         plt.close(figure)
     return animation
 

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array, diags_array
 
 from cip.errors import InputError, NotSupported
-from cip.grid import Grid
-from cip.profiles.catalogue import moments
-from cip.stages.state import State, state_of
+from cip.formulas.sphere_spline import at_places, centre_values
+from cip.grid import Grid, Sphere
+from cip.profiles.catalogue import SPHERE, moments
+from cip.stages.state import State, state_of, values_of
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
@@ -26,13 +27,26 @@ def sample(state: State, points: ArrayLike) -> Array:
     Profiles in one dimension and ``bicubic`` are evaluated as the schemes do; ``csl2`` and ``csl4``
     by their tensor products; all others, ``adini`` among them, by the multilinear interpolant plus,
     for each edge of the cell, the cubic bubble of the slopes at its ends times the linear weights
-    of the other directions: Adini's profile in two dimensions, its Boolean sum in three.
+    of the other directions: Adini's profile in two dimensions, its Boolean sum in three. On a
+    sphere by quintic splines of the values at the centres of cells.
     """
     state = state.host()
+    if isinstance(state.grid, Sphere):
+        return _on_sphere(state, points_of(points, 2))
     place = points_of(points, state.grid.dim)
     data = {name: np.asarray(state.data[q], dtype=float) for q, name in enumerate(state.names)}
     found = profile_value(state.profile, data, state.grid, place.reshape(state.grid.dim, -1))
     return np.asarray(found).reshape(place.shape[1:])
+
+
+def _on_sphere(state: State, place: Array) -> Array:
+    """A field at longitudes and latitudes (2, ...)."""
+    if not np.isfinite(place).all() or np.abs(place[1]).max(initial=0.0) > 0.5 * np.pi:
+        raise InputError("points: expected finite lon, lat in radians, lat from -pi/2 to pi/2")
+    values = values_of(state)
+    if "u" not in state.names:
+        values = centre_values(values, SPHERE[state.profile])
+    return at_places(values, *place)
 
 
 def sample_sea(state: State, points: ArrayLike, land: NDArray[np.bool_]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError, NotSupported
+from cip.grid import Sphere, in_space
 from cip.output.recorder import HEAD, Gauges, gauges_of, read_run
 from cip.output.sample import sample, sample_sea
 from cip.profiles.catalogue import moments
-from cip.stages.state import State, by_field, states_in
-from cip.stages.state_dataset import state_dataset
+from cip.stages.state import State, by_field, states_in, values_of
+from cip.stages.state_dataset import dated, state_dataset
 from cip.stages.state_files import SUFFIXES, read_states, write_states
 from skfem_adini.ground.vtk_files import write_series
 
@@ -158,7 +159,7 @@ class Trajectory:
             return {name: self[name].diagnostics for name in self.final.fields}
         rows = []
         for state in self.states:
-            u = np.asarray(state["u"], dtype=float)
+            u = np.asarray(values_of(state), dtype=float)
             w = state.grid.weights
             rows.append(
                 (
@@ -196,14 +197,21 @@ class Trajectory:
         Parameters
         ----------
         points : array_like
-            Coordinates, shape (dim, ...); in one dimension shape (...) is accepted too.
+            Coordinates, shape (dim, ...); in one dimension shape (...) is accepted too; on a sphere
+            longitudes and latitudes in radians.
         place : int
             Index of the snapshot, default the last.
 
         Returns
         -------
         ndarray, or dict of these by field
-            Shape (...). See `cip.output.sample.sample` for the profile used with a splitting.
+            Shape (...). See `cip.output.sample.sample` for the profile used with a splitting; on a
+            sphere quintic splines.
+
+        Raises
+        ------
+        InputError
+            Points of another shape, or outside the grid.
 
         Examples
         --------
@@ -229,10 +237,11 @@ class Trajectory:
         Parameters
         ----------
         start : str or datetime, optional
-            The date of t = 0; then t holds dates, counted in ``units["t"]``.
+            The date of t = 0; then t holds dates, counted in ``units["t"]``. Default: that of the
+            winds of `Velocity.from_xarray`, in seconds.
         units : dict, optional
             Units by the names of coordinates and fields, ``{"t": "h", "x": "m", "u": "kg m-3"}``;
-            of t with dates s (default), min, h or d.
+            of t with dates s (default), min, h or d. Those of coordinates default to the winds'.
 
         Returns
         -------
@@ -243,6 +252,11 @@ class Trajectory:
         MissingDependency
             xarray is not installed.
         """
+        winds = getattr(self.solver, "velocity", None)
+        if start is None:
+            start = getattr(winds, "_start", None)
+        if isinstance(units, Mapping | None):
+            units = {**getattr(winds, "_units", {}), **(units or {})}
         found, of = state_dataset(self.states, start, units), self.diagnostics
         for field, one in (of if self.final.fields else {"": of}).items():
             for name in ("mass", "total_variation", "minimum", "maximum", "l1", "l2"):
@@ -253,7 +267,8 @@ class Trajectory:
         """One snapshot as a pyvista grid, a periodic direction closed by its first nodes again.
 
         Means over whole cells become cell data. Means over some of the directions become point
-        data at the node where the averaged interval begins, NaN at nodes where none begins.
+        data at the node where the averaged interval begins, NaN at nodes where none begins. A
+        sphere is the globe, a quadrilateral for each cell.
 
         Parameters
         ----------
@@ -262,7 +277,8 @@ class Trajectory:
 
         Returns
         -------
-        pyvista.RectilinearGrid, or MultiBlock of all snapshots, named by their times
+        pyvista.RectilinearGrid (of a sphere StructuredGrid), or MultiBlock of all snapshots,
+        named by their times
         """
         import pyvista
 
@@ -272,12 +288,16 @@ class Trajectory:
             )
         state = self.states[place]
         grid = state.grid
-        lines = [*grid.edges, *([np.zeros(1)] * (3 - grid.dim))]
-        mesh = pyvista.RectilinearGrid(*lines)
+        if globe := isinstance(grid, Sphere):
+            lon, lat = grid.edges
+            mesh = pyvista.StructuredGrid(*(grid.radius * in_space(lon[:, None], lat))[..., None])
+        else:
+            lines = [*grid.edges, *([np.zeros(1)] * (3 - grid.dim))]
+            mesh = pyvista.RectilinearGrid(*lines)
         carried = moments(state.profile, grid.dim) * max(1, len(state.fields))
         for name, moment in zip(state.names, carried, strict=True):
             values = np.asarray(state[name])
-            if len(moment.averaged) == grid.dim:
+            if globe or len(moment.averaged) == grid.dim:
                 mesh.cell_data[name] = values.ravel(order="F")
                 continue
             for axis, periodic in enumerate(grid.periodic):
@@ -398,17 +418,23 @@ class Trajectory:
         """
         from cip.output.plot import plot_states
 
-        return plot_states(self.states, ax, places)
+        return plot_states(self.states, ax, places, when=self._when())
 
-    def animate(self, path: str | Path | None = None, fps: int = 20) -> Any:
+    def _when(self) -> Callable[[float], str]:
+        """Times as titles show them: dates, where the winds have some."""
+        return dated(getattr(getattr(self.solver, "velocity", None), "_start", None))
+
+    def animate(self, path: str | Path | None = None, fps: float | None = None) -> Any:
         """An animation of the snapshots, a panel for each field, written to `path` if given.
+
+        Titles have dates where the winds have them (`Velocity.from_xarray`).
 
         Parameters
         ----------
         path : str or Path, optional
             Ends in ``.gif``, or in ``.mp4`` where ffmpeg is installed.
-        fps : int
-            Frames per second.
+        fps : float, optional
+            Frames per second; by default as many as last for five seconds, at most 20.
 
         Returns
         -------
@@ -421,18 +447,22 @@ class Trajectory:
         """
         from cip.output.plot import animate_states
 
-        return animate_states(self.states, path, fps)
+        return animate_states(self.states, path, fps, self._when())
 
 
 def total_variation(state: State) -> float:
     """Sum over all grid lines of ``|u_{i+1} - u_i|``, weighted with the widths across the line."""
     grid, total = state.grid, 0.0
-    u = np.asarray(state["u"], dtype=float)
+    u = np.asarray(values_of(state), dtype=float)
     for axis in range(grid.dim):
-        line = u
-        if grid.periodic[axis]:
-            line = np.concatenate([u, np.take(u, [0], axis)], axis)
-        jumps = np.abs(np.diff(line, axis=axis)).sum(axis=axis)
+        periodic = grid.periodic[axis]
+        line = np.concatenate([u, np.take(u, [0], axis)], axis) if periodic else u
+        jumps = np.abs(np.diff(line, axis=axis))
+        if isinstance(grid, Sphere):  # lengths of the sides of cells that a jump crosses
+            side = np.cos(grid.edges[1][1:-1]) * grid.widths[0][0] if axis else grid.widths[1]
+            total += float((grid.radius * side * jumps).sum())
+            continue
+        jumps = jumps.sum(axis=axis)
         for other in (b for b in range(grid.dim) if b != axis):
             width = grid.widths[other]
             share = (

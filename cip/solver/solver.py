@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from copy import deepcopy
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from typing import Any, Literal
 
@@ -12,51 +11,38 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from cip.characteristics.feet import signed_step
+from cip.characteristics.feet import time_scale
 from cip.engines.engine import Engine, Setting
 from cip.errors import InputError, LeftDomain, NotSupported
 from cip.formulas.formula import Formula
-from cip.formulas.parameters import Parametrised
 from cip.formulas.snapshots import snapshots_of
-from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity, check_periodic
 from cip.grid import Grid
-from cip.output.budget import Tally, budget_of, masses
-from cip.output.recorder import Recorder
+from cip.output.budget import Tally
 from cip.output.trajectory import Trajectory
-from cip.profiles.catalogue import CONSERVATIVE, LINE, moments
+from cip.profiles.catalogue import LINE, moments
 from cip.solver.derivatives import derivative
+from cip.solver.runs import Runs, values_at
 from cip.solver.scheme import (
     Form,
     Rule,
     Scheme,
-    advanced,
-    bounds_of,
-    check_bounded,
     check_choices,
-    check_state,
     check_within,
     checked_coast,
     form_of,
-    is_by_field,
     made_scheme,
-    mapped,
     of_field,
-    parameters_of,
     tolerance_of,
-    with_values,
 )
-from cip.solver.time_loop import checked_callback, output_times, run, step_length
-from cip.sources.diffusion import diffusion as spread
-from cip.sources.kinetics import Kinetics, kinetics
-from cip.sources.reaction import Reaction, reacted, reaction
+from cip.sources.reaction import reacted
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, _real, default_profile
 from cip.stages.walls import check_split, portable_boundary, walls
-from skfem_adini.ground.arguments import flag, keywords_named, real_number
+from skfem_adini.ground.arguments import keywords_named, real_number
 
 
-class Solver(Parametrised):
+class Solver(Runs):
     r"""Multi-moment semi-Lagrangian scheme for u_t + c . grad u = 0 or p_t + div(c p) = 0.
 
     A source and decay, s - k u, may stand on the right.
@@ -192,8 +178,6 @@ class Solver(Parametrised):
     1.5e-04
     """
 
-    _kind = "solver"
-
     @keywords_named
     def __init__(
         self,
@@ -227,7 +211,6 @@ class Solver(Parametrised):
         self.limiter, self.splitting = limiter, splitting
         self.dtype, self.backend = _real(dtype), backend
         check_choices(grid, self.form, self.profile, limiter, splitting, backend)
-        self.bounds = mapped(bounds, bounds_of)
         self.bounds_tolerance = real_number("bounds_tolerance", bounds_tolerance)
         if not self.bounds_tolerance >= 0.0:
             raise InputError(f"bounds_tolerance: expected >= 0, got {bounds_tolerance!r}")
@@ -241,31 +224,16 @@ class Solver(Parametrised):
         self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
         self._coast = checked_coast(grid, self.profile, land, boundary)
         self.land = None if self._coast is None else self._coast.land
-        self.source = mapped(source, lambda one: Source.of(one, "source"))
-        self.decay = mapped(decay, lambda one: Source.of(one, "decay"))
-        self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
+        self._set_terms(source, decay, diffusion, reactions, bounds, boundary)
         setting = Setting(
             grid, self._formulas, self.profile, limiter,
             of_field(self.bounds, "") or (-np.inf, np.inf), self.bounds_tolerance,
             self.dtype, store_feet, self.steady, self.velocity._feet,
         )  # fmt: skip
         self._kernels = engine_of(backend, setting)
-        self._sea: Any = None
         if self._coast is not None and self._coast.land is not None:
             self._sea = self._kernels.xp.asarray(self._coast.sea(self.profile))
-        # Arguments by names of fields, and the schemes of states by theirs.
-        own = {
-            "source": source, "decay": decay, "boundary": boundary, "bounds": bounds,
-            "diffusion": diffusion, "reactions": reactions,
-        }  # fmt: skip
-        self._named = {name: tuple(one) for name, one in own.items() if is_by_field(one)}
-        self.diffusion = mapped(diffusion, lambda one: getattr(self._spread(one), "rates", None))
-        if reactions is not None and "reactions" not in self._named:
-            raise InputError(f"reactions: expected formulas by names of fields, got {reactions!r}")
-        self.reactions = None if reactions is None else dict(reactions)
-        self._kinetics: dict[tuple[str, ...], Kinetics | None] = {}
-        self._schemes: dict[tuple[str, ...], Scheme] = {}
-        first = self._scheme(tuple(dict.fromkeys(sum(self._named.values(), ()))))
+        first = self._first_scheme(diffusion)
         self._stages, self._reactions = first.stages, first.rules[0].reactions
         if limiter == "bounds":
             for rule in first.rules:
@@ -293,43 +261,19 @@ class Solver(Parametrised):
 
     def _rule(self, field: str) -> Rule:
         """What holds for a field of this name."""
-        source, decay, boundary = (
-            of_field(one, field) for one in (self.source, self.decay, self._boundary)
-        )
-        data = walls(boundary, self.grid)
-        bounds = (self.limiter == "bounds" and of_field(self.bounds, field)) or (-np.inf, np.inf)
-        made = reaction(self.grid, self.profile, source, decay, self._kernels.xp)
+        data = walls(of_field(self._boundary, field), self.grid)
+        made, acting, bounds = self._acting(field)
         slopes = any(any(moment.orders) for moment in moments(self.profile, self.grid.dim))
         fixed = slopes and self.grid.dim > 1 and self.profile in LINE
         if fixed:
             check_split(data, self.form == "advection", self.profile)
         inflow = {f"{'xyz'[axis]}{'-+'[side]}": one for (axis, side), one in data.items()}
-        both = (made, self._spread(of_field(self.diffusion, field)))
-        acting = [one for one in both if one is not None]
-        if both[1] is not None and self.land is not None:
+        if self.land is not None and len(acting) > (made is not None):
             raise NotSupported("diffusion: it would cross land; leave one of both away")
         return Rule(acting, reacted(data, made, fixed), inflow, bounds)
 
-    def _spread(self, value: Any) -> Any:
-        """The diffusion of a field."""
-        limited = self.limiter is not None
-        return spread(self.grid, self.profile, value, limited, self._kernels.xp)
-
-    def _kinetics_of(self, fields: tuple[str, ...]) -> Kinetics | None:
-        """The reactions between fields of these names."""
-        if fields not in self._kinetics:
-            made = kinetics(self.grid, self.profile, fields, self.reactions, self._kernels.xp)
-            self._kinetics[fields] = made
-        return self._kinetics[fields]
-
-    def __reduce__(self) -> Any:
-        return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
-
-    def _with(self, values: dict[str, float]) -> Solver:
-        return Solver(*(with_values(one, values) for one in self._arguments(self._boundary)))
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Solver:
-        return Solver(*deepcopy(self._arguments(self._boundary), memo))
+    def _portable(self) -> tuple[Any, ...]:
+        return self._arguments(portable_boundary(self._boundary, self.grid))
 
     def _arguments(self, boundary: Any) -> tuple[Any, ...]:
         """The arguments of the constructor, from which a copy is made."""
@@ -359,179 +303,18 @@ class Solver(Parametrised):
         self._accept(made)
         return self._kernels.place(made)
 
-    def step(self, state: State, dt: float) -> State:
-        """The state after one step of length dt, of any size.
+    def _time_scale(self, t: float) -> float:
+        return time_scale(self.grid, self._formulas, t)
 
-        Parameters
-        ----------
-        state : State
-            On this solver's grid, with the moments of its profile.
-        dt : float
-            Negative for a step back in time, along the same characteristics.
-
-        Returns
-        -------
-        State
-            At the time ``state.t + dt``.
-
-        Raises
-        ------
-        InputError
-            A state of another grid, profile or with NaN; dt that is zero.
-        LeftDomain
-            A characteristic comes in through a wall without data.
-        NotFinite
-            The velocity, a characteristic or the new field is not finite; names node and time.
-        """
-        dt = signed_step(dt)
-        self._accept(state)
-        self._check_times(state, state.t + dt)
-        return self._advance(self._kernels.place(state), dt).require_finite()
-
-    @keywords_named
-    def run(
-        self,
-        state: State,
-        t_end: float,
-        dt: float | None = None,
-        cfl: float | None = None,
-        snapshots: int | Sequence[float] | None = None,
-        callback: Callable[[State], State | Any] | None = None,
-        progress: bool = False,
-        gauges: Any = None,
-        save: Any = None,
-        resume: bool = False,
-    ) -> Any:
-        """Steps to `t_end`, landing exactly on it and on every snapshot's time.
-
-        With `t_end` before the time of `state`, and a negative `dt`, the run leads back in time:
-        the equation is solved for the past, sources and decay included, and what was outflow
-        becomes inflow, for which `boundary` needs data.
-
-        Parameters
-        ----------
-        state : State
-        t_end : float
-            After the time of `state`, or before it.
-        dt : float, optional
-            Length of the steps; the last one before each snapshot may be shorter. Negative in a
-            run back in time.
-        cfl : float, optional
-            Instead of `dt`: the largest number of cells that a node moves in a step, by the
-            velocity at the start.
-        snapshots : int or sequence of float, optional
-            The number of equal intervals whose ends are kept, or the times to keep; default start
-            and end.
-        callback : callable, optional
-            Called with the state after every step. A State that it returns takes the place of this
-            one, for instance with a field that was corrected; `tangent` and `adjoint` refuse such
-            a run. What else it returns is ignored. It may raise StopIteration to end the run.
-        progress : bool
-            Show a bar of the steps (on a terminal where tqdm is installed) and log one line for
-            each snapshot at level INFO.
-        gauges : array_like, optional
-            Points, shape (dim, ...), at which the field is sampled after every step, for
-            `Trajectory.gauges`.
-        save : path, optional
-            A folder to which each snapshot is written as soon as it is reached.
-        resume : bool
-            Go on from the last complete snapshot in that folder, if there is one, with the bits of
-            a run that was not interrupted. Grid, profile, velocity, sources, data on walls, start
-            and times must be those with which the run began.
-
-        Returns
-        -------
-        Trajectory
-            After an interruption from the keyboard or a StopIteration it ends with the last
-            finished step and is marked ``interrupted``.
-        """
-        self._accept(state)
-        self._check_times(state, real_number("t_end", t_end))
-        length = step_length(dt, cfl, self.grid, self._formulas, state.t, float(t_end))
-
-        times = output_times(state.t, t_end, snapshots)
-        plan = {}
-        if save is not None:
-            first = {"grid": [line.tolist() for line in self.grid.edges], "dt": length}
-            at = [state.t, 0.5 * (state.t + times[-1]), times[-1]]
-            plan = {**first, "times": times, **self._plan(state, at)}
-        recorder = Recorder(state, gauges, save, flag("resume", resume), plan)
-        tallies = self._tallies(state, recorder)
-
-        def record(states: Sequence[State], interrupted: bool) -> Trajectory:
-            budget = budget_of(tallies, states)
-            kept = recorder.gauges()
-            return Trajectory(tuple(states), self, length, interrupted, kept, budget)
-
-        def advance(state: State, dt: float) -> State:
-            new = self._advance(state, dt, tallies)
-            for tally in tallies:
-                tally.commit()
-            return new
-
-        change = checked_callback(callback, self._accept, self._kernels.place)
-
-        def counted(state: State) -> State:
-            new = state if change is None else change(state)
-            if new is not state and tallies:
-                for tally, now, then in zip(tallies, masses(new), masses(state), strict=True):
-                    tally.change("replaced", now - then)
-                    tally.commit()
-            return new
-
-        loop = (advance, self._begin, record, self._memory_at, recorder)
-        change_all = None if change is None else counted
-        return run(state, t_end, length, snapshots, change_all, progress, *loop)
-
-    def _tallies(self, state: State, recorder: Recorder) -> list[Tally]:
-        """What counts the integral of each field, from where a resumed run was; none for profiles
-        that do not keep it, or where the folder's first part did not count."""
-        if self.profile not in CONSERVATIVE:
-            return []
-        found = [Tally(self.grid) for _ in state.fields or [""]]
-        if recorder.states:
-            rows = [extra.get("budget") for extra in recorder.extra]
-            if any(row is None for row in rows):
-                return []
-            for k, tally in enumerate(found):
-                tally.restore([row[k] for row in rows])  # type: ignore[index]
-        recorder.beside = lambda: {"budget": np.stack([tally.sums for tally in found])}
-        return found
+    def _velocity_at(self, point: list[Any], times: Sequence[float]) -> Any:
+        return [values_at(self.grid, c, point, times) for c in self._formulas]
 
     def _plan(self, state: State, times: Sequence[float]) -> dict[str, Any]:
-        """What a run depends on: choices, and values of all functions at some points."""
-        part = np.arange(1, 17)
-        point = [
-            low + (high - low) * ((axis + 1) * 0.6180339887 * part % 1.0)
-            for axis, (low, high) in enumerate(self.grid.bounds)
-        ]
-        point += [np.zeros(part.size)] * (3 - self.grid.dim)
-        steps = (*self.grid.spacing, *([1.0] * (4 - self.grid.dim)))
-
-        def values(formula: Formula) -> list[Any]:
-            compute = formula.derivative((0, 0, 0, 0), steps)
-            with np.errstate(all="ignore"):
-                found = [compute(*point, t) + np.zeros(part.size) for t in times]
-            return [one.tolist() for one in found]
-
-        rules = self._scheme(state.fields).rules
-        reactions = [
-            next((one for one in rule.reactions if isinstance(one, Reaction)), None)
-            for rule in rules
-        ]
-        return {
-            "form": self.form, "profile": self.profile, "limiter": self.limiter,
-            "bounds": repr(self.bounds), "backend": self.backend, "dtype": str(self.dtype),
-            "store_feet": self.store_feet, "fields": list(state.fields),
+        return super()._plan(state, times) | {
+            "backend": self.backend, "dtype": str(self.dtype), "store_feet": self.store_feet,
             "periodic": list(self.grid.periodic),
-            "velocity": [values(c) for c in self._formulas],
-            "source": [values(r.source_formula) if r and r.source else None for r in reactions],
-            "decay": [values(r.decay_formula) if r and r.decay else None for r in reactions],
-            "boundary": [{w: values(one) for w, one in rule.inflow.items()} for rule in rules],
-            "diffusion": repr(self.diffusion), "reactions": repr(self.reactions),
             "land": None if self.land is None else sha256(self.land.tobytes()).hexdigest(),
             "closed": None if self._coast is None else sorted(self._coast.closed),
-            "foot_tolerance": self.foot_tolerance,
         }  # fmt: skip
 
     def _memory_at(self, state: State) -> list[Any] | None:
@@ -624,25 +407,18 @@ class Solver(Parametrised):
         return derivative(self, run, checkpoints).operator().T
 
     def _accept(self, state: State) -> None:
-        check_state(state, self.grid, self.profile, self._named)
-        self._kinetics_of(state.fields)
+        super()._accept(state)
         if self._coast is not None and (state.host().data * ~self._coast.sea(self.profile)).any():
             raise InputError("state: it is not zero on land; make it with solver.state(f)")
-        # A state that this limiter has stepped may exceed them by sources and splitting.
-        if self.limiter == "bounds" and state._bounded != self.bounds:
-            parts = [state.field(name) for name in state.fields] or [state]
-            for part, rule in zip(parts, self._scheme(state.fields).rules, strict=True):
-                check_bounded(part, rule.bounds, self.bounds_tolerance)
 
     def _check_times(self, state: State, end: float) -> None:
         """Raise `InputError` if velocity or sources are not known until `end`, or if data on walls
         leave the bounds of the limiter then.
         """
-        rules = self._scheme(state.fields).rules
-        acting = [one for rule in rules for one in rule.reactions]
-        for known in (snapshots_of(self._formulas), *acting):
-            if known is not None:
-                known.check_times(min(state.t, end), max(state.t, end))
+        super()._check_times(state, end)
+        rules, winds = self._scheme(state.fields).rules, snapshots_of(self._formulas)
+        if winds is not None:
+            winds.check_times(min(state.t, end), max(state.t, end))
         if self.limiter == "bounds" and np.isfinite(end):
             for rule in rules:
                 for name, formula in rule.inflow.items():
@@ -665,19 +441,15 @@ class Solver(Parametrised):
             check_within(found, bounds, self.bounds_tolerance, what, remedy)
 
     def _advance(self, state: State, dt: float, tallies: Sequence[Tally] = ()) -> State:
-        scheme = self._scheme(state.fields)
         try:
-            made = self._kinetics_of(state.fields)
-            new = advanced(self._kernels, scheme, made, state, dt, self._sea, tallies)
+            return super()._advance(state, dt, tallies)
         except LeftDomain as error:
-            most = max(len(rule.inflow) for rule in scheme.rules)
-            pairs = zip(state.fields, scheme.rules, strict=False)
+            rules = self._scheme(state.fields).rules
+            most = max(len(rule.inflow) for rule in rules)
+            pairs = zip(state.fields, rules, strict=False)
             if short := [name for name, rule in pairs if len(rule.inflow) < most]:
                 raise LeftDomain(f"{error}, for {', '.join(short)} as for others") from error
             raise
-        if self.limiter == "bounds":
-            new.__dict__["_bounded"] = self.bounds
-        return new
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage in the precision of the solver, kept for a steady velocity.

@@ -9,10 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cip.characteristics.feet import check_step, signed_step, time_scale
+from cip.characteristics.feet import check_step, signed_step
 from cip.errors import CipError, InputError
-from cip.formulas.formula import Formula
-from cip.grid import Grid
 from cip.output.recorder import Recorder
 from cip.stages.state import State, by_field, state_of
 from skfem_adini.ground.arguments import real_array, real_number
@@ -167,14 +165,10 @@ def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None
 
 
 def step_length(
-    dt: float | None,
-    cfl: float | None,
-    grid: Grid,
-    velocity: Sequence[Formula],
-    t: float,
-    t_end: float,
+    dt: float | None, cfl: float | None, t: float, t_end: float, scale: Callable[[], float]
 ) -> float:
-    """The length of the steps, given itself or by the cells that a node moves; see `Solver.run`."""
+    """The length of the steps, given itself or by the cells that a node moves; see `Solver.run`.
+    ``scale()`` is the time in which it moves by one."""
     if (dt is None) == (cfl is None):
         raise InputError("dt: pass either dt or cfl")
     if dt is not None:
@@ -186,4 +180,4 @@ def step_length(
             )
         return found
     ahead = 1.0 if t_end >= t else -1.0
-    return ahead * check_step(cfl, "cfl") * time_scale(grid, velocity, t)  # type: ignore[arg-type]
+    return ahead * check_step(cfl, "cfl") * scale()  # type: ignore[arg-type]

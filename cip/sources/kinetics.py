@@ -16,7 +16,7 @@ from cip.errors import InputError, NotConverged
 from cip.formulas.expression import COORDINATES, Expression, constant, numpy_function, variable
 from cip.formulas.parameters import checked, parameter
 from cip.formulas.parsing import parse
-from cip.grid import Grid
+from cip.grid import GridLike
 from cip.profiles.catalogue import moments
 from cip.sources.reaction import Products
 
@@ -30,7 +30,12 @@ class Kinetics:
     and t; fields without one do not react."""
 
     def __init__(
-        self, grid: Grid, profile: str, fields: Sequence[str], rates: Mapping[str, Any], xp: Any
+        self,
+        grid: GridLike,
+        profile: str,
+        fields: Sequence[str],
+        rates: Mapping[str, Any],
+        xp: Any,
     ) -> None:
         self._grid, self._xp, self._fields = grid, xp, tuple(fields)
         self._products = Products(grid, profile, xp)
@@ -40,7 +45,8 @@ class Kinetics:
         carried = moments(profile, grid.dim)
         # Rows of values and derivatives at nodes belong together, one in middles of cells alone.
         together = [q for q, moment in enumerate(carried) if not moment.averaged]
-        groups = [together, *([q] for q, moment in enumerate(carried) if moment.averaged)]
+        alone = [[q] for q, moment in enumerate(carried) if moment.averaged]
+        groups = [together, *alone] if together else alone
         self._parts = []
         for rows in groups:
             orders = [carried[q].orders[:3] for q in rows]
@@ -53,7 +59,7 @@ class Kinetics:
         for axis, line in enumerate(self._grid.coordinates):
             if axis in averaged:
                 width = np.append(self._grid.widths[axis], 0.0)[: line.size]
-                line = line + 0.5 * width
+                line = self._grid.edges[axis][: line.size] + 0.5 * width
             lines.append(line)
         mesh = np.meshgrid(*lines, indexing="ij", sparse=True)
         return [self._xp.asarray(x) for x in mesh] + [0.0] * (3 - self._grid.dim)
@@ -138,7 +144,7 @@ class Kinetics:
 
 
 def kinetics(
-    grid: Grid, profile: str, fields: Sequence[str], value: Any, xp: Any
+    grid: GridLike, profile: str, fields: Sequence[str], value: Any, xp: Any
 ) -> Kinetics | None:
     """The reactions of a solver for a state of these fields, from its argument; None without."""
     if value is None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from itertools import product
 from math import comb
 from typing import Any
@@ -30,8 +29,9 @@ from cip.formulas.expression import (
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import parameter
 from cip.formulas.source import Source
-from cip.grid import Grid, node_name
-from cip.profiles.catalogue import CONSERVATIVE, Moment, carries_slopes, moments
+from cip.formulas.sphere_spline import cell_means, centre_values
+from cip.grid import GridLike, node_name
+from cip.profiles.catalogue import CONSERVATIVE, SPHERE, Moment, carries_slopes, moments
 from cip.stages.state import averaged
 from cip.stages.walls import MIDDLE, Wall
 
@@ -40,7 +40,12 @@ class Reaction:
     """The separate effects of source and decay on the moments of a state, with derivatives."""
 
     def __init__(
-        self, grid: Grid, profile: str, source: Source | None, decay: Source | None, xp: Any
+        self,
+        grid: GridLike,
+        profile: str,
+        source: Source | None,
+        decay: Source | None,
+        xp: Any,
     ) -> None:
         self.source, self.decay = source, decay
         self._grid, self._xp, self._moments = grid, xp, moments(profile, grid.dim)
@@ -99,9 +104,8 @@ class Reaction:
 
     def integral(self, data: Any) -> float:
         """The integral of a field, from its means."""
-        volumes = reduce(np.multiply.outer, self._grid.widths)
         means = data[-1][tuple(slice(0, n) for n in self._grid.cells)]
-        return float((means * self._xp.asarray(volumes)).sum())
+        return float((means * self._xp.asarray(self._grid.volumes)).sum())
 
     def _increment(self, node: Expression, t: float, length: float) -> Any:
         """What a source adds to all moments from t to t + length, in double precision."""
@@ -127,7 +131,7 @@ class Reaction:
             )
 
 
-def reaction(grid: Grid, profile: str, source: Any, decay: Any, xp: Any) -> Reaction | None:
+def reaction(grid: GridLike, profile: str, source: Any, decay: Any, xp: Any) -> Reaction | None:
     """The reaction of a solver, from its arguments `source` and `decay`; None without them. Raises
     `InputError` for a function that does not fit the grid, or a negative rate.
     """
@@ -141,7 +145,9 @@ class Decay:
     times :math:`E = e^{-K}`, :math:`K = \int k \, dt`, with :math:`E_x = -K_x E`, :math:`E_{xy} =
     (K_x K_y - K_{xy}) E`, :math:`E_p = -K_p E`."""
 
-    def __init__(self, grid: Grid, profile: str, formula: Formula, steady: bool, xp: Any) -> None:
+    def __init__(
+        self, grid: GridLike, profile: str, formula: Formula, steady: bool, xp: Any
+    ) -> None:
         self._grid, self._xp = grid, xp
         self._rate = formula.expression
         self._integrals = NodalMoments(grid, formula, steady, xp)
@@ -230,7 +236,7 @@ class NodalMoments:
     Formulas are computed in NumPy or CuPy (`xp`), callables and splines in NumPy. `steady`: t does
     not occur."""
 
-    def __init__(self, grid: Grid, formula: Formula, steady: bool, xp: Any) -> None:
+    def __init__(self, grid: GridLike, formula: Formula, steady: bool, xp: Any) -> None:
         self._grid, self._formula, self._xp = grid, formula, xp
         self.steady = steady or (formula.exact and formula.steady)
         self._steps = (*grid.spacing, *([1.0] * (4 - grid.dim)))
@@ -335,14 +341,19 @@ class Products:
     with means have the key (2,).
     """
 
-    def __init__(self, grid: Grid, profile: str, xp: Any) -> None:
+    def __init__(self, grid: GridLike, profile: str, xp: Any) -> None:
         self._grid, self._xp = grid, xp
         self._moments = moments(profile, grid.dim)
-        self.means = profile in CONSERVATIVE
+        # Of a sphere the degree of the spline of means, whose values at the centres of cells serve.
+        self._degree = SPHERE.get(profile, 0) if self._moments[0].averaged else 0
+        self.means = profile in CONSERVATIVE or self._degree > 0
         self._slopes = carries_slopes(profile, grid.dim)
         self.wanted: dict[Orders, Moment] = {}
         if not self.means:
             self.wanted = {moment.orders[:3]: moment for moment in self._moments}
+            return
+        if self._degree:
+            self.wanted[(0, 0)] = Moment("", (0, 0, 0, 0))
             return
         for bits in product((0, 1), repeat=grid.dim):
             averaged = tuple(axis for axis, bit in enumerate(bits) if bit)
@@ -383,6 +394,8 @@ class Products:
 
     def to_points(self, data: Any) -> Any:
         """The moments in double precision, means replaced by values in the middle of cells."""
+        if self._degree:
+            return centre_values(data, self._degree)
         new = data.astype(float)
         if self._slopes:
             new[2] = (30.0 * new[2] - self._ends(new[0], new[1])) / 16.0
@@ -393,6 +406,8 @@ class Products:
 
     def to_moments(self, points: Any) -> Any:
         """The inverse of `to_points`."""
+        if self._degree:
+            return cell_means(points, self._degree)
         new = points.copy()
         if self._slopes:
             new[2] = (16.0 * new[2] + self._ends(new[0], new[1])) / 30.0

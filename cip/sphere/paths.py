@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import InputError, NotConverged, NotFinite
-from cip.grid import Sphere
-from cip.sphere.splines import PAD, value_spline
+from cip.formulas.sphere_spline import interpolated, value_spline
+from cip.grid import Sphere, in_space
 from skfem_adini.ground.arguments import real_array
 
 Array = NDArray[np.float64]
@@ -35,12 +35,6 @@ ERROR = (
 SUBSTEPS = 1024  # of a step: with more the velocity is not smooth, or dt far too long
 
 
-def in_space(lon: Array, lat: Array) -> Array:
-    """Points of the unit sphere, shape (3, ...)."""
-    lon, lat = np.broadcast_arrays(lon, lat)
-    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-
-
 def wind_of(velocity: Any, sphere: Sphere) -> tuple[Wind, bool]:
     """A velocity as a function of (lon, lat, t), and whether it is steady."""
     if callable(velocity):
@@ -57,7 +51,7 @@ def wind_of(velocity: Any, sphere: Sphere) -> tuple[Wind, bool]:
         if len(plain) == 2:
             return lambda lon, lat, t: velocity(lon, lat), True
         return velocity, False
-    what = "velocity: expected a function (lon, lat, t) of two speeds, or their values in cells"
+    what = "velocity: expected a function (lon, lat, t) of two speeds, or of one level their values"
     speeds = real_array(what, velocity).astype(float)
     if speeds.shape != (2, *sphere.cells):
         raise InputError(f"{what}, shape {(2, *sphere.cells)}; got shape {speeds.shape}")
@@ -67,12 +61,7 @@ def wind_of(velocity: Any, sphere: Sphere) -> tuple[Wind, bool]:
     coefs = value_spline(_vector(speeds, in_space(lon, lat)), 5)
 
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
-        from cip.sphere.kernels import interpolate
-
-        points = in_space(lon, lat)
-        found = np.empty((3, lon.size))
-        interpolate(points.reshape(3, -1), coefs, 5, PAD, found)
-        x, y, z = found.reshape(points.shape)
+        x, y, z = interpolated(coefs, in_space(lon, lat))
         along = np.cos(lon) * x + np.sin(lon) * y
         return np.cos(lon) * y - np.sin(lon) * x, np.cos(lat) * z - np.sin(lat) * along
 

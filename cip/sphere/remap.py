@@ -17,9 +17,17 @@ from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
 
 from cip.errors import InputError, NotConverged
-from cip.grid import Sphere
-from cip.sphere.paths import Wind, in_space, traced
-from cip.sphere.splines import PAD, at_integers, coefficients, over_poles, padded, resolved
+from cip.formulas.sphere_spline import (
+    PAD,
+    at_integers,
+    coefficients,
+    over_poles,
+    padded,
+    resolved,
+    sines,
+)
+from cip.grid import Sphere, in_space
+from cip.sphere.paths import Wind, traced
 
 Array = NDArray[np.float64]
 
@@ -93,21 +101,10 @@ class Remap:
         cell_masses(integrals, edges.north, self._turns(edges.lon, mean, top), masses)
         return _kept(means * area, masses) / area
 
-    def values(self, means: Array) -> Array:
-        """The reconstructed field at the centres of cells, shape (.., nlon, nlat)."""
-        lat = self.sphere.coordinates[1]
-        c = self._density(means)
-        for axis in (-2, -1):
-            ahead = zip(range(-PAD, PAD + 1), at_integers(self.degree), strict=True)
-            c = np.asarray(sum(b * np.roll(c, k, axis) for k, b in ahead if b))
-        found: Array = c[..., : lat.size] / np.cos(lat)
-        return found
-
     def _density(self, means: Array) -> Array:
         """Coefficients of f sin(s) on whole great circles, whose means over cells are given."""
-        width = self.sphere.widths[1]
-        sines = np.diff(np.sin(self.sphere.edges[1])) / width
-        return coefficients(over_poles(resolved(means) * sines, -1.0), self.degree + 1)
+        density = resolved(means) * sines(means.shape[-1])
+        return coefficients(over_poles(density, -1.0), self.degree + 1)
 
     def _cumulative(self, density: Array) -> tuple[Array, Array]:
         """Coefficients of P, padded, and of its value at the north pole, shape (fields, nlon)."""

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.characteristics.feet import signed_step
 from cip.errors import InputError
-from cip.grid import Sphere
-from cip.output.recorder import Recorder
-from cip.profiles.catalogue import SPHERE
-from cip.solver.scheme import bounds_of, check_state, form_of, tolerance_of
-from cip.solver.time_loop import checked_callback, output_times, run
-from cip.sphere.paths import in_space, traced, wind_of
+from cip.formulas.sphere_spline import PAD, value_spline
+from cip.grid import Sphere, in_space
+from cip.profiles.catalogue import SPHERE, moments
+from cip.solver.runs import Runs
+from cip.solver.scheme import Rule, Scheme, form_of, tolerance_of
+from cip.sources.diffusion import within
+from cip.sphere.paths import traced, wind_of
 from cip.sphere.remap import Remap
-from cip.sphere.run import SphereTrajectory
-from cip.sphere.splines import PAD, value_spline
-from cip.stages.state import State, check_fields, state_of
+from cip.stages.state import State, averaged, check_fields, state_of
 from skfem_adini.ground.arguments import (
     choice,
-    flag,
     keywords_named,
     own_array,
     real_array,
@@ -36,7 +33,7 @@ PROFILES = {
 }
 
 
-class SphereSolver:
+class SphereSolver(Runs):
     r"""Semi-Lagrangian scheme for u_t + c . grad u = 0 or p_t + div(c p) = 0 on a sphere.
 
     Paths are followed backward in space, so nothing is divided by the cosine of the latitude, and
@@ -65,8 +62,17 @@ class SphereSolver:
     bounds : (low, high)
         For the limiter; a lower bound of 0 suits any density, an upper one only a velocity without
         divergence.
+        Of several fields one pair for all or a dict by name.
     foot_tolerance : float, optional
         Largest error of the paths, in cells; default 1e-7.
+    source, decay : Source, or what `Source` takes, optional
+        As for `Solver`: formulas in lon, lat (radians) and t, callables of these, numbers, or
+        values at the centres of cells.
+    diffusion : float, optional
+        Constant coefficient >= 0, length^2 / time: u_t + .. = diffusion lap u on the sphere. With
+        the limiter no value leaves the range that the field has.
+    reactions : dict, optional
+        As for `Solver`.
 
     Notes
     -----
@@ -77,9 +83,17 @@ class SphereSolver:
     edge, and a constant mixing ratio to rounding. Waves around a pole that are shorter than the
     spacing of latitudes are left out of the splines.
 
+    Sources, decay, diffusion and reactions act for half a step before and after the transport, with
+    an error of order dt^2. Diffusion is exact for any dt: spherical harmonics of degree n decay as
+    exp(-n (n + 1) k t / R^2), those of values to rounding, means with the error of the spline, and
+    the integral of means is kept. A run has gauges, budgets, files and restarts as on grids. There
+    is one level, and there are no derivatives and no devices.
+
     Raises
     ------
     InputError
+    NotSupported
+        A source of snapshots.
 
     References
     ----------
@@ -101,8 +115,6 @@ class SphereSolver:
     (True, True)
     """
 
-    land = None  # as of a Solver, for its trajectory
-
     @keywords_named
     def __init__(
         self,
@@ -113,6 +125,10 @@ class SphereSolver:
         limiter: str | None = None,
         bounds: Any = (0.0, np.inf),
         foot_tolerance: float | None = None,
+        source: Any = None,
+        decay: Any = None,
+        diffusion: Any = None,
+        reactions: Mapping[str, Any] | None = None,
     ) -> None:
         if not isinstance(sphere, Sphere):
             raise InputError(f"sphere: expected a Sphere, got {type(sphere).__name__}")
@@ -122,16 +138,29 @@ class SphereSolver:
         self.profile = among[0] if profile is None else choice("profile", profile, among)
         if limiter not in (None, "bounds"):
             raise InputError(f"limiter: expected None or 'bounds', got {limiter!r}")
-        self.limiter, self.bounds = limiter, bounds_of(bounds)
+        self.limiter = limiter
         self.foot_tolerance = tolerance_of(foot_tolerance) or 1e-7
         self.velocity = velocity if callable(velocity) else own_array("velocity", velocity)
-        self._wind, self.steady = wind_of(self.velocity, sphere)
-        self._remap = Remap(sphere, SPHERE[self.profile])
-        self._feet: tuple[float, Any] = (0.0, None)
+        self._kernels = Carrier(sphere, self.velocity, SPHERE[self.profile], self.foot_tolerance)
+        self.steady = self._kernels.steady
+        self._set_terms(source, decay, diffusion, reactions, bounds, None)
+        self._first_scheme(diffusion)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        choices = self.form, self.profile, self.limiter, self.bounds, self.foot_tolerance
-        return SphereSolver, (self.grid, self.velocity, *choices)
+    def _scheme(self, fields: tuple[str, ...]) -> Scheme:
+        if fields not in self._schemes:
+            rules = []
+            for name in fields or ("",):
+                _, acting, bounds = self._acting(name)
+                rules.append(Rule(acting, {}, {}, bounds))
+            stage: Any = [rule.bounds for rule in rules] if self.limiter else None
+            self._schemes[fields] = Scheme([stage], rules)
+        return self._schemes[fields]
+
+    def _arguments(self, boundary: Any) -> tuple[Any, ...]:
+        return (
+            self.grid, self.velocity, self.form, self.profile, self.limiter, self.bounds,
+            self.foot_tolerance, self.source, self.decay, self.diffusion, self.reactions,
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         return f"SphereSolver({self.grid}, form={self.form!r}, profile={self.profile!r})"
@@ -172,6 +201,7 @@ class SphereSolver:
         data = np.stack(rows)[:, None] if fields else rows[0][None]
         state = state_of(self.grid, self.profile, data, real_number("t", t), fields=fields)
         state.check("f")
+        self._accept(state)
         return state
 
     def _cells(self, name: str, f: Any) -> Array:
@@ -181,169 +211,95 @@ class SphereSolver:
             if found.shape not in ((), self.grid.cells):
                 raise InputError(
                     f"{name}: expected a function of lon and lat, a number or values of shape "
-                    f"{self.grid.cells}, got shape {found.shape}"
+                    f"{self.grid.cells} (a sphere has one level), got shape {found.shape}"
                 )
             return found + np.zeros(self.grid.cells)
-        means = self.form == "advection"
-        places, weights = np.polynomial.legendre.leggauss(4 if means else 1)
-        total, area = np.zeros(self.grid.cells), np.zeros(self.grid.cells[1])
-        lines = zip(self.grid.coordinates, self.grid.widths, strict=True)
-        lons, lats = ([c + 0.5 * w * at for at in places] for c, w in lines)
-        for lat, one in zip(lats, weights, strict=True):
-            part = one * np.cos(lat)
-            area += 2.0 * part
-            for lon, other in zip(lons, weights, strict=True):
-                with np.errstate(all="ignore"):
-                    values = real_array(name, f(*np.meshgrid(lon, lat, indexing="ij")))
-                if values.shape not in ((), self.grid.cells):
-                    raise InputError(
-                        f"{name}: it gives shape {values.shape} for lon and lat of shape "
-                        f"{self.grid.cells}"
-                    )
-                total += other * part * values
-        return np.asarray(total / area)
 
-    def step(self, state: State, dt: float) -> State:
-        """The state after one step.
+        def values(lon: Array, lat: Array, *rest: Any) -> Array:
+            with np.errstate(all="ignore"):
+                found = real_array(name, f(*np.broadcast_arrays(lon, lat)))
+            if found.shape not in ((), self.grid.cells):
+                raise InputError(
+                    f"{name}: it gives shape {found.shape} for lon and lat of shape "
+                    f"{self.grid.cells}"
+                )
+            return found
 
-        Parameters
-        ----------
-        state : State
-            Of this sphere and profile.
-        dt : float
-            Length of the step; negative for one back in time.
+        (moment,) = moments(self.profile, 2)
+        return np.asarray(averaged(values, self.grid, moment, 0.0))
 
-        Returns
-        -------
-        State
+    def _time_scale(self, t: float) -> float:
+        return self._kernels.time_scale(t)
 
-        Raises
-        ------
-        InputError
-            A state of another sphere or profile or with NaN; dt that is zero, or so long that an
-            edge of a cell is drawn out over a radian.
-        NotFinite
-            The velocity is not finite; names the place and time.
-        NotConverged
-            Paths that need too many sub-steps.
-        """
-        dt = signed_step(dt)
-        self._accept(state)
-        return self._advance(state, dt).require_finite()
-
-    @keywords_named
-    def run(
-        self,
-        state: State,
-        t_end: float,
-        dt: float,
-        snapshots: int | Sequence[float] | None = None,
-        callback: Callable[[State], State | Any] | None = None,
-        progress: bool = False,
-        save: Any = None,
-        resume: bool = False,
-    ) -> SphereTrajectory:
-        """Steps to `t_end`, landing exactly on it and on every snapshot's time.
-
-        Parameters
-        ----------
-        state : State
-        t_end : float
-            After the time of `state`, or before it with a negative `dt`.
-        dt : float
-            Length of the steps; the last one before each snapshot may be shorter.
-        snapshots, callback, progress, save, resume
-            As for `Solver.run`.
-
-        Returns
-        -------
-        SphereTrajectory
-
-        Raises
-        ------
-        InputError
-            Steps that do not lead to `t_end`, or what `step` refuses.
-        """
-        self._accept(state)
-        length = signed_step(dt)
-        times = output_times(state.t, t_end, snapshots)
-        if length * (times[-1] - state.t) < 0.0:
-            raise InputError(f"dt: steps of {dt!r} do not lead from t = {state.t:g} to {t_end:g}")
-        recorder = Recorder(
-            state, None, save, flag("resume", resume), self._plan(state, length, times)
-        )
-
-        def record(states: Sequence[State], interrupted: bool) -> SphereTrajectory:
-            return SphereTrajectory(tuple(states), self, length, interrupted)
-
-        change = checked_callback(callback, self._accept, lambda one: one)
-        return run(
-            state, t_end, length, snapshots, change, progress, self._advance, lambda one: one,
-            record, recorder=recorder,
-        )  # fmt: skip
-
-    def _plan(self, state: State, dt: float, times: Sequence[float]) -> dict[str, Any]:
-        """What a run depends on: choices, and the velocity at some points."""
-        part: Array = np.arange(1.0, 17.0) * 0.6180339887 % 1.0
-        at = [state.t, 0.5 * (state.t + times[-1]), times[-1]]
+    def _velocity_at(self, point: list[Any], times: Sequence[float]) -> Any:
         with np.errstate(all="ignore"):
-            found = [self._wind(6.0 * part, 3.0 * part - 1.5, t) for t in at]
-        return {
-            "grid": [line.tolist() for line in self.grid.edges], "radius": self.grid.radius,
-            "dt": dt, "times": times, "form": self.form, "profile": self.profile,
-            "limiter": self.limiter, "bounds": repr(self.bounds), "fields": list(state.fields),
-            "foot_tolerance": self.foot_tolerance,
-            "velocity": [[(one + np.zeros(16)).tolist() for one in pair] for pair in found],
-        }  # fmt: skip
+            found = [self._kernels.wind(point[0], point[1], t) for t in times]
+        return [[(one + np.zeros(point[0].size)).tolist() for one in pair] for pair in found]
+
+    def _plan(self, state: State, times: Sequence[float]) -> dict[str, Any]:
+        return super()._plan(state, times) | {"radius": self.grid.radius}
 
     def _accept(self, state: State) -> None:
-        check_state(state, self.grid, self.profile, {})
+        super()._accept(state)
         if getattr(state.grid, "radius", None) != self.grid.radius:
             raise InputError(f"state: it lives on {state.grid}, the solver on {self.grid}")
 
-    def _advance(self, state: State, dt: float) -> State:
-        t, tolerance = state.t + dt, self.foot_tolerance * self.grid.widths[1][0]
-        rows = state.data.reshape(-1, *self.grid.cells)
+
+class Carrier:
+    """What an engine is to grids: the transport of all fields by feet that they share. `degree` is
+    that of splines, even of means, odd of values."""
+
+    xp = np
+
+    def __init__(self, sphere: Sphere, velocity: Any, degree: int, tolerance: float) -> None:
+        self._sphere, self._degree = sphere, degree
+        self.wind, self.steady = wind_of(velocity, sphere)
+        self._tolerance = tolerance * sphere.widths[1][0]
+        self._remap = Remap(sphere, degree) if degree % 2 == 0 else None
+        self._feet: tuple[float, Any] = (0.0, None)
+
+    def place(self, state: State) -> State:
+        """Host memory is where it works."""
+        return state
+
+    def apply(
+        self, bounds: Sequence[tuple[float, float]] | None, data: Array, t: float, dt: float,
+        tallies: Any = (),
+    ) -> Array:  # fmt: skip
+        """The moments after a step, within the bounds of each field if there are some."""
+        rows, feet = data.reshape(-1, *self._sphere.cells), self._traced(t + dt, dt)
+        means = self._remap is not None
+        new = self._remap.step(rows, feet) if self._remap else self._values(rows, feet)
+        if bounds is not None:
+            area = self._sphere.weights if means else None
+            new = np.stack([within(*one, area) for one in zip(new, bounds, strict=True)])
+        return new.reshape(data.shape)
+
+    def _traced(self, t: float, dt: float) -> Any:
+        """Feet of the centres of cells, or traced edges, which are kept for a steady wind."""
         kept, feet = self._feet
-        if self.form == "advection":
-            if not (self.steady and kept == dt):
-                feet = self._remap.edges(self._wind, t, dt, tolerance)
-            new = self._remap.step(rows, feet)
-        else:
-            from cip.sphere.kernels import interpolate
+        if not (self.steady and kept == dt):
+            if self._remap is not None:
+                feet = self._remap.edges(self.wind, t, dt, self._tolerance)
+            else:
+                start = in_space(*self._sphere.mesh()).reshape(3, -1)
+                feet = traced(self.wind, start, t, dt, self._sphere.radius, self._tolerance)
+            self._feet = (dt, feet if self.steady else None)
+        return feet
 
-            if not (self.steady and kept == dt):
-                start = in_space(*self.grid.mesh()).reshape(3, -1)
-                feet = traced(self._wind, start, t, dt, self.grid.radius, tolerance)
-            # Without the mean, so that constants are kept to rounding.
-            mean, degree = rows.mean((1, 2), keepdims=True), SPHERE[self.profile]
-            new = np.empty_like(rows)
-            coefs = value_spline(rows - mean, degree)
-            interpolate(feet, coefs, degree, PAD, new.reshape(len(rows), -1))
-            new += mean
-        self._feet = (dt, feet if self.steady else None)
-        if self.limiter == "bounds":
-            new = self._within(new)
-        return state_of(
-            self.grid, self.profile, new.reshape(state.data.shape), t, fields=state.fields
-        )
+    def _values(self, rows: Array, feet: Array) -> Array:
+        from cip.formulas.sphere_loops import interpolate
 
-    def _within(self, values: Array) -> Array:
-        """Values within the bounds, of the same sums over cells where these are kept."""
-        low, high = self.bounds
-        cut = np.clip(values, low, high)
-        if self.form == "transport":
-            return cut
-        area = self.grid.weights
-        for one, before in zip(cut, values, strict=True):
-            lost = float(((before - one) * area).sum())
-            if lost == 0.0:
-                continue
-            room = high - one if lost > 0.0 else one - low
-            total = float((room * area).sum())
-            if not abs(lost) <= total:
-                raise InputError(
-                    f"bounds: the mean of the field is not within {self.bounds}; widen them"
-                )
-            one += lost / total * room
-        return cut
+        # Without the mean, so that constants are kept to rounding.
+        mean, new = rows.mean((1, 2), keepdims=True), np.empty_like(rows)
+        coefs = value_spline(rows - mean, self._degree)
+        interpolate(feet, coefs, self._degree, PAD, new.reshape(len(rows), -1))
+        return new + mean
+
+    def time_scale(self, t: float) -> float:
+        """The time in which the fastest point moves by a width of latitude."""
+        lon, lat = self._sphere.mesh()
+        speed = float(np.hypot(*self.wind(lon.ravel(), lat.ravel(), t)).max())
+        if not 0.0 < speed < np.inf:
+            raise InputError("cfl: the velocity at the start is zero or not finite; pass dt")
+        return self._sphere.radius * float(self._sphere.widths[1][0]) / speed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 from itertools import product
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 from cip.errors import InputError, NotFinite, NotSupported
 from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Formula, spline
-from cip.grid import Grid, Sphere, node_name
+from cip.grid import Grid, GridLike, Sphere, node_name
 from cip.profiles.catalogue import Moment, moment_names, moments
 from cip.stages.state_files import Stored, read_states, write_states
 from skfem_adini.ground.arguments import real_number
@@ -205,13 +205,8 @@ class State:
         several fields a dict by name."""
         if self.fields:
             return by_field(self, lambda one: one.mass)
-        if isinstance(self.grid, Sphere):
-            return _sum(values_of(self), self.grid.weights)
         if "mean" in self.names:
-            volume: Any = np.ones(())
-            for width in self.grid.widths:
-                volume = volume[..., None] * width
-            return _sum(self["mean"], volume)
+            return _sum(self["mean"], self.grid.volumes)
         return _sum(self["u"], self.grid.weights)
 
     def host(self) -> State:
@@ -351,7 +346,7 @@ class State:
 
 
 def state_of(
-    grid: Grid | Sphere,
+    grid: GridLike,
     profile: str,
     data: Any,
     t: float = 0.0,
@@ -463,7 +458,7 @@ def _gauss(points: int) -> tuple[Array, Array]:
 
 def averaged(
     values: Callable[..., Any],
-    grid: Grid,
+    grid: GridLike,
     moment: Moment,
     t: float,
     xp: Any = np,
@@ -472,27 +467,31 @@ def averaged(
     """A function of (x1, x2, x3, t) at the nodes, shape ``grid.nodes``, averaged over cells in the
     directions ``moment.averaged`` by Gauss's rule with `points` (one: the midpoint; four:
     exact to degree 7); 0 where no cell begins. `xp` is NumPy or CuPy."""
-    rules = []
-    for axis in range(grid.dim):
-        line = grid.coordinates[axis]
-        if axis not in moment.averaged:
-            rules.append([(line, 1.0)])
-            continue
-        width = np.append(grid.widths[axis], grid.widths[axis][-1])[: line.size]
-        rules.append(
-            [
-                (line + 0.5 * (1.0 + place) * width, 0.5 * weight)
-                for place, weight in zip(*_gauss(points), strict=True)
-            ]
-        )
+    rules = [_rule(grid, axis, axis in moment.averaged, points) for axis in range(grid.dim)]
     total = xp.zeros(grid.nodes)
     for rule in product(*rules):
         lines = np.meshgrid(*(line for line, _ in rule), indexing="ij", sparse=True)
         point = [xp.asarray(line) for line in lines]
-        weight = float(np.prod([weight for _, weight in rule]))
+        weight = xp.asarray(reduce(np.multiply, [weight for _, weight in rule]))
         point += [np.zeros(())] * (len(COORDINATES) - 1 - grid.dim)
         total += weight * values(*point, t)
     for axis in moment.averaged:
-        if not grid.periodic[axis]:
+        if grid.nodes[axis] > grid.cells[axis]:
             xp.moveaxis(total, axis, 0)[-1] = 0.0
     return total
+
+
+def _rule(grid: GridLike, axis: int, means: bool, points: int) -> list[tuple[Array, Any]]:
+    """Places in a direction with their weights, those of latitudes by the lengths of circles."""
+    line = grid.coordinates[axis]
+    if not means:
+        return [(line, 1.0)]
+    width = np.append(grid.widths[axis], grid.widths[axis][-1])[: line.size]
+    rule = [
+        (grid.edges[axis][: line.size] + 0.5 * (1.0 + place) * width, 0.5 * weight)
+        for place, weight in zip(*_gauss(points), strict=True)
+    ]
+    if not (isinstance(grid, Sphere) and axis == 1):
+        return rule
+    area = sum(weight * np.cos(lat) for lat, weight in rule)
+    return [(lat, weight * np.cos(lat) / area) for lat, weight in rule]

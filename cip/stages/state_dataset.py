@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,13 @@ def _describe(dataset: Any, units: Mapping[str, str], fields: Sequence[str]) -> 
         for name in dataset.data_vars if field in units else ():
             if name == field or str(name).startswith(mean):
                 dataset[name].attrs["units"] = units[field]
+
+
+def dated(start: Any) -> Callable[[float], str]:
+    """A function that names times: as numbers, or as dates if the one of t = 0 is given, in s."""
+    if start is None:
+        return lambda t: f"t = {t:.4g}"
+    return lambda t: str(_dates(np.array(t), start, "s").astype("M8[m]")).replace("T", " ")
 
 
 def _dates(times: Any, start: Any, unit: str) -> Any:

@@ -88,9 +88,9 @@ def round_ball(value):
     return lambda: ball_run(snapshots=value).times
 
 
-def over_ball(value):
-    found = ball_run().sample(value)
-    return lambda: found
+def round_fed(**more):
+    solver = cip.SphereSolver(BALL, BREEZE, foot_tolerance=1e-3, **more)
+    return lambda: solver.step(solver.state(1.0), 0.5).data
 
 
 def gauged(value):
@@ -195,7 +195,13 @@ TAKE = {
     ),
     "SphereSolver.state f": (BREEZE[0], held(cip.SphereSolver(BALL, BREEZE).state, "data")),
     "SphereSolver.run snapshots": (np.array([0.3, 0.6]), round_ball),
-    "SphereTrajectory.sample points": (POINTS[:, :2], over_ball),
+    "SphereSolver.run gauges": (POINTS[:, :2], lambda v: attributes(
+        ball_run(gauges=v).gauges, "points", "values")),
+    "SphereSolver source": (BREEZE[0], lambda v: round_fed(source=v)),
+    "SphereSolver decay": (np.abs(BREEZE[0]), lambda v: round_fed(decay=v)),
+    "SphereSolver diffusion": (
+        np.array([0.2]), held(lambda v: cip.SphereSolver(BALL, BREEZE, diffusion=v), "diffusion"),
+    ),
     "State data": (ROOT[:, 0].reshape(2, 8), held(lambda v: State(LINE, "cubic", v), "data")),
     "State.from_function f": (NODAL, held(lambda v: State.from_function(v, LINE), "data")),
     "Trajectory.sample points": (POINTS[0], observed),
@@ -233,8 +239,7 @@ NONE = """
     | FlowMap [a-z0-9_]+ | FlowMap.plot ax | flow_map velocity
     | Sensors.from_xarray .* | Solver boundary | Solver.run (callback|save)
     | Solver.state derivatives
-    | Solver reactions | SphereSolver.run (callback|save) | SphereTrajectory(.plot .*|.load .*)
-    | SphereTrajectory(.to_xarray start| gauges) | SphereTrajectory [a-z0-9_]+ | State grid
+    | (Sphere)?Solver reactions | SphereSolver.run (callback|save) | State grid
     | Source.of value | SplineVelocity.from_.* | State.from_function derivatives
     | Trajectory(.plot .*|.load .*|.to_xarray start| gauges) | Trajectory _budget
     | Velocity.from_basis basis

@@ -134,6 +134,19 @@ SPHERES = [
     *rows("dt: steps of", lambda dt: round_ball(-dt, dt=dt), 0.1, -0.1),
     *rows("t_end", lambda t_end: round_ball(t_end, dt=0.1), 0.0, np.nan),
     ("resume: pass save=", lambda: round_ball(dt=0.5, resume=True)),
+    *rows("dt: pass either", lambda v: round_ball(**v), {}, {"dt": 0.1, "cfl": 1.0}),
+    *rows("cfl", lambda v: round_ball(cfl=v), 0.0, -1.0, "fast"),
+    ("cfl: the velocity at the start is zero", lambda: ball(lambda lon, lat: (0 * lon, 0 * lat))
+     .run(ball().state(1.0), 1.0, cfl=1.0)),
+    *rows("points", lambda v: round_ball(dt=0.5, gauges=v), [0.1], [0.1, 2.0], [np.nan, 0.1], "a"),
+    *rows("diffusion", lambda v: ball(diffusion=v), -1.0, np.nan, (0.1, 0.2), "lat", 1j),
+    *rows("source", lambda v: ball(source=v), "1 + z", "q*lon", np.ones((8, 16)), np.nan, 1j),
+    ("decay: expected a rate >= 0", lambda: ball(decay=-0.1)),
+    ("decay: expected a rate >= 0", lambda: stirred(lambda lon, lat: (lat, lat), decay="lat")),
+    *rows("reactions", lambda v: ball(reactions=v).state(1.0), {"a": "-a"}, "-a", {}),
+    ("source: 'dust' is no field", lambda: ball(source={"dust": 1.0}).state({"ash": 1.0})),
+    ("velocity: expected a function .* of one level", lambda: ball(np.zeros((2, 5, 16, 8)))),
+    ("f: .*a sphere has one level", lambda: ball().state(np.zeros((16, 8, 5)))),
     *rows("points", lambda p: round_ball(dt=0.5).sample(p), [0.1], [0.1, 2.0], [0.1, np.nan], 3),
 ]  # fmt: skip
 VELOCITIES = [

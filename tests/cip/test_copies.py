@@ -86,7 +86,6 @@ MAKE = {
     "Source": lambda: cip.Source(lambda x: 1 + x**2),
     "Sphere": lambda: cip.Sphere(16, 8, radius=2.0),
     "SphereSolver": lambda: cip.SphereSolver(cip.Sphere(16, 8), around),
-    "SphereTrajectory": lambda: ball().run(ball().state(1.0), 0.2, dt=0.1),
     "State": lambda: run().final,
     "Trajectory": run,
     "Velocity": lambda: Velocity(lambda x: 1 + x**2),

@@ -247,6 +247,31 @@ def test_lazy_winds_are_those_of_all_times(tmp_path, profile, in_time):
     assert np.abs(ends[0] - start.data).max() > 0.1
 
 
+@pytest.mark.parametrize("backing", ["dask", "zarr"])
+def test_lazy_winds_of_other_libraries(tmp_path, backing):
+    """Chunks of dask, of which few are computed, and stores of Zarr, pickled with their solver."""
+    library = pytest.importorskip(backing)
+    xarray, computed = pytest.importorskip("xarray"), []
+    with file_of_winds(tmp_path / "winds.nc") as data:
+        eager = blown(data, False, in_time="linear")
+        if backing == "zarr":
+            data.to_zarr(tmp_path / "winds.zarr", consolidated=False)
+            lazy = xarray.open_zarr(tmp_path / "winds.zarr", chunks=None, consolidated=False)
+            solver = blown(lazy, True, in_time="linear")
+            solver = pickle.loads(pickle.dumps(solver))
+        else:
+            blocks = data.u.chunk({"time": 1}).data.map_blocks(
+                lambda block: computed.append(block.shape) or block, meta=np.empty((0, 0, 0))
+            )
+            lazy = data.chunk({"time": 1}).assign(u=(data.u.dims, blocks))
+            solver = blown(lazy, True, in_time="linear")
+        start = solver.state("sin(2*pi*x1)*x2**2", t=2.0)
+        ends = [one.run(start, 2.5, dt=0.25).final.data for one in (eager, solver)]
+    assert library.__version__
+    np.testing.assert_allclose(*ends, rtol=0, atol=1e-10)
+    assert len(computed) < 30  # of 60 times; the run is over five intervals of them
+
+
 @pytest.mark.turns(4)
 def test_lazy_winds_keep_few_times_in_memory(tmp_path):
     """Beside what a run needs for itself; all times at once are there twice, with coefficients."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import pyvista
 from full_disk import errors_without_space
+from PIL import Image
 
 from cip import Grid, InputError, MissingDependency, Solver, State, Velocity
 from cip.output.sample import sample
@@ -334,3 +335,31 @@ def test_a_state_from_the_callback_has_to_fit(change, message):
     solver = Solver(Grid((0, 1), 20, periodic=True), 1.0)
     with pytest.raises(InputError, match=f"callback: it returned {message}"):
         solver.run(solver.state(wave), 0.2, dt=0.1, callback=change)
+
+
+@pytest.mark.parametrize("lazy", [False, True])
+def test_dates_and_units_of_winds_are_carried_on(lazy, tmp_path):
+    """From an xarray.Dataset to that of the run and to titles; numbers stay numbers."""
+    xarray = pytest.importorskip("xarray")
+    first, hours = np.datetime64("2026-03-01T06:00", "ns"), np.arange(4) * np.timedelta64(6, "h")
+    lines = {"lon": np.arange(8.0), "lat": np.arange(8.0)}
+    titles = {}
+    for time in (first + hours, 21600.0 * np.arange(4)):
+        axes = {"time": time, **lines}
+        parts = {name: (("time", "lon", "lat"), np.full((4, 8, 8), 1e-5)) for name in "uv"}
+        winds = xarray.Dataset(parts, axes)
+        winds.lon.attrs["units"] = "km"
+        wind = Velocity.from_xarray(winds, ["u", "v"], ["lon", "lat"], periodic=True, lazy=lazy)
+        assert wind.grid.cells == (8, 8)
+        solver = Solver(wind.grid, wind, "conservative", "csl4")
+        run = solver.run(solver.state({"smoke": 1.0, "dust": 2.0}), 43200.0, dt=21600.0)
+        found = run.to_xarray(units={"dust": "g"})
+        assert (found.x.attrs["units"], "units" in found.y.attrs) == ("km", False)
+        assert found.dust.attrs["units"] == "g"
+        titles[time.dtype.kind] = run["dust"].plot().get_title()
+        np.testing.assert_array_equal(found.t, first + hours[[0, 2]] if time[0] else run.times)
+    assert titles == {"M": "2026-03-01 18:00", "f": "t = 4.32e+04"}
+    assert Velocity(1.0).grid is None
+    run.animate(tmp_path / "run.gif")
+    with Image.open(tmp_path / "run.gif") as film:  # of two snapshots, one a second
+        assert film.info["duration"] == 1000

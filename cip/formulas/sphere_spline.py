@@ -10,7 +10,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from cip.grid import in_space
 
 Array = NDArray[np.float64]
 
@@ -81,3 +83,53 @@ def padded(data: Array, nlat: int) -> Array:
 def value_spline(values: Array, degree: int) -> Array:
     """Padded coefficients of the spline through values at the centres of cells."""
     return padded(coefficients(over_poles(resolved(values), 1.0), degree), values.shape[-1])
+
+
+def interpolated(coefs: Array, points: Array) -> Array:
+    """Quintic `value_spline`s, (fields, ..), at points in space (3, ...): (fields, ...)."""
+    from cip.formulas.sphere_loops import interpolate
+
+    found = np.empty((len(coefs), points[0].size))
+    interpolate(points.reshape(3, -1), coefs, 5, PAD, found)
+    return found.reshape(-1, *points.shape[1:])
+
+
+def at_places(values: Array, lon: ArrayLike, lat: ArrayLike) -> Array:
+    """Values at the centres of cells, (nlon, nlat), between these, by quintic splines."""
+    return np.asarray(interpolated(value_spline(values[None], 5), in_space(lon, lat))[0])
+
+
+def sines(nlat: int) -> Array:
+    """Means of sin(s) over cells."""
+    edges = np.linspace(-0.5 * np.pi, 0.5 * np.pi, nlat + 1)
+    return np.asarray(np.diff(np.sin(edges)) * (nlat / np.pi))
+
+
+def centre_values(means: Array, degree: int) -> Array:
+    """Values at the centres of cells, (.., nlon, nlat), of the spline of a degree, 2 or 4, that
+    has these means."""
+    nlat = means.shape[-1]
+    return _converted(means * sines(nlat), degree + 1, degree) / _middles(nlat)
+
+
+def cell_means(values: Array, degree: int) -> Array:
+    """The inverse of `centre_values`."""
+    nlat = values.shape[-1]
+    return _converted(values * _middles(nlat), degree, degree + 1) / sines(nlat)
+
+
+def _middles(nlat: int) -> Array:
+    """sin(s) at the centres of cells."""
+    return np.asarray(np.sin((np.arange(nlat) + 0.5) * np.pi / nlat))
+
+
+def _converted(density: Array, of: int, to: int) -> Array:
+    """f sin(s) at the integers from one periodic spline of a degree to that of another."""
+    import scipy.fft as fft
+
+    whole = over_poles(density, -1.0)
+    nlon, count = whole.shape[-2:]
+    waves: Any = fft.rfft2(whole)
+    waves *= (_symbol(to, nlon) / _symbol(of, nlon))[:, None]
+    waves *= (_symbol(to, count) / _symbol(of, count))[: count // 2 + 1]
+    return np.asarray(fft.irfft2(waves, s=(nlon, count)))[..., : density.shape[-1]]
