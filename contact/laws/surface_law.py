@@ -55,6 +55,10 @@ class SurfaceState:
     wear: Any = None  # coefficients (2, m), or two functions of the pressure
     indented: Array = 0.0  # depth (m,)
     worn: Array = 0.0  # depths (2, m)
+    # Of finite sliding: volumes worn off before this step (2,), and what this step leaves of tools.
+    volume: Array | None = None
+    tools: Array | None = None  # see `contact.obstacles.tool.WornTools`
+    frames: Array | None = None  # where the shapes of tools are, (sides, dim, dim + 1)
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"wear": carried(self.wear)}
@@ -85,6 +89,11 @@ class SurfaceState:
             return self.wear
         return np.stack([coefficients("wear", k, p, p.shape) for k in self.wear])
 
+    @property
+    def remembers(self) -> bool:
+        """Whether a step depends on what earlier ones took off."""
+        return self.hardness is not None or self.wear is not None
+
     def after(self, indented: Array, worn: Array) -> SurfaceState:
         """The surface of the next step."""
         return replace(self, indented=indented, worn=worn)
@@ -93,7 +102,7 @@ class SurfaceState:
         """Arrays of a file; functions of the pressure by their values."""
         return {
             "hardness": self.hardness, "wear": self.coefficients(p), "indented": self.indented,
-            "worn": self.worn,
+            "worn": self.worn, "volume": self.volume, "tools": self.tools, "frames": self.frames,
         }  # fmt: skip
 
 

@@ -199,7 +199,7 @@ def with_jump(result: Any, last: Any) -> Any:
     if surface is None:
         return result
     warn_of_wear(result.worn, _spacing(result.system))
-    if surface.adhesion is None or last is None:
+    if surface.adhesion is None or last is None or last.mu.size != result.mu.size:
         return result
     touched, touches = (
         (one.status != Status.OPEN) & ~one.system.rows.ties for one in (last, result)

@@ -4,15 +4,13 @@ import pickle
 
 import numpy as np
 import pytest
+from far_blocks import AXLE, BALL, LAWS, PLANE, ROLLER, F, R, block, run
 from skfem import (
     ElementHex1,
     ElementQuad1,
     ElementQuad2,
     ElementTetP1,
-    ElementTriP1,
     ElementTriP2,
-    MeshHex,
-    MeshQuad,
 )
 
 from contact import (
@@ -41,25 +39,6 @@ from contact.obstacles.rigid_motion import RigidMotion, matrix_of
 from contact.obstacles.tool import Pose, Tool
 from contact.rows.tool_rows import ToolRows
 from skfem_adini import ElementQuadAdini
-
-F, R, BALL = 0.2, 0.8, 0.6
-PLANE = (ElementTriP1, ElementTriP2, ElementQuad1, ElementQuad2, ElementQuadAdini)
-LAWS = {"none": {}, "coulomb": {"friction": F}, "tresca": {"friction": 3e-3, "law": "tresca"}}
-
-
-def block(element=ElementQuad1, n=20, shift=0.0, E=1.0, size=1.0):
-    """A block from -1 to 1, with its upper side at zero, held at its lower one."""
-    down = np.linspace(-0.5, 0, max(n // 4, 2) + 1)
-    if element in PLANE:
-        mesh = MeshQuad.init_tensor(np.linspace(-1, 1, n + 1) + shift, down)
-        mesh = mesh.to_meshtri() if element in PLANE[:2] else mesh
-    else:
-        across = np.linspace(-0.5, 0.5, n // 2 + 1)
-        mesh = MeshHex.init_tensor(np.linspace(-1, 1, n + 1), across, down)
-        mesh = mesh.to_meshtet() if element is ElementTetP1 else mesh
-    names = {"top": lambda x: x[-1] == 0, "bottom": lambda x: x[-1] == -0.5}
-    mesh = mesh.with_boundaries(names).scaled(size)
-    return ElasticBody.from_mesh(mesh, element(), E=E, nu=0.3).fix("bottom")
 
 
 def disk(n=300):
@@ -111,11 +90,6 @@ IN_SPACE = {
     "ClosestPoint": (ClosestPoint(Moved(Sphere((0, 0, BALL), BALL), (0, 0, 0))), 7.0),
     "Parabola": (Parabola((0, 0, 0), BALL), 0.0),
 }
-ROLLER, AXLE = Cylinder((0, R), R), (0.0, R)
-
-
-def run(problem, tool, times, **more):
-    return LoadStepper(problem, sliding="finite", **more).obstacle(tool).run(times)
 
 
 def rows_of(rigid, pose, before, u, last, side):
