@@ -130,7 +130,7 @@ class FiniteSliding:
         poses = self._poses(step)
         u, result, change, least = (rest if near is None else near), last, np.inf, np.inf
         kept, lines, settled = self._all_kept(), list[Iteration](), False
-        most = 30  # projections in one step
+        most, part, way = 40, 1.0, 0.0 * u  # projections in one step; how far they go
         for k in range(most):
             system, here = self._system(body, u, poses, last, step)
             condensed = kept.touched_by(body, system.rows)
@@ -147,13 +147,16 @@ class FiniteSliding:
             else:
                 result = found
             size = body.largest_displacement(result.u) or 1.0
-            if k > 5 and change > 0.5 * least:  # halfway, out of a cycle between flanks of a tool
-                result = halfway(result, u, label)
+            if part < 1.0 or (k > 5 and change > 0.5 * least):  # a cycle between flanks of a tool
+                part = relaxed(part, way, result.u - u)
+            way, least = result.u - u, min(least, change)
+            result = between(part, result, u, label)
             poses = self._moved(poses, system, result, step)
-            u, least = result.u, min(least, change)
+            u = result.u
             lines += [*(result.history if found is None else ()), _line(k, result, change / size)]
             # Change by the next Newton step, if this one was a Newton step.
-            ahead = change if found is None else min(change, change**2 / before)
+            full = found is not None and part == 1.0
+            ahead = min(change, change**2 / before) if full else change
             settled = ahead <= max(1e-2 * options.tol * size, self._rounding(poses))
             if settled:
                 break
@@ -474,10 +477,19 @@ class FiniteSliding:
         return bodies.slices[bodies.number_of_trace(side.body)]
 
 
-def halfway(result: ContactResult, u: Array, label: Array) -> ContactResult:
-    """A result halfway from the displacement u and the motions `label`."""
-    motion = None if result.motion is None else 0.5 * (label + result.motion)
-    return replace(result, u=0.5 * (u + result.u), motion=motion)
+def relaxed(part: float, before: Array, way: Array) -> float:
+    """The part of a step that Aitken's rule takes after steps that were short by `before`, `way`.
+    U. Kuettler and W. A. Wall, Comput. Mech. 43 (2008), 61-72."""
+    turned = way - before
+    return float(np.clip(-part * (before @ turned) / max(turned @ turned, 1e-300), 0.05, 0.99))
+
+
+def between(part: float, result: ContactResult, u: Array, label: Array) -> ContactResult:
+    """A result at a part of the way from the displacement u and the motions `label`."""
+    if part == 1.0:
+        return result
+    motion = None if result.motion is None else label + part * (result.motion - label)
+    return replace(result, u=u + part * (result.u - u), motion=motion)
 
 
 def flat(side: Any) -> tuple[Array, Array] | None:
@@ -596,7 +608,8 @@ def newton_step(
         forces = newton(laws, start, tol=inner)
     l, a = problem.forces(forces.mu, forces.t) / of_rows, unit * forces.a
     du = condensed.moved(
-        left - push @ a[: push.shape[1]], response[:, 0] - response[:, 1:k] @ a - response[:, k:] @ l
+        left - push @ a[: push.shape[1]],
+        response[:, 0] - response[:, 1:k] @ a - response[:, k:] @ l,
     )
     u, mu, w = u + du, forces.mu / scale, last.motion
     if w is not None:

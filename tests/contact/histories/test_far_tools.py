@@ -210,6 +210,10 @@ def check_motion_of(seed):
     off = np.abs(one.u - other.u).max() / np.abs(one.u).max()
     same = all((r.status != Status.STICK).all() for r in (one, other))
     same = same and np.array_equal(np.sign(one.t), np.sign(other.t))
+    on = [r.system.rows.normals[:, r.mu == r.mu.max()].mean(axis=1) for r in (one, other)]
+    if name == "Cone" and np.abs(on[0] - on[1]).max() > 0.05:  # two equilibria at its tip
+        assert abs(one.contact_force / other.contact_force - 1) <= 0.1
+        return "other flank"
     if law == "none" or (dim == 2 and same):
         # A point near an edge of a mesh may rest on either facet.
         assert off <= (3e-2 if name == "SurfaceMesh" else 1e-8), off
