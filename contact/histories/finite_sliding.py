@@ -364,6 +364,8 @@ class FiniteSliding:
     ) -> SurfaceState | None:
         """What earlier steps took off the body at its points, and off tools opposite them now."""
         surface, dim = self._problem.surface, self._interfaces.bodies.dim
+        if surface is not None and surface.adhesion is not None and not self._problem.pairs:
+            surface = surface.ramped(rows.weights * self._all_kept().point_scale ** 2)
         if surface is None or not surface.remembers:
             return surface and surface.after(np.zeros(rows.gap.size), np.zeros((2, rows.gap.size)))
         rest = np.tile(np.eye(dim, dim + 1), (len(step.moves), 1, 1))
@@ -481,7 +483,8 @@ def relaxed(part: float, before: Array, way: Array) -> float:
     """The part of a step that Aitken's rule takes after steps that were short by `before`, `way`.
     U. Kuettler and W. A. Wall, Comput. Mech. 43 (2008), 61-72."""
     turned = way - before
-    return float(np.clip(-part * (before @ turned) / max(turned @ turned, 1e-300), 0.05, 0.99))
+    size = float(turned @ turned) or 1.0
+    return float(np.clip(-part * float(before @ turned) / size, 0.05, 0.99))
 
 
 def between(part: float, result: ContactResult, u: Array, label: Array) -> ContactResult:

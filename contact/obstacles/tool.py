@@ -201,11 +201,11 @@ class WornTools:
         depth = known + gain / np.where(of > 0, of, 1.0)
         return replace(self, held=np.vstack((corners, depth))[:, depth > 0])
 
-    def _around(self, tool: int, x: Array) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    def _around(self, tool: int, x: Array) -> tuple[Any, ...]:
         """Numbers and hats of the corners around x, (2^dim, n), depths and places of corners."""
         low, near = np.floor(x / self.cell), np.indices((2,) * len(x)).reshape(len(x), -1, 1)
         part = (x / self.cell - low)[:, None]
-        hats = np.prod(np.where(near, part, 1 - part), axis=0)
+        hats: Array = np.prod(np.where(near, part, 1 - part), axis=0)
         at = (low[:, None] + near).reshape(len(x), -1)
         every = np.hstack((self.held[:-1], np.vstack((np.full(at.shape[1], tool), at))))
         corners, number = np.unique(every, axis=1, return_inverse=True)

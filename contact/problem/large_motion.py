@@ -20,7 +20,7 @@ from contact.body.elastic_body import ElasticBody
 from contact.body.jacobians import middle_determinants
 from contact.errors import CHANGED, InputError, LargeMotionWarning, warn
 from contact.laws.status import Status
-from contact.laws.surface_checks import jump_between, warn_of_jump, warn_of_wear
+from contact.laws.surface_checks import jump_between, warn_of_coarse, warn_of_jump, warn_of_wear
 from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.interfaces import Interfaces, facet_lengths
 
@@ -199,6 +199,8 @@ def with_jump(result: Any, last: Any) -> Any:
     if surface is None:
         return result
     warn_of_wear(result.worn, _spacing(result.system))
+    if surface.adhesion is not None:
+        warn_of_coarse(surface.ramps, result.gap, surface.adhesion)
     if surface.adhesion is None or last is None or last.mu.size != result.mu.size:
         return result
     touched, touches = (

@@ -247,6 +247,7 @@ def _surface(arrays: dict[str, Any], rows: ContactRows) -> SurfaceState | None:
     parts = from_arrays(arrays, names, "surface/")
     glue, m = json.loads(str(parts.pop("adhesion")))["law"], rows.gap.size
     shapes = {"hardness": (m,), "wear": (2, m), "indented": (m,), "worn": (2, m), "volume": (2,)}
+    shapes["ramps"] = (m,)
     for name, part in parts.items():
         _check_shape(f"surface/{name}", part, shapes.get(name, part.shape))
         if np.any(np.isnan(part)) or (name in shapes and np.any(part < 0)):

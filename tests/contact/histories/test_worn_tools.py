@@ -1,28 +1,15 @@
 """Adhesion, hardness and wear under rigid tools that move far."""
 
 import numpy as np
-import pytest
-from far_blocks import BALL, LAWS, ROLLER, F, R, block, run
+from far_blocks import ROLLER, R, block, run
 from scipy.integrate import solve_ivp
-from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTriP1, ElementTriP2
+from skfem import ElementQuad1
 
 from contact import (
-    Adhesion,
     ContactProblem,
-    Cylinder,
-    InputError,
-    LoadHistory,
-    LoadStepper,
     Moved,
-    Pair,
-    Plane,
-    Rigid,
-    Sphere,
-    Status,
     Wear,
 )
-from contact.obstacles.tool import WornTools
-from skfem_adini import ElementQuadAdini
 
 DEEP, C, K = 0.02, 2.0, 0.4  # depth, stiffness of the springs, coefficient of wear
 
