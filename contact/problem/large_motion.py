@@ -193,8 +193,9 @@ def _projected(
     return np.where(distance <= 0.5 * size, left, np.inf)
 
 
-def with_jump(result: Any, last: Any) -> Any:
-    """The result with its `jump` since the last step; warns of it, and of deep wear."""
+def with_jump(result: Any, last: Any, far: bool = False) -> Any:
+    """The result with its `jump` since the last step; warns of it, and of deep wear.
+    Where obstacles move `far`, points in contact change, and a jump is that of all."""
     surface = result.system.surface
     if surface is None:
         return result
@@ -207,6 +208,8 @@ def with_jump(result: Any, last: Any) -> Any:
         (one.status != Status.OPEN) & ~one.system.rows.ties for one in (last, result)
     )
     gap, was = (np.maximum(one.gap, 0.0) for one in (result, last))
+    if far and touched.any() == touches.any():
+        return result
     jump = jump_between(touched, was, touches, gap, surface.adhesion.range)
     warn_of_jump(jump)
     return replace(result, jump=jump)
