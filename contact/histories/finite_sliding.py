@@ -364,8 +364,11 @@ class FiniteSliding:
     ) -> SurfaceState | None:
         """What earlier steps took off the body at its points, and off tools opposite them now."""
         surface, dim = self._problem.surface, self._interfaces.bodies.dim
-        if surface is not None and surface.adhesion is not None and not self._problem.pairs:
-            surface = surface.ramped(rows.weights * self._all_kept().point_scale ** 2)
+        if surface is not None and surface.adhesion is not None:
+            kept = self._all_kept()
+            if self._problem.pairs:
+                kept = kept.touched_by(self._problem.body, rows)
+            surface = surface.ramped(rows.weights * kept.point_scale**2)
         if surface is None or not surface.remembers:
             return surface and surface.after(np.zeros(rows.gap.size), np.zeros((2, rows.gap.size)))
         rest = np.tile(np.eye(dim, dim + 1), (len(step.moves), 1, 1))
