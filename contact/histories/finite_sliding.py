@@ -607,11 +607,7 @@ def newton_step(
     )
     friction = system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
     start = Forces(last.mu * scale, last.t * scale[:, None], np.zeros(k - 1))
-    laws, inner = Condensed(problem, friction), LIMITS.inner * tol
-    if problem.compliance is not None and problem.compliance.softens:
-        forces = followed(laws, start, is_stable, tol=inner, max_iterations=50)
-    else:
-        forces = newton(laws, start, tol=inner)
+    forces = _equilibrium(Condensed(problem, friction), start, LIMITS.inner * tol)
     l, a = problem.forces(forces.mu, forces.t) / of_rows, unit * forces.a
     du = condensed.moved(
         left - push @ a[: push.shape[1]],
@@ -622,6 +618,14 @@ def newton_step(
         w = w.copy()
         w[free] += a[: push.shape[1]]
     return u, mu, system.with_held_points(u, mu, forces.t / scale[:, None], w), w
+
+
+def _equilibrium(laws: Condensed, start: Forces, tol: float) -> Forces:
+    """Forces that solve the laws, with adhesion those near the start."""
+    surface = laws.problem.compliance
+    if surface is not None and surface.softens:
+        return followed(laws, start, is_stable, tol=tol, max_iterations=50)
+    return newton(laws, start, tol=tol)
 
 
 def refuse_large_rotations(interfaces: Interfaces, u: Array, largest: float) -> None:
