@@ -1,5 +1,6 @@
 """Rigid tools that move and turn by any amount, on boundaries of small strain."""
 
+import itertools
 import pickle
 
 import numpy as np
@@ -11,6 +12,7 @@ from skfem import (
     ElementQuad2,
     ElementTetP1,
     ElementTriP2,
+    MeshQuad,
 )
 
 from contact import (
@@ -489,6 +491,23 @@ def test_a_tool_among_sliding_bodies():
         assert max(result.kkt.values()) <= 1e-10
         assert abs(result.resultants[1, 1] + 0.02) <= 1e-10
         assert abs(result.resultants[0, 1] - 0.02) <= 1e-10
+
+
+def test_bodies_held_by_contact_alone_converge_quadratically():
+    """A block between a larger one and a roller, free in all its motions."""
+    low = block(n=24)
+    ticks = np.linspace(-0.25, 0.25, 13), np.linspace(0, 0.25, 7)
+    up = ElasticBody.from_mesh(MeshQuad.init_tensor(*ticks).with_defaults(), E=1.0, nu=0.3)
+    shape = Cylinder((0, 0.25 + R), R)
+    pairs = [Pair(up, "bottom", low, "top", friction=0.3), Pair(up, "top", shape, friction=0.4)]
+    stepper = LoadStepper(ContactProblem([low, up], pairs), sliding="finite")
+    stepper.obstacle(lambda t: Rigid(shape, (0.2 * (t - 1), None), force=(None, -0.02)), pair=1)
+    for result in stepper.run([1.0, 1.3, 2.0]):
+        changes = [line.residual for line in result.history if line.phase == "projection"]
+        assert len(changes) <= 7
+        steps = itertools.pairwise(changes[1:])
+        assert all(after <= 20 * before**2 + 2e-3 * before for before, after in steps), changes
+        assert max(result.kkt.values()) <= 1e-10
 
 
 def test_stored_resumed_and_pickled(tmp_path):
