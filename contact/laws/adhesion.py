@@ -13,7 +13,8 @@ from skfem_adini.ground.arrays import namespace
 
 Array = Any
 JUMP = 1e-9  # relative width of the jump at the range, within which either value is right
-LEAST_RAMP, MOST_RAMP = 0.1, 0.95
+LEAST_RAMP, MOST_RAMP = 0.1, 0.9
+COARSE = 1.5  # needed ramp beyond which forces are those of a lattice
 # Ramp over sigma_0 W / h_0, with the displacement W of a point under unit traction on it alone:
 # below 1/2 points part one by one.
 SPAN = 2.0
@@ -93,22 +94,20 @@ class Adhesion:
         """The length h_0 = work / tension."""
         return self.work / self.tension
 
-    def needed(self, moved: Array) -> Array:
-        """Ramps with which points part together that move by `moved` under unit tractions."""
-        return np.asarray(SPAN * self.tension / self.range * moved)
-
     def ramps(self, moved: Array) -> Array | None:
-        """Ramps of the points, None if given or not Dugdale's; arguments as of `needed`."""
+        """Ramps with which points part together that move by `moved` under unit tractions; they may
+        exceed `MOST_RAMP`, the largest of the law. None if given, or not Dugdale's."""
         if self.ramp is not None or self.law != "dugdale":
             return None
-        return np.clip(self.needed(moved), LEAST_RAMP, MOST_RAMP)
+        return np.asarray(np.maximum(SPAN * self.tension / self.range * moved, LEAST_RAMP))
 
     def pull(self, gap: Array, held: Array, ramps: Array | None = None) -> tuple[Array, Array]:
         """Tension at gaps >= 0 and its derivative; `held`: points under tension now, of which those
         at the jump of Dugdale's law stay so. `ramps` replace a ramp that is not given."""
         xp, h = namespace(gap), self.range
-        r: Any = ramps if self.ramp is None else self.ramp
-        r = LEAST_RAMP if r is None else r
+        r: Any = LEAST_RAMP if self.ramp is None else self.ramp
+        if self.ramp is None and ramps is not None:
+            r = xp.minimum(ramps, MOST_RAMP)
         if self.law == "dugdale" and self.ramp == 0.0:
             reach = h * xp.where(held, 1.0 + JUMP, 1.0 - JUMP)
             return xp.where(gap <= reach, self.tension, 0.0), xp.zeros_like(gap)
