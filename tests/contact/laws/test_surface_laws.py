@@ -71,7 +71,7 @@ def sphere(lam, h, low, high, far, ramp):
     [
         pytest.param(0.03, (0.3, 0.3, 7.5, 300.0, 0.1), (-0.05, 0.05, 0.15, 0.2), id="DMT"),
         pytest.param(1.0, (0.025, 0.7, 1.8, 80.0, 0.2), (0.4, 0.45, 0.5, 0.55), id="between"),
-        pytest.param(4.0, (0.012, 0.98, 1.42, 60.0, None), (0.3, 0.42, 0.45), id="JKR"),
+        pytest.param(4.0, (0.012, 0.98, 1.42, 60.0, None), (0.3, 0.44, 0.48), id="JKR"),
     ],
 )  # fmt: skip
 def test_pull_off_of_a_sphere(lam, settings, retreats):
