@@ -128,6 +128,35 @@ def contact_scaling(record: Record) -> str:
     return f"{table}\n\n{note} {source('contact_scaling', record, 'MKL')}"
 
 
+def contact_far(record: Record) -> str:
+    """What steps of far tools, of wear and of adhesion cost."""
+    table = rows_of(
+        "tool | unknowns | contact points | small sliding | far | ratio | closest points",
+        (
+            (
+                row["tool"],
+                f"{row['unknowns']:,}",
+                row["points"],
+                f"{1e3 * row['small']:.1f} ms",
+                f"{1e3 * row['far']:.0f} ms",
+                f"**{row['ratio']:.0f}**",
+                f"{100 * row['share']:.0f} %",
+            )
+            for row in record["far"]
+        ),
+    )
+    wear = "; ".join(f"{row['n']}^2 points {row['ratio']:.1f}" for row in record["wear"])
+    glue = "; ".join(
+        f"{row['points']}^2 points {row['ratio']:.0f}, pull-off off by {100 * row['off']:.1f} %"
+        for row in record["jkr"]
+    )
+    return (
+        f"{table}\n\nA history with wear over one without, on a grid with friction: {wear}. A "
+        f"history of a sphere that adheres (JKR) over one that is pressed, on a grid: {glue}.\n\n"
+        f"{source('contact_far', record, 'MKL')}"
+    )
+
+
 def contact_peers(record: Record) -> str:
     """Accuracy and time beside other contact codes, on the finest mesh of each."""
     finest = record["line"][-1]["h"]
@@ -269,7 +298,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
     for table in (
         summary_table.summary,
         *(assembly, elements, sparse_solving, curved),
-        *(contact_block, mkl, contact_scaling, contact_layers, contact_peers),
+        *(contact_block, mkl, contact_scaling, contact_layers, contact_peers, contact_far),
         *(body_tables.contact_pair, body_tables.distributed, body_tables.rough_layers),
         *(body_tables.contact_dynamics, body_tables.rough_peers, body_tables.contact_device),
         body_tables.contact_gpus,

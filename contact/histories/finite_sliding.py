@@ -2,8 +2,8 @@
 
 Contact rows are recomputed at the positions :math:`x + u` of the last iterate, and the poses of
 tools there, until both converge. The first problem of a step assumes small sliding and uses the
-factorisation of the bodies, which keeps all dofs of the boundaries; unless a body floats, the
-others are Newton steps (`newton_step`). Friction opposes the step's displacement along the current
+factorisation of the bodies, which keeps all dofs of the boundaries; the others are Newton steps
+(`newton_step`). Friction opposes the step's displacement along the current
 tangents, that of a tool's surface included. A result and its certificate use the rows at its
 displacement and pose.
 
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import LinAlgError, lu_factor, lu_solve
+from scipy.linalg import LinAlgError, block_diag, lu_factor, lu_solve
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.body.axisymmetry import AXISYMMETRIC
@@ -26,11 +26,12 @@ from contact.body.basis_solid import BasisSolid
 from contact.condensation.boundary_problem import Forces
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import CHANGED, InputError, NotConverged
-from contact.laws.condensed_newton import Condensed
+from contact.laws.condensed_newton import Condensed, is_stable
 from contact.laws.friction import Tresca
 from contact.laws.iteration import Iteration
-from contact.laws.newton import LIMITS, newton
+from contact.laws.newton import LIMITS, followed, newton
 from contact.laws.status import Status
+from contact.laws.surface_law import SurfaceState
 from contact.obstacles.rigid import ObstacleMotion, Rigid
 from contact.obstacles.rigid_motion import (
     RigidMotion,
@@ -40,7 +41,7 @@ from contact.obstacles.rigid_motion import (
     same_gaps,
     unknown_motion,
 )
-from contact.obstacles.tool import Pose, Tool, is_tool
+from contact.obstacles.tool import Pose, Tool, WornTools, is_tool, moved_frame
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
@@ -93,6 +94,17 @@ class FiniteSliding:
                     f"sliding: {interfaces.bodies.called(k)} is a {type(body).__name__}, whose "
                     "condensation keeps one set of contact rows; let block.elastic() slide"
                 )
+        surface = problem.surface
+        if (
+            surface is not None
+            and surface.remembers
+            and not all(isinstance(side, ContactBoundaries) for side in interfaces.sides)
+        ):
+            raise InputError(
+                "hardness, wear: the contact points of two elastic bodies come and go as these "
+                "slide, and what was taken off stays behind; take a rigid tool for one of them, "
+                "sliding='small', or adhesion and overclosure, which remember nothing"
+            )
         angle = 0.1 if largest_rotation is None else largest_rotation
         value = numbers("largest_rotation", angle)
         if value.shape != () or not 0.0 < value < 0.5 * np.pi:
@@ -118,7 +130,7 @@ class FiniteSliding:
         poses = self._poses(step)
         u, result, change, least = (rest if near is None else near), last, np.inf, np.inf
         kept, lines, settled = self._all_kept(), list[Iteration](), False
-        most = 30  # projections in one step
+        most, part, way = 40, 1.0, 0.0 * u  # projections in one step; how far they go
         for k in range(most):
             system, here = self._system(body, u, poses, last, step)
             condensed = kept.touched_by(body, system.rows)
@@ -135,13 +147,16 @@ class FiniteSliding:
             else:
                 result = found
             size = body.largest_displacement(result.u) or 1.0
-            if k > 5 and change > 0.5 * least:  # halfway, out of a cycle between flanks of a tool
-                result = halfway(result, u, label)
+            if part < 1.0 or (k > 5 and change > 0.5 * least):  # a cycle between flanks of a tool
+                part = relaxed(part, way, result.u - u)
+            way, least = result.u - u, min(least, change)
+            result = between(part, result, u, label)
             poses = self._moved(poses, system, result, step)
-            u, least = result.u, min(least, change)
+            u = result.u
             lines += [*(result.history if found is None else ()), _line(k, result, change / size)]
             # Change by the next Newton step, if this one was a Newton step.
-            ahead = change if found is None else min(change, change**2 / before)
+            full = found is not None and part == 1.0
+            ahead = min(change, change**2 / before) if full else change
             settled = ahead <= max(1e-2 * options.tol * size, self._rounding(poses))
             if settled:
                 break
@@ -149,6 +164,7 @@ class FiniteSliding:
         if result is not None and again.rows.gap.size == result.mu.size:
             w = None if again.motion is None else _labels(poses, step)
             result = replace(result, system=again, history=tuple(lines), motion=w)
+            result = self._worn(result, here)
             with nullcontext() if settled else suppress(NotConverged):
                 certify(result, options.tol, result.slack)
                 self._check_tools(result, here)
@@ -227,7 +243,7 @@ class FiniteSliding:
         ring = self._interfaces.bodies.plane == AXISYMMETRIC
         if found is None or (ring and not is_axial(found)):
             felt = self._problem.friction[self._part(self._problem.rows) == i] > 0
-            if np.any(felt):
+            if np.any(felt) or self._problem.wear is not None:
                 raise unknown_motion(was, now)
             return RigidMotion.at_rest()
         return found
@@ -284,7 +300,7 @@ class FiniteSliding:
         label: Array,
     ) -> ContactResult | None:
         """The next iterate with the derivative of the projection; None if unavailable."""
-        if result is None or options.method != "newton" or condensed.N.shape[1]:
+        if result is None or options.method != "newton":
             return None
         change = here.in_motion(result.u, rest, result.mu, result.t, step.now)
         if change is None:
@@ -324,6 +340,7 @@ class FiniteSliding:
             refuse_large_rotations(self._interfaces, u, self._angle)
             raise
         rows = replace(here.rows, gap=here.gap(step.now))
+        surface = self._surface(here, rows, last, step)
         friction = here.friction(problem.given_friction) if problem.pairs else problem.friction
         motion, slip_from = self._motion(here, rows, friction, u, poses, last, step)
         if problem.law == "tresca":
@@ -335,8 +352,58 @@ class FiniteSliding:
         law, laws = problem.law, problem.overclosure
         several = problem.pairs or isinstance(problem.opposite, list | tuple)
         rigid = problem.rigid(step.now if several else step.now[0])
-        system = ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws, rigid)
+        if surface is not None:
+            rows = replace(rows, gap=rows.gap + surface.lost)
+        system = ContactSystem(
+            body, rows, body.f, law, friction, slip_from, motion, laws, rigid, surface=surface
+        )
         return system, here
+
+    def _surface(
+        self, here: Interfaces, rows: ContactRows, last: ContactResult | None, step: _Step
+    ) -> SurfaceState | None:
+        """What earlier steps took off the body at its points, and off tools opposite them now."""
+        surface, dim = self._problem.surface, self._interfaces.bodies.dim
+        if surface is not None and surface.adhesion is not None:
+            kept = self._all_kept()
+            if self._problem.pairs:
+                kept = kept.touched_by(self._problem.body, rows)
+            surface = surface.ramped(rows.weights * kept.point_scale**2)
+        if surface is None or not surface.remembers:
+            return surface and surface.after(np.zeros(rows.gap.size), np.zeros((2, rows.gap.size)))
+        rest = np.tile(np.eye(dim, dim + 1), (len(step.moves), 1, 1))
+        frames, tools = rest, np.zeros((dim + 2, 0))
+        indented, worn, volume = surface.indented, surface.worn.copy(), np.zeros(2)
+        if last is not None and (was := last.system.surface) is not None:
+            frames, tools, volume = was.frames, was.tools, last.worn_volume
+            indented, worn = last.indentation, last.worn.copy()
+        each = zip(here.projected, here.points, step.moves, frames, strict=True)
+        frames = frames.copy()
+        for k, (found, own, move, frame) in enumerate(each):
+            if isinstance(found, ToolRows) and move is not None:
+                frames[k] = moved_frame(frame, move)
+                worn[1, own] = found.worn(WornTools(self._cell, tools), k, frames[k])
+        return replace(
+            surface, indented=indented, worn=worn, volume=volume, tools=tools, frames=frames
+        )
+
+    @property
+    def _cell(self) -> float:
+        """Length of the cells that hold what is worn off tools."""
+        return float(np.median(self._problem.rows.spacing))
+
+    def _worn(self, result: ContactResult, here: Interfaces) -> ContactResult:
+        """The result with what its step leaves of the tools."""
+        surface = result.system.surface
+        if surface is None or surface.tools is None or surface.wear is None:
+            return result
+        tools, lost = WornTools(self._cell, surface.tools), result.worn[1] - surface.worn[1]
+        for k, (found, own) in enumerate(zip(here.projected, here.points, strict=True)):
+            if isinstance(found, ToolRows) and lost[own].any():
+                area = result.system.rows.weights[own]
+                tools = found.wear(tools, k, surface.frames[k], lost[own], area)
+        system = replace(result.system, surface=replace(surface, tools=tools.held))
+        return replace(result, system=system)
 
     def _motion(
         self,
@@ -354,15 +421,16 @@ class FiniteSliding:
         travel, w, was = np.zeros((m, slips)), np.zeros((m, slips)), np.full(m, np.nan)
         at = self.rigid_points(rows)
         of = self.rigid_points(last.system.rows if last else self._problem.rows)
-        was[at] = (last.system.rows if last else self._problem.rows).gap[of]
+        was[at] = (last.system.given_gap if last else self._problem.rows.gap)[of]
         before = None if last is None else last.system.motion
         if before is not None and last is not None and last.motion is not None:
             w[at] = before.displacement(last.motion)[1][of]
             if before.travel is not None:
                 travel[at] = before.travel[of]
         same = same_gaps(was, rows.gap)
+        felt = friction if self._problem.wear is None else np.ones(m)
         travel = travel + here.travel(
-            step.since, step.now, step.said, unchanged=same, felt=friction, first=last is None
+            step.since, step.now, step.said, unchanged=same, felt=felt, first=last is None
         )
         from_last = None
         if last is not None:
@@ -414,10 +482,20 @@ class FiniteSliding:
         return bodies.slices[bodies.number_of_trace(side.body)]
 
 
-def halfway(result: ContactResult, u: Array, label: Array) -> ContactResult:
-    """A result halfway from the displacement u and the motions `label`."""
-    motion = None if result.motion is None else 0.5 * (label + result.motion)
-    return replace(result, u=0.5 * (u + result.u), motion=motion)
+def relaxed(part: float, before: Array, way: Array) -> float:
+    """The part of a step that Aitken's rule takes after steps that were short by `before`, `way`.
+    U. Kuettler and W. A. Wall, Comput. Mech. 43 (2008), 61-72."""
+    turned = way - before
+    size = float(turned @ turned) or 1.0
+    return float(np.clip(-part * float(before @ turned) / size, 0.05, 0.99))
+
+
+def between(part: float, result: ContactResult, u: Array, label: Array) -> ContactResult:
+    """A result at a part of the way from the displacement u and the motions `label`."""
+    if part == 1.0:
+        return result
+    motion = None if result.motion is None else label + part * (result.motion - label)
+    return replace(result, u=u + part * (result.u - u), motion=motion)
 
 
 def flat(side: Any) -> tuple[Array, Array] | None:
@@ -476,7 +554,10 @@ def newton_step(
         (S + K) \delta + K_a a + B^T l = f - S u, \qquad v = v(u) + (B + E) \delta + (E_a - R) a,
         \qquad -R^T l - L \delta - L_a a = q ,
 
-    and the laws between v and l, on boundary dofs only. Raises NotConverged, or LinAlgError."""
+    and the laws between v and l, on boundary dofs only. The amplitudes :math:`N^T \delta` of rigid
+    motions N that no support resists are motions as well: :math:`S + \rho N N^T` replaces S, with
+    :math:`K_a = -\rho N`, :math:`L = \rho N^T`, :math:`L_a = -\rho`. Raises NotConverged, or
+    LinAlgError."""
     u, points, motion = last.u, condensed.points, system.motion
     left = system.load - system.body.internal(u)
     live_n = points.normal >= 0
@@ -491,9 +572,12 @@ def newton_step(
         R = np.vstack((motion.normal[live_n], motion.tangent[live_t]))[:, free]
     push, pull = (sparse.csr_array(v) for v in (change.push[:, free], change.pull[free]))
     lean = change.lean[np.ix_(free, free)]
-    K_a = condensed.restricted_columns(push).toarray()
-    L = condensed.restrict(pull)
-    factor = lu_factor(condensed.stiffness + K, check_finite=False)
+    S, N = condensed.stiffness, condensed.N / np.linalg.norm(condensed.N, axis=0)
+    rho = np.diag(S) @ N**2
+    K_a = np.hstack((condensed.restricted_columns(push).toarray(), -rho * N))
+    L = np.vstack((condensed.restrict(pull), (rho * N).T))
+    lean, R = block_diag(lean, -np.diag(rho)), np.pad(R, ((0, 0), (0, rho.size)))
+    factor = lu_factor(S + (rho * N) @ N.T + K, check_finite=False)
     right = np.column_stack((condensed.carried(left), K_a, B.T))
     response = lu_solve(factor, right, check_finite=False)
     k = 1 + R.shape[1]
@@ -502,12 +586,15 @@ def newton_step(
     v = points.stacked(u_n, system.slip_increment(u_t)) + moved[:, 0]
     scale = condensed.point_scale
     of_rows = points.stacked(scale, np.repeat(scale[:, None], u_t.shape[1], axis=1))
-    E_a = np.vstack((np.zeros((int(live_n.sum()), k - 1)), change.slip[live_t][:, free]))
+    E_a = np.zeros_like(R)
+    E_a[int(live_n.sum()) :, : push.shape[1]] = change.slip[live_t][:, free]
     C = (E_a - R - moved[:, 1:k]) / of_rows[:, None]
     D = (pulled[:, k:].T - R) / of_rows[:, None]
     size = np.abs(D).max(axis=0, initial=0.0)
     unit = 1.0 / np.where(size > 0, size, 1.0)  # so that motions and displacements are alike
-    force = np.zeros(0) if motion is None else motion.force[free]
+    force = np.zeros(k - 1)
+    if motion is not None:
+        force[: push.shape[1]] = motion.force[free]
     problem = replace(
         condensed.boundary_problem(system.load, system.rows.gap, system.slip_from, motion),
         W=moved[:, k:] / of_rows / of_rows[:, None],
@@ -520,16 +607,25 @@ def newton_step(
     )
     friction = system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
     start = Forces(last.mu * scale, last.t * scale[:, None], np.zeros(k - 1))
-    forces = newton(Condensed(problem, friction), start, tol=LIMITS.inner * tol)
+    forces = _equilibrium(Condensed(problem, friction), start, LIMITS.inner * tol)
     l, a = problem.forces(forces.mu, forces.t) / of_rows, unit * forces.a
     du = condensed.moved(
-        left - push @ a, response[:, 0] - response[:, 1:k] @ a - response[:, k:] @ l
+        left - push @ a[: push.shape[1]],
+        response[:, 0] - response[:, 1:k] @ a - response[:, k:] @ l,
     )
     u, mu, w = u + du, forces.mu / scale, last.motion
-    if w is not None and k > 1:
+    if w is not None:
         w = w.copy()
-        w[free] += a
+        w[free] += a[: push.shape[1]]
     return u, mu, system.with_held_points(u, mu, forces.t / scale[:, None], w), w
+
+
+def _equilibrium(laws: Condensed, start: Forces, tol: float) -> Forces:
+    """Forces that solve the laws, with adhesion those near the start."""
+    surface = laws.problem.compliance
+    if surface is not None and surface.softens:
+        return followed(laws, start, is_stable, tol=tol, max_iterations=50)
+    return newton(laws, start, tol=tol)
 
 
 def refuse_large_rotations(interfaces: Interfaces, u: Array, largest: float) -> None:

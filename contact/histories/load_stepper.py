@@ -130,8 +130,6 @@ class LoadStepper(LoadProgram):
         choice("sliding", sliding, ("small", "finite"))
         if largest_rotation is not None and sliding == "small":
             raise InputError("largest_rotation: it belongs to sliding='finite'")
-        if sliding == "finite" and problem.surface is not None:
-            raise InputError("sliding: 'finite' takes no adhesion, hardness and wear; use 'small'")
         super().__init__(problem)
         self.halvings = halvings
         self._finite = FiniteSliding(problem, largest_rotation) if sliding == "finite" else None
@@ -421,6 +419,7 @@ class LoadStepper(LoadProgram):
                 opposite = moving.get("obstacle", self.problem.opposite)
                 follow = self._finite.following(result, opposite)
                 check_motion(result, self.problem.boundaries, opposite, follow)
+                result = with_jump(result, last, far=True)
                 vars(result)["origin"] = Origin(slides=True)
                 return result
             return self._small_step(last, begin, end)

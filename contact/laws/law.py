@@ -39,6 +39,10 @@ from skfem_adini.ground.arrays import namespace
 Array = Any  # NumPy or CuPy: (...) for points, (dim - 1, ...) for tangential vectors
 
 
+# Share of the slope of a falling tension in each form of the linearised laws.
+SOFTENING = {"radial": 1.0, "steep": 0.9, "half": 0.5, "damped": 0.0}
+
+
 @dataclass(frozen=True)
 class State:
     """Forces, in the problem's form and per point, and the displacements that they cause."""
@@ -69,11 +73,11 @@ class Zones:
     known: Array = 0.0
 
     def pulls(self, form: str, through: Array) -> tuple[Array, Array]:
-        """turn and known in the form "radial", Newton's, or "damped", at the last tension."""
-        if form == "radial":
-            return self.turn, self.known
+        """turn and known in the form "radial", Newton's, or with a share of the slope, see
+        `SOFTENING`."""
+        share = SOFTENING[form]
         at = namespace(self.known).where(self.given, through, 0.0)
-        return 0.0 * self.turn, self.known + self.turn * at
+        return share * self.turn, self.known + (1.0 - share) * self.turn * at
 
 
 @dataclass(frozen=True)

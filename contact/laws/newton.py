@@ -141,17 +141,18 @@ def followed(
     report: Report = lambda iteration: None,
 ) -> Any:
     """The equilibrium with adhesion near a start, by Newton's method; where that ends at none, or
-    at one not `stable`, by an iteration with the tensions of the last iterate first: more tension
-    closes gaps, so that it is monotone, an overdamped motion. `NoEquilibrium` if both fail."""
+    at one not `stable`, by iterations with less of the tensions' slopes first, at last none: more
+    tension closes gaps, so that these are monotone, an overdamped motion. `NoEquilibrium` if all
+    fail."""
     failure: Exception = NotConverged("newton: the equilibrium that it found is unstable")
-    for slowly in (False, True):
+    limits: dict[str, Any] = {"max_iterations": max_iterations, "report": report}
+    slow = limits | {"max_iterations": 4 * max_iterations}
+    for form in ("radial", "steep", "half", "damped", "steep to the end"):
+        first, goal = start, tol if form.endswith("end") else 1e-6
         try:
-            if slowly:
-                start = newton(
-                    compliance, start, form="damped", tol=1e-6, max_iterations=4 * max_iterations,
-                    report=report,
-                )  # fmt: skip
-            found = newton(compliance, start, tol=tol, max_iterations=max_iterations, report=report)
+            if form != "radial":
+                first = newton(compliance, start, form=form.split()[0], tol=goal, **slow)
+            found = first if goal == tol else newton(compliance, first, tol=tol, **limits)
             if stable(compliance, found):
                 return found
         except (NotConverged, LinAlgError) as error:

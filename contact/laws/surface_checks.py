@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from contact.errors import JumpWarning, warn
+from contact.laws.adhesion import COARSE, MOST_RAMP, Adhesion
 
 Array = Any
 DEEP = 0.5  # worn depth over the spacing of contact points that causes a warning
@@ -18,6 +19,17 @@ def jump_between(touched: Array, was: Array, touches: Array, gap: Array, reach: 
     if touched.any() and (gap[touched] > reach).mean() > 0.5:
         return "pull-off"
     return "contact" if touches.any() and (was[touches] > reach).mean() > 0.5 else ""
+
+
+def warn_of_coarse(ramps: Array | None, gap: Array, law: Adhesion) -> None:
+    """Warn (ContactWarning) where points part that are too far apart for any ramp."""
+    if ramps is not None and np.any((ramps > COARSE) & (np.abs(gap / law.range - 1.0) < MOST_RAMP)):
+        warn(
+            "adhesion: the contact points are too far apart for this tension: at the edge of the "
+            "contact they let go one by one, and the force is that of a lattice; refine there, or "
+            "take less tension at the same work, which hardly changes the forces of soft bodies "
+            "(JKR), or give a ramp and accept it"
+        )
 
 
 def warn_of_jump(jump: str) -> None:

@@ -55,6 +55,11 @@ class SurfaceState:
     wear: Any = None  # coefficients (2, m), or two functions of the pressure
     indented: Array = 0.0  # depth (m,)
     worn: Array = 0.0  # depths (2, m)
+    ramps: Any = None  # of Dugdale's law, (m,)
+    # Of finite sliding: volumes worn off before this step (2,), and what this step leaves of tools.
+    volume: Any = None
+    tools: Any = None  # see `contact.obstacles.tool.WornTools`
+    frames: Any = None  # where the shapes of tools are, (sides, dim, dim + 1)
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"wear": carried(self.wear)}
@@ -85,6 +90,15 @@ class SurfaceState:
             return self.wear
         return np.stack([coefficients("wear", k, p, p.shape) for k in self.wear])
 
+    def ramped(self, moved: Array) -> SurfaceState:
+        """With ramps for points that move by `moved` under unit tractions on them alone."""
+        return self if self.adhesion is None else replace(self, ramps=self.adhesion.ramps(moved))
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a step depends on what earlier ones took off."""
+        return self.hardness is not None or self.wear is not None
+
     def after(self, indented: Array, worn: Array) -> SurfaceState:
         """The surface of the next step."""
         return replace(self, indented=indented, worn=worn)
@@ -93,7 +107,8 @@ class SurfaceState:
         """Arrays of a file; functions of the pressure by their values."""
         return {
             "hardness": self.hardness, "wear": self.coefficients(p), "indented": self.indented,
-            "worn": self.worn,
+            "worn": self.worn, "ramps": self.ramps, "volume": self.volume, "tools": self.tools,
+            "frames": self.frames,
         }  # fmt: skip
 
 
@@ -180,7 +195,8 @@ class SurfaceLaw:
             return 0.0 * mu, 0.0 * mu
         xp = namespace(mu)
         gap = xp.where(self._none(mu), np.inf, xp.maximum(-through, 0.0) * self.unit)
-        sigma, slope = law.pull(gap, mu < -0.5 * law.tension * self.area)
+        ramps = self.surface and self.surface.ramps
+        sigma, slope = law.pull(gap, mu < -0.5 * law.tension * self.area, ramps)
         return sigma * self.area, slope * self.area * self.unit
 
     def _wear(self, mu: Array, slip: Array) -> tuple[Array, Array, Array]:

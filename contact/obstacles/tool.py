@@ -141,6 +141,10 @@ class Tool:
         """Where the pose takes a point."""
         return np.asarray(self.pose.turn @ (x - self.centre) + self.place)
 
+    def within(self, x: Array, frame: Array) -> Array:
+        """Where points x (dim, n) are in the shape's own `frame`, (dim, dim + 1)."""
+        return np.asarray(frame[:, :-1].T @ (self._home(x) - frame[:, -1:]))
+
     def _home(self, x: Array) -> Array:
         return self.pose.turn.T @ (x - self.place[:, None]) + self.centre[:, None]
 
@@ -163,6 +167,51 @@ class Tool:
     def velocities(self, x: Array) -> Array:
         """Motion of the tool's points at x (dim, n) for unit changes of the pose, (dim, k, n)."""
         return np.stack([rate(k, x - self.place[:, None]) for k in range(self.pose.motion.size)], 1)
+
+
+def moved_frame(frame: Array, step: RigidMotion) -> Array:
+    """A frame (dim, dim + 1), rotation and place of its origin, after the motion of a shape."""
+    if step.still:
+        return frame
+    R, half = matrix_of(step.rotation), 0.5 * step.translation
+    place = R @ (frame[:, -1] - step.about + half) + step.about + half
+    return np.column_stack((R @ frame[:, :-1], place))
+
+
+@dataclass(frozen=True)
+class WornTools:
+    """Depths worn off tools: multilinear between the corners of cells that move with each tool.
+    A corner gains the mean of what the points around it have lost, weighted by their areas."""
+
+    cell: float
+    held: Array  # number of the tool, of the corner along each axis, and depth, (dim + 2, k)
+
+    def depth(self, tool: int, x: Array) -> Array:
+        """Depths at places x (dim, n) in the frame of a tool."""
+        number, hats, known, _ = self._around(tool, x)
+        return np.asarray((known[number] * hats).sum(axis=0))
+
+    def after(self, tool: int, x: Array, lost: Array, area: Array) -> WornTools:
+        """After points at x have lost more; area (n,) is zero where they are not opposite."""
+        number, hats, known, corners = self._around(tool, x)
+        share = hats * area
+        gain, of = (
+            np.bincount(number.ravel(), v.ravel(), known.size) for v in (share * lost, share)
+        )
+        depth = known + gain / np.where(of > 0, of, 1.0)
+        return replace(self, held=np.vstack((corners, depth))[:, depth > 0])
+
+    def _around(self, tool: int, x: Array) -> tuple[Any, ...]:
+        """Numbers and hats of the corners around x, (2^dim, n), depths and places of corners."""
+        low, near = np.floor(x / self.cell), np.indices((2,) * len(x)).reshape(len(x), -1, 1)
+        part = (x / self.cell - low)[:, None]
+        hats: Array = np.prod(np.where(near, part, 1 - part), axis=0)
+        at = (low[:, None] + near).reshape(len(x), -1)
+        every = np.hstack((self.held[:-1], np.vstack((np.full(at.shape[1], tool), at))))
+        corners, number = np.unique(every, axis=1, return_inverse=True)
+        old, new = np.split(number.ravel(), [self.held.shape[1]])
+        known = np.bincount(old, self.held[-1], corners.shape[1])
+        return new.reshape(hats.shape), hats, known, corners
 
 
 def rate(k: int, arm: Array) -> Array:

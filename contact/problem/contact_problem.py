@@ -297,6 +297,8 @@ class ContactProblem(Portable):
         if surface is not None:
             if after is not None and after.system.surface is not None:
                 surface = surface.after(after.indentation, after.worn)
+            if surface.adhesion is not None:
+                surface = surface.ramped(rows.weights * self.condense().point_scale ** 2)
             rows = replace(rows, gap=rows.gap + surface.lost)
         loads, law, laws = body.loads, self.law, self.overclosure
         rigid = self.rigid(now)

@@ -20,7 +20,7 @@ from contact.body.elastic_body import ElasticBody
 from contact.body.jacobians import middle_determinants
 from contact.errors import CHANGED, InputError, LargeMotionWarning, warn
 from contact.laws.status import Status
-from contact.laws.surface_checks import jump_between, warn_of_jump, warn_of_wear
+from contact.laws.surface_checks import jump_between, warn_of_coarse, warn_of_jump, warn_of_wear
 from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.interfaces import Interfaces, facet_lengths
 
@@ -196,18 +196,23 @@ def _projected(
     return np.where(distance <= 0.5 * size, left, np.inf)
 
 
-def with_jump(result: Any, last: Any) -> Any:
-    """The result with its `jump` since the last step; warns of it, and of deep wear."""
+def with_jump(result: Any, last: Any, far: bool = False) -> Any:
+    """The result with its `jump` since the last step; warns of it, and of deep wear.
+    Where obstacles move `far`, points in contact change, and a jump is that of all."""
     surface = result.system.surface
     if surface is None:
         return result
     warn_of_wear(result.worn, _spacing(result.system))
-    if surface.adhesion is None or last is None:
+    if surface.adhesion is not None:
+        warn_of_coarse(surface.ramps, result.gap, surface.adhesion)
+    if surface.adhesion is None or last is None or last.mu.size != result.mu.size:
         return result
     touched, touches = (
         (one.status != Status.OPEN) & ~one.system.rows.ties for one in (last, result)
     )
     gap, was = (np.maximum(one.gap, 0.0) for one in (result, last))
+    if far and touched.any() == touches.any():
+        return result
     jump = jump_between(touched, was, touches, gap, surface.adhesion.range)
     warn_of_jump(jump)
     return replace(result, jump=jump)

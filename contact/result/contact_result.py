@@ -250,7 +250,10 @@ class ContactResult(BodyFields, ContactState):
     @property
     def worn_volume(self) -> Array:
         """Volumes worn off the body and off the other side, shape (2,); in 2-D areas."""
-        return np.asarray(self.worn @ self.system.rows.weights)
+        surface, area = self.system.surface, self.system.rows.weights
+        if surface is None or surface.volume is None:
+            return np.asarray(self.worn @ area)
+        return np.asarray(surface.volume + (self.worn - surface.worn) @ area)
 
     @cached_property
     def _left(self) -> tuple[Array, Array]:

@@ -246,10 +246,11 @@ def _surface(arrays: dict[str, Any], rows: ContactRows) -> SurfaceState | None:
     names = [field.name for field in fields(SurfaceState)]
     parts = from_arrays(arrays, names, "surface/")
     glue, m = json.loads(str(parts.pop("adhesion")))["law"], rows.gap.size
-    shapes = {"hardness": (m,), "wear": (2, m), "indented": (m,), "worn": (2, m)}
+    shapes = {"hardness": (m,), "wear": (2, m), "indented": (m,), "worn": (2, m), "volume": (2,)}
+    shapes["ramps"] = (m,)
     for name, part in parts.items():
-        _check_shape(f"surface/{name}", part, shapes[name])
-        if np.any(np.isnan(part)) or np.any(part < 0):
+        _check_shape(f"surface/{name}", part, shapes.get(name, part.shape))
+        if np.any(np.isnan(part)) or (name in shapes and np.any(part < 0)):
             raise InputError(f"surface/{name}: holds NaN or negative numbers")
     return SurfaceState(None if glue is None else Adhesion(**glue), **parts)
 

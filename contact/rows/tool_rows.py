@@ -25,7 +25,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from contact.obstacles.rigid_motion import closest_rotation, turn_of
-from contact.obstacles.tool import Tool, cross
+from contact.obstacles.tool import Tool, WornTools, cross
 from contact.rows.contact_rows import ContactRows
 from contact.rows.frames import turned_tangents
 
@@ -164,7 +164,9 @@ class ToolRows:
         lag = self.tool.spin - of_body
         one, two = turn @ (was - self.tool.start[:, None]), y - self.tool.end[:, None]
         arm = 0.5 * (one + two)
-        return two - one - cross(lag, arm), one, arm, lag
+        s, size = two - one - cross(lag, arm), np.abs(was).max() + np.abs(self.tool.start).max()
+        s[np.abs(s) <= 4 * np.finfo(float).eps * size] = 0.0  # rounding of places
+        return s, one, arm, lag
 
     @cached_property
     def _frames(self) -> tuple[Array, Array, Array, Array]:
@@ -215,6 +217,27 @@ class ToolRows:
         G = self._spread(P.data * self._n[:, entry][None])
         T = self._spread(P.data * self._frames[3].transpose(1, 0, 2))
         return replace(self.own, G=G, T=T, gap=gap, normals=n, tangents=tangents)
+
+    def worn(self, tools: WornTools, number: int, frame: Array) -> Array:
+        """Depths that earlier steps took off the tool opposite the contact points, (m,)."""
+        depth = tools.depth(number, self.tool.within(self._opposite, frame))
+        return self._mean(depth[self._entries[0]])
+
+    def wear(
+        self, tools: WornTools, number: int, frame: Array, lost: Array, area: Array
+    ) -> WornTools:
+        """The tools after this one has lost more opposite the contact points, of areas (m,)."""
+        entry, point = self._entries
+        near = (self._found[0][entry] <= tools.cell) & (area[point] > 0)
+        x = self.tool.within(self._opposite[:, entry[near]], frame)
+        area = np.abs(self.points.P.data[near]) * area[point[near]]
+        return tools.after(number, x, lost[point[near]], area)
+
+    @property
+    def _opposite(self) -> Array:
+        """Closest points of the tool, (dim, n); the points themselves where there is none."""
+        phi = self._found[0]
+        return self.points.x + self.here + self._n * np.where(np.isfinite(phi), phi, 0.0)
 
     @property
     def distance(self) -> Array:

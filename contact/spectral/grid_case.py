@@ -77,8 +77,8 @@ class GridCase:
         if self.surface is None:
             return None
         one = problem.xp.ones_like(problem.gap)
-        area = problem.xp.asarray(self.areas) * one
-        return SurfaceLaw(area, one / problem.scale_normal, one, self.surface)
+        area, unit = problem.xp.asarray(self.areas) * one, one / problem.scale_normal
+        return SurfaceLaw(area, unit, one, self.surface.ramped(area * unit))
 
     def friction_law(self, xp: Any) -> Friction:
         """The law for forces on points, with arrays of NumPy or CuPy."""

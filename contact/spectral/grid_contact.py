@@ -17,7 +17,7 @@ from contact.laws.friction import Friction, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.newton import LIMITS, followed, newton, proximal_point
 from contact.laws.status import Status
-from contact.laws.surface_checks import jump_between, warn_of_jump, warn_of_wear
+from contact.laws.surface_checks import jump_between, warn_of_coarse, warn_of_jump, warn_of_wear
 from contact.laws.surface_law import SurfaceLaw, SurfaceState
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import (
@@ -297,6 +297,9 @@ class GridContact:
         result = replace(result, jump=_jump(after, result, case), _proof=(case, a, tol))
         if surface is not None:
             warn_of_wear(host(result._fields["worn"]), min(self.compliance.spacing))
+        if surface is not None and surface.surface and surface.surface.adhesion:
+            glue = surface.surface.adhesion
+            warn_of_coarse(surface.surface.ramps, host(result._fields["opening"]), glue)
         return result
 
     def history(

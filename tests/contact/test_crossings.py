@@ -59,7 +59,6 @@ def thermal(given):
 @pytest.mark.parametrize(
     ("way", "words"),
     [
-        (lambda p: pressed(p, sliding="finite"), "'finite' takes no adhesion"),
         (dynamic, "dynamics takes no adhesion"),
         (thermal, "thermal contact takes no adhesion"),
         (lambda p: thermal(pressed(p)), "thermal contact takes no adhesion"),

@@ -71,10 +71,7 @@ def sphere(lam, h, low, high, far, ramp):
     [
         pytest.param(0.03, (0.3, 0.3, 7.5, 300.0, 0.1), (-0.05, 0.05, 0.15, 0.2), id="DMT"),
         pytest.param(1.0, (0.025, 0.7, 1.8, 80.0, 0.2), (0.4, 0.45, 0.5, 0.55), id="between"),
-        pytest.param(
-            4.0, (0.006, 0.98, 1.42, 60.0, 0.5), (0.1, 0.2, 0.3, 0.4, 0.42, 0.45), id="JKR",
-            marks=pytest.mark.slow,
-        ),
+        pytest.param(4.0, (0.012, 0.98, 1.42, 60.0, None), (0.3, 0.44, 0.48), id="JKR"),
     ],
 )  # fmt: skip
 def test_pull_off_of_a_sphere(lam, settings, retreats):
@@ -83,7 +80,7 @@ def test_pull_off_of_a_sphere(lam, settings, retreats):
     least = forces.argmin()
     assert 0 < least < len(forces) - (lam > 0.1)
     assert forces.min() == pytest.approx(pull_off(lam), rel=0.01)
-    assert lam == 1.0 or forces.min() == pytest.approx(-1.5 if lam > 1 else -2.0, rel=0.01)
+    assert lam == 1.0 or forces.min() == pytest.approx(-1.5 if lam > 1 else -2.0, rel=0.015)
 
 
 def on_grid(lam, length, points, approaches, ramp):
@@ -103,15 +100,14 @@ def on_grid(lam, length, points, approaches, ramp):
     [
         pytest.param(0.03, (24.0, 96, (-0.05, -0.15, -0.2, -0.25), 0.1), id="DMT"),
         pytest.param(1.0, (5.0, 80, (0.0, -0.1, -0.2, -0.3), 0.2), id="between"),
-        pytest.param(4.0, (6.5, 576, (-0.2, -0.26, -0.31), 0.5), id="JKR",
-                     marks=pytest.mark.slow),
+        pytest.param(4.0, (6.5, 288, (-0.2, -0.26, -0.31), None), id="JKR"),
     ],
 )  # fmt: skip
 def test_pull_off_on_a_grid(lam, settings):
     forces = on_grid(lam, *settings)
     assert 0 < forces.argmin() < forces.size - 1
     assert forces.min() == pytest.approx(pull_off(lam), rel=0.01)
-    assert lam == 1.0 or forces.min() == pytest.approx(-1.5 if lam > 1 else -2.0, rel=0.01)
+    assert lam == 1.0 or forces.min() == pytest.approx(-1.5 if lam > 1 else -2.0, rel=0.015)
 
 
 @pytest.mark.parametrize(("length", "modulus"), [(1.0, 1.0), (1e-3, 2e11)])
