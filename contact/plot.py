@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contact.errors import InputError
 from contact.laws.status import Status
 from contact.output.contact_runs import arc_length
-from contact.output.drawn import Drawn, DrawnBody, drawn_bodies, pair_name
+from contact.output.drawn import Drawn, DrawnBody, drawn_bodies, drawn_mesh, pair_name
 from contact.output.pictures import (
     COLOURS,
     axes_of,
@@ -372,6 +372,6 @@ def _owners(result: Drawn, tied: bool) -> list[int]:
 
 def _faces(result: Drawn, k: int, tied: bool) -> tuple[Array, Array]:
     """Corners (n, corners, 3) and pressures (n,) of the faces of body k in contact."""
-    mesh = result.system.body.bodies[k].trace.mesh
+    mesh = drawn_mesh(result, k)
     facets, pressure = pressed_faces(result, k, tied)
     return mesh.p[:, mesh.facets[:, facets]].transpose(2, 1, 0), pressure

@@ -75,9 +75,8 @@ def _runs_of_arc(result: Drawn, here: Index) -> list[Run]:
 def _runs_of_facets(result: Drawn, here: Index) -> list[Run]:
     x, nominal, rows = result.x[:, here], result.x_nominal[:, here], result.system.rows
     own = side(result, here)
-    trace = own.trace
-    vertex = _vertices(trace, own.G) if "centroid" in rows.functional else None
-    lines = _lines(trace.mesh, nominal, rows.normals[:, here], vertex)
+    vertex = _vertices(own.trace, own.G) if "centroid" in rows.functional else None
+    lines = _lines(own.mesh, nominal, rows.normals[:, here], vertex)
     nearest = np.argmin([line.project(nominal)[1] for line in lines], axis=0)
     runs = []
     for j in dict.fromkeys(nearest.tolist()):  # in the order of the contact points
