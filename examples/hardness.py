@@ -40,26 +40,23 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
     y = -np.r_[0.0, np.cumsum(size * 1.15 ** np.arange(24))]
     mesh = MeshQuad.init_tensor(x, y[::-1]).with_defaults()
     kind = {"stress": METAL, "plane": "axisymmetric", "dilatation": "mean"}
-    body = (
-        NonlinearBody.from_mesh(mesh, ElementQuad1(), **kind).fix("left", "x").fix("bottom", "xy")
-    )
+    body = NonlinearBody.from_mesh(mesh, ElementQuad1(), **kind).fix("left", "x").fix("bottom")
     stepper = NonlinearStepper(ContactProblem(body, "top", Sphere((0.0, BALL), BALL), FRICTION))
     stepper.obstacle(lambda depth: Sphere((0.0, BALL - depth), BALL))
     history = stepper.run(0.006 * np.linspace(0.125, 1.0, 8))
     a = np.array([radius(result) for result in history])
     hardness = -history.resultant[:, 1] / (np.pi * a**2)
     print("hardness over yield stress:", np.round(hardness, 2), "at a / R", np.round(a / BALL, 3))
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    section, curve = figure.subplots(1, 2)
+    section, curve = Figure(figsize=(9, 3.6), layout="constrained").subplots(1, 2)
     history[-1].plot(section, colour="alpha").set(xlim=(0, 0.3), ylim=(-0.28, 0.05))
-    section.set_title("plastic strain below the ball")
     section.add_patch(Circle((0.0, BALL - 0.006), BALL, fc="0.85", ec="k"))
-    curve.axhspan(2.8, 3.1, color="0.9", label="2.8 to 3.1")
-    curve.plot(a / BALL, hardness, "o-", label="force over area, in yield stresses")
+    section.set_title("plastic strain below the ball")
+    curve.axhspan(2.8, 3.1, color="0.9")
+    curve.plot(a / BALL, hardness, "o-")
     curve.set(xlabel="radius of the impression over that of the ball", ylim=(0, 3.5))
-    curve.legend(loc="lower right")
+    curve.set_title("force over area, in yield stresses; grey: 2.8 to 3.1")
     options.output.mkdir(parents=True, exist_ok=True)
-    figure.savefig(options.output / "hardness.png", dpi=120)
+    curve.figure.savefig(options.output / "hardness.png", dpi=120)
     return SimpleNamespace(hardness=hardness, a=a, history=history)
 
 

@@ -41,46 +41,41 @@ def closed_form(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 EXPANSION = closed_form(1.6)[0] / 1.3  # in plane strain a shaft grows 1 + nu times as much
 
 
+def ring(inner: float, outer: float, n: int, stress, state=None) -> NonlinearBody:
+    """A disk of a tube in plane strain."""
+    mesh = MeshQuad.init_tensor(np.linspace(inner, outer, n + 1), [0.0, 1.0 / n]).with_defaults()
+    kind = {"plane": "axisymmetric", "dilatation": "mean", "state": state}
+    body = NonlinearBody.from_mesh(mesh, ElementQuad1(), stress=stress, **kind)
+    return body.fix(["bottom", "top"], "y")
+
+
 def main(argv: list[str] | None = None) -> SimpleNamespace:
-    """Warm and cool the shaft, print pressures, draw them and the stresses that are left."""
+    """Warm and cool the shaft, print pressures, draw them and the hoop stress of the hub."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=12, help="along the wall of the hub")
     parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
-    options, bodies = parser.parse_args(argv), []
-    for inner, outer, law, state in ((0.0, A, warm, {"time": 0.0}), (A, B, HUB, None)):
-        r, n = np.linspace(inner, outer, options.cells + 1), options.cells
-        mesh = MeshQuad.init_tensor(r, [0.0, (B - A) / n]).with_defaults()
-        kind = {"plane": "axisymmetric", "dilatation": "mean", "state": state}
-        bodies.append(NonlinearBody.from_mesh(mesh, ElementQuad1(), stress=law, **kind))
-        bodies[-1].fix(["bottom", "top"], "y")
-    shaft, hub = bodies[0].fix("left", "x").named("shaft"), bodies[1].named("hub")
-    stepper = NonlinearStepper(ContactProblem(bodies, [Pair(shaft, "right", hub, "left")]))
-    history = stepper.run(np.r_[np.linspace(0.2, 1.0, 5), 1.2, 1.4])
+    options = parser.parse_args(argv)
+    shaft = ring(0.0, A, options.cells, warm, {"time": 0.0}).fix("left", "x")
+    hub = ring(A, B, options.cells, HUB)
+    problem = ContactProblem([shaft, hub], [Pair(shaft, "right", hub, "left")])
+    history = NonlinearStepper(problem).run([0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4])
     pressure = np.array([result.pressure.mean() for result in history])
     way = 1.3 * EXPANSION * np.minimum(history.times, 2.0 - history.times)
     (most, peak), slope = closed_form(1.6), 1 / (1 / (2 * G * (1 - (A / B) ** 2)) + SOFT)
     left = peak - slope * (most - way[-1])
-    print(
-        f"pressure {pressure[4]:.4f} (closed form {peak:.4f}), left {pressure[-1]:.4f} ({left:.4f})"
-    )
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    curve, wall = figure.subplots(1, 2)
+    print(f"hot: {pressure[4]:.4f} (exact {peak:.4f}), left: {pressure[-1]:.4f} ({left:.4f})")
+    curve, wall = Figure(figsize=(9, 3.6), layout="constrained").subplots(1, 2)
     path = np.column_stack(([0.0, 0.0], closed_form(np.linspace(A, 1.6, 50)), [way[-1], left]))
     curve.plot(*path, "k", lw=0.8, label="closed form")
     curve.plot(way, pressure, "o", label="computed")
-    curve.set(
-        xlabel="interference", ylabel="pressure over yield stress", title="warmed, then cooled"
-    )
-    curve.legend()
-    for result, style in ((history[4], "--"), (history[-1], "-")):
-        stress = result[hub].cell_stress()
-        middle = hub.mesh.p[0][hub.mesh.t].mean(axis=0)
-        wall.plot(middle, stress[0, 0], f"C0{style}", label="radial" if style == "-" else None)
-        wall.plot(middle, stress[2, 2], f"C1{style}", label="hoop" if style == "-" else None)
-    wall.set(xlabel="radius", title="stress in the hub: hot (dashed), cooled")
-    wall.legend()
+    curve.set(xlabel="interference", ylabel="pressure over yield stress", title="warmed, cooled")
+    for result, name in ((history[4], "hot"), (history[-1], "cooled")):
+        hoop = result[hub].cell_stress()[2, 2]
+        wall.plot(hub.mesh.p[0][hub.mesh.t].mean(axis=0), hoop, label=name)
+    wall.set(xlabel="radius", title="hoop stress in the hub over yield stress")
+    curve.legend(), wall.legend()
     options.output.mkdir(parents=True, exist_ok=True)
-    figure.savefig(options.output / "press_fit.png", dpi=120)
+    curve.figure.savefig(options.output / "press_fit.png", dpi=120)
     return SimpleNamespace(pressure=pressure, peak=peak, left=left, way=way, history=history)
 
 
