@@ -54,7 +54,7 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
     curve.axhspan(2.8, 3.1, color="0.9")
     curve.plot(a / BALL, hardness, "o-")
     curve.set(xlabel="radius of the impression over that of the ball", ylim=(0, 3.5))
-    curve.set_title("force over area, in yield stresses; grey: 2.8 to 3.1")
+    curve.set_title("force over area and yield stress")
     options.output.mkdir(parents=True, exist_ok=True)
     curve.figure.savefig(options.output / "hardness.png", dpi=120)
     return SimpleNamespace(hardness=hardness, a=a, history=history)

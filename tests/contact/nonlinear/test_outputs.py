@@ -1,5 +1,7 @@
 """Results of large strain as tables, texts, grids and pictures, beside what they are made of."""
 
+import pickle
+
 import numpy as np
 import pytest
 from rubber_blocks import FLOOR, alone, cube, pressed
@@ -64,6 +66,7 @@ def test_texts_name_the_main_facts(history):
     assert f"{result.resultant[1]:.6g}" in said
     assert "<table>" in result._repr_html_()
     assert "2 steps" in history._repr_html_()
+    assert pickle.loads(pickle.dumps(history))[-1].summary() == said
     assert len(history[:1]) == 1
 
 
