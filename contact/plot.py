@@ -77,13 +77,15 @@ def plot_tractions(
     whose = "shear on the body" if len(result.system.body.bodies) == 1 else "shear"
     line: dict[str, Any] = {"color": COLOURS[Status.BONDED], "lw": 1.0}
     for k in range(run.max() + 1):
-        here, tied = (run == k) & ~ties, (run == k) & ties
+        along = np.argsort(s, kind="stable")
+        along = along[run[along] == k]
+        here, tied = along[~ties[along]], along[ties[along]]
         ax.plot(s[here], result.pressure[here], color="0.25", lw=1.2, zorder=2)
-        if result.system.law is not None and here.any():
+        if result.system.law is not None and here.size:
             ax.plot(s[here], result.shear[here, 0], color="0.25", lw=1.0, ls="--", label=whose)
             bound = {"color": "0.92", "zorder": 0, "label": "friction bound"}
             ax.fill_between(s[here], -g[here], g[here], **bound)
-        if tied.any():
+        if tied.size:
             ax.plot(s[tied], result.tie_pressure[tied], label="tie, normal", **line)
             ax.plot(s[tied], result.tie_shear[tied, 0], ls="--", label="tie, shear", **line)
     ax.axhline(0.0, color="0.7", lw=0.8, zorder=1)

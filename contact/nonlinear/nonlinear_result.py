@@ -17,7 +17,6 @@ from contact.laws.iteration import Iteration
 from contact.laws.status import Status
 from contact.nonlinear.cell_forces import State
 from contact.nonlinear.deformed_body import DeformedBody
-from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.touching import Touch
 from contact.output.drawn import drawn_bodies
 from contact.output.pictures import (
@@ -294,7 +293,11 @@ class NonlinearResult(ContactFields):
             raise InputError("plot: bodies in space are drawn by to_pyvista()")
         ax = axes_of(ax)
         parts = [_draw(ax, one, colour) for one in drawn_bodies(self)]
-        scale_colours(ax, [part for part in parts if part is not None], colour)
+        filled = [part for part in parts if part is not None]
+        if not filled:
+            known = sorted({name for one in drawn_bodies(self) for name in one.scalars})
+            raise InputError(f"colour={colour!r}: expected displacement, or one of {known}")
+        scale_colours(ax, filled, colour)
         ax.scatter(*self.x[:, self.mu > 0], c="#d1495b", s=9, zorder=3)
         ax.set_aspect("equal")
         ax.autoscale_view()
@@ -310,11 +313,8 @@ def _draw(ax: Any, one: DeformedBody, colour: str) -> Any:
         x, moved, triangles = triangulated(one, 4, False)
         place, size = x + moved, np.linalg.norm(moved, axis=1)
         filled = ax.tripcolor(*place.T, triangles, size, shading="gouraud", cmap="viridis")
-    elif isinstance(one.body, NonlinearBody):
-        known = one.scalars
-        if colour not in known:
-            raise InputError(f"colour={colour!r}: expected displacement or one of {sorted(known)}")
-        filled = PolyCollection(cell_outlines(one), array=known[colour], cmap="viridis")
+    elif (values := one.scalars.get(colour)) is not None:
+        filled = PolyCollection(cell_outlines(one), array=values, cmap="viridis")
         ax.add_collection(filled)
     for outline, width in ((False, 0.3), (True, 1.2)):
         edges = deformed_edges(one, 1.0, outline)

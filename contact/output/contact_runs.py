@@ -82,7 +82,8 @@ def _runs_of_facets(result: Drawn, here: Index) -> list[Run]:
     for j in dict.fromkeys(nearest.tolist()):  # in the order of the contact points
         mine, line = np.flatnonzero(nearest == j), lines[j]
         s = line.along(x[:, mine], nominal[:, mine])
-        runs.append(Run(here[mine], s, line.length, line.closed))
+        order = np.argsort(s, kind="stable")
+        runs.append(Run(here[mine[order]], s[order], line.length, line.closed))
     return runs
 
 

@@ -5,7 +5,15 @@ import pickle
 import numpy as np
 import pytest
 from rubber_blocks import FLOOR, alone, cube, pressed
-from skfem import ElementHex1, ElementQuad1, ElementTriP2, LinearForm, MeshQuad
+from skfem import (
+    ElementHex1,
+    ElementQuad1,
+    ElementTriP1,
+    ElementTriP2,
+    LinearForm,
+    MeshQuad,
+    MeshTri,
+)
 from skfem.helpers import ddot, grad
 
 from contact import (
@@ -17,6 +25,7 @@ from contact import (
     NonlinearBody,
     NonlinearStepper,
     Pair,
+    Plane,
     Tie,
 )
 from contact.plot import plot_cells, plot_pressure, plot_tractions
@@ -105,7 +114,26 @@ def test_several_bodies(kind):
     assert np.abs(heights[0] - heights[1]).max() <= 1e-8
     assert np.abs(heights[0] - 0.5).max() <= 0.02  # where the bodies are
     assert len(plot_tractions(result).lines) > 0
-    assert result.plot(colour="det_F").get_aspect() == 1.0
+    drawn = result.plot(colour="von_mises").collections
+    filled = [part.get_array() for part in drawn if part.get_array() is not None]
+    assert [part.size for part in filled[:2]] == [16, 10]  # cells of both bodies
+
+
+def test_points_of_a_curve_are_drawn_in_its_order():
+    disk = MeshTri.init_circle(3)
+    half = disk.restrict(np.flatnonzero(disk.p[1][disk.t].mean(axis=0) < 0.0))
+    sides = {"top": lambda x: np.isclose(x[1], 0.0), "arc": lambda x: x[1] < -1e-9}
+    mesh = MeshTri(half.p, half.t).with_boundaries(sides)
+    body = NonlinearBody.from_mesh(mesh, ElementTriP1(), stress=RUBBER).fix("top")
+    floor = Plane((0.0, -1.0), (0.0, 1.0))
+    stepper = NonlinearStepper(ContactProblem(body, "arc", floor)).move("top", "y", -0.2)
+    result = stepper.run([0.5, 1.0])[-1]
+    line = result.boundary_to_pyvista()
+    steps = np.linalg.norm(np.diff(np.asarray(line.points)[line.lines[1:]], axis=0), axis=1)
+    assert line.lines[0] == result.mu.size
+    assert steps.max() <= 1.5 * np.pi / (result.mu.size - 1)  # the arc is about as long as before
+    pressure = plot_tractions(result).lines[0].get_ydata()
+    assert np.sum(np.diff(np.sign(np.diff(pressure[pressure > 0]))) != 0) <= 1  # one hill
 
 
 def test_pictures(history):
@@ -117,7 +145,7 @@ def test_pictures(history):
     assert np.allclose(drawn.get_array(), result[0].scalars["alpha"])
     cells = plot_cells(result).collections[0]
     assert np.allclose(cells.get_array(), result[0].scalars["von_mises"])
-    with pytest.raises(InputError, match="alpha"):
+    with pytest.raises(InputError, match=r"colour='beta': expected .*alpha"):
         result.plot(colour="beta")
     in_space = pressed(cube(ElementHex1, RUBBER, n=1), 0.0, 0.1).run([1.0])[-1]
     faces = plot_pressure(in_space).collections[0]
