@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError
 from contact.laws.status import Status
-from contact.output.contact_runs import arc_length
+from contact.output.contact_runs import arc_length, contact_runs
 from contact.output.drawn import Drawn, DrawnBody, drawn_bodies, drawn_mesh, pair_name
 from contact.output.pictures import (
     COLOURS,
@@ -67,7 +67,8 @@ def plot_tractions(
             raise InputError("abscissa: tractions along a line need a body in 2-D")
         return plot_pressure(result, ax)
     ax = axes_of(ax)
-    s, run = arc_length(result)
+    runs = contact_runs(result)
+    s, run = arc_length(result, runs)
     if abscissa is not None:
         s = numbers("abscissa", abscissa)
         if s.shape != run.shape:
@@ -76,10 +77,9 @@ def plot_tractions(
     g = result.system.bound(result.mu) / result.system.rows.weights
     whose = "shear on the body" if len(result.system.body.bodies) == 1 else "shear"
     line: dict[str, Any] = {"color": COLOURS[Status.BONDED], "lw": 1.0}
-    for k in range(run.max() + 1):
-        along = np.argsort(s, kind="stable")
-        along = along[run[along] == k]
-        here, tied = along[~ties[along]], along[ties[along]]
+    for one in runs:
+        points = one.points
+        here, tied = points[~ties[points]], points[ties[points]]
         ax.plot(s[here], result.pressure[here], color="0.25", lw=1.2, zorder=2)
         if result.system.law is not None and here.size:
             ax.plot(s[here], result.shear[here, 0], color="0.25", lw=1.0, ls="--", label=whose)
