@@ -33,6 +33,7 @@ from contact.laws.iteration import Iteration
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.status import Status
 from contact.laws.wear import Wear
+from contact.nonlinear.deformed_body import DeformedBody
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult
 from contact.nonlinear.nonlinear_stepper import NonlinearStepper
@@ -81,6 +82,7 @@ __all__ = [
     "CrossCheck",
     "CutBody",
     "Cylinder",
+    "DeformedBody",
     "DistributedBody",
     "DynamicHistory",
     "DynamicStep",

@@ -28,7 +28,7 @@ from contact import (
 )
 from contact.body.boundary_names import read_mesh
 from contact.body.cell_check import check_cells
-from contact.result.contact_result import vector
+from contact.result.contact_fields import vector
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 from skfem_adini.ground.arguments import finite_number
 

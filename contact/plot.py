@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError
 from contact.laws.status import Status
-from contact.output.contact_runs import arc_length
-from contact.output.drawn import Drawn, DrawnBody, drawn_bodies, pair_name
+from contact.output.contact_runs import arc_length, contact_runs
+from contact.output.drawn import Drawn, DrawnBody, drawn_bodies, drawn_mesh, pair_name
 from contact.output.pictures import (
     COLOURS,
     axes_of,
@@ -67,7 +67,8 @@ def plot_tractions(
             raise InputError("abscissa: tractions along a line need a body in 2-D")
         return plot_pressure(result, ax)
     ax = axes_of(ax)
-    s, run = arc_length(result)
+    runs = contact_runs(result)
+    s, run = arc_length(result, runs)
     if abscissa is not None:
         s = numbers("abscissa", abscissa)
         if s.shape != run.shape:
@@ -76,14 +77,15 @@ def plot_tractions(
     g = result.system.bound(result.mu) / result.system.rows.weights
     whose = "shear on the body" if len(result.system.body.bodies) == 1 else "shear"
     line: dict[str, Any] = {"color": COLOURS[Status.BONDED], "lw": 1.0}
-    for k in range(run.max() + 1):
-        here, tied = (run == k) & ~ties, (run == k) & ties
+    for one in runs:
+        points = one.points
+        here, tied = points[~ties[points]], points[ties[points]]
         ax.plot(s[here], result.pressure[here], color="0.25", lw=1.2, zorder=2)
-        if result.system.law is not None and here.any():
+        if result.system.law is not None and here.size:
             ax.plot(s[here], result.shear[here, 0], color="0.25", lw=1.0, ls="--", label=whose)
             bound = {"color": "0.92", "zorder": 0, "label": "friction bound"}
             ax.fill_between(s[here], -g[here], g[here], **bound)
-        if tied.any():
+        if tied.size:
             ax.plot(s[tied], result.tie_pressure[tied], label="tie, normal", **line)
             ax.plot(s[tied], result.tie_shear[tied, 0], ls="--", label="tie, shear", **line)
     ax.axhline(0.0, color="0.7", lw=0.8, zorder=1)
@@ -372,6 +374,6 @@ def _owners(result: Drawn, tied: bool) -> list[int]:
 
 def _faces(result: Drawn, k: int, tied: bool) -> tuple[Array, Array]:
     """Corners (n, corners, 3) and pressures (n,) of the faces of body k in contact."""
-    mesh = result.system.body.bodies[k].trace.mesh
+    mesh = drawn_mesh(result, k)
     facets, pressure = pressed_faces(result, k, tied)
     return mesh.p[:, mesh.facets[:, facets]].transpose(2, 1, 0), pressure

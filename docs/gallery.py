@@ -17,11 +17,11 @@ from sphinx.util import logging
 
 ROOT = Path(__file__).resolve().parents[1]
 GROUPS = {
-    "Contact": "contact_part contact_block rubber surface_mesh rolling rough_surface "
+    "Contact": "contact_part contact_block rubber hardness surface_mesh rolling rough_surface "
     "cut_hertz layered_block bumper_mesh contact_impact adhesion hard_surface wear_pin "
     "identify_friction punch_shape",
-    "Bodies that touch each other": "lap_joint ironing validation_two_cylinders shrink_fit "
-    "tied_meshes hot_contact",
+    "Bodies that touch each other": "lap_joint ironing press_fit validation_two_cylinders "
+    "shrink_fit tied_meshes hot_contact",
     "Contact beside closed forms": "validation_axisymmetric validation_cattaneo "
     "validation_far_field validation_flat_punch validation_hertz_line validation_hertz_sphere "
     "validation_membrane validation_order validation_periodic half_space",

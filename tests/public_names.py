@@ -57,6 +57,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.DistributedBody": ("fix", "load", "body_force", "gather"),
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),
+    "contact.DeformedBody": (),
     "contact.NonlinearHistory": (),
     "contact.NonlinearResult": (),
     "contact.NonlinearStepper": (),
@@ -80,7 +81,7 @@ _REASONS = {
         skfem_adini.FieldLevelSet skfem_adini.LevelSet skfem_adini.NearNullSpace skfem_adini.Polygon
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
         contact.BodyResult contact.GridResult contact.Surface contact.LoadHistory contact.LoadStep
-        contact.NonlinearHistory contact.NonlinearResult
+        contact.NonlinearHistory contact.NonlinearResult contact.DeformedBody
         contact.DynamicHistory contact.DynamicStep
         contact.Status contact.Slice contact.ThermalResult
         contact.Uniqueness cip.Budget cip.Diagnostics cip.Sensors

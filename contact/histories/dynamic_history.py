@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError
 from contact.histories.history_folder import HistoryFolder
-from contact.histories.load_history import LoadHistory, as_path
+from contact.histories.load_history import LoadHistory
+from contact.histories.step_history import as_path
 from contact.output.pictures import axes_of
-from contact.result.contact_result import as_html, as_text
+from contact.result.contact_fields import as_html, as_text
 
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult

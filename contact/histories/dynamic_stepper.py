@@ -17,8 +17,8 @@ from contact.errors import InputError
 from contact.histories.dynamic_history import DynamicHistory, DynamicStep, arrays_of, stored_steps
 from contact.histories.history_folder import HistoryFolder, same_values
 from contact.histories.inertial_step import Integrator, Masses, Moment
-from contact.histories.load_history import as_path, reporter
 from contact.histories.load_program import LoadProgram, value_at
+from contact.histories.step_history import as_path, reporter
 from contact.laws.options import Options
 from contact.obstacles.rigid import ObstacleMotion
 from contact.result.contact_result import ContactResult

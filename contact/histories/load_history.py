@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,17 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from contact.derivatives.history_gradient import HistoryGradient, history_gradient
 from contact.errors import InputError
 from contact.histories.history_folder import HistoryFolder
-from contact.output.tables import steps_frame
-from contact.output.vtk import block_sets, body_grid, boundary_grids
-from contact.result.contact_result import as_html, facts
+from contact.histories.step_history import StepHistory, as_path
 from skfem_adini.ground.arguments import numbers
-from skfem_adini.ground.vtk_files import write_series
 
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult
 
 Array = NDArray[np.float64]
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -69,8 +63,8 @@ class LoadStep:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class LoadHistory:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoadHistory(StepHistory["ContactResult"]):
     """The finished steps of a load history: a sequence of results, and their times.
 
     ``history[0]`` is the result of the first step, ``history[1:3]`` a part of the history, and
@@ -98,35 +92,7 @@ class LoadHistory:
     [1. 2.] [ True  True]
     """
 
-    times: Array = field(default_factory=lambda: np.zeros(0))
-    results: tuple[ContactResult, ...] = ()
     damage: InputError | None = None
-
-    def __repr__(self) -> str:
-        if not len(self):
-            return "LoadHistory(no step)"
-        return (
-            f"LoadHistory({len(self)} steps from t = {self.times[0]:.6g} to {self.times[-1]:.6g}; "
-            f"the last: {self.results[-1]!r})"
-        )
-
-    def __len__(self) -> int:
-        return len(self.results)
-
-    def __iter__(self) -> Iterator[ContactResult]:
-        return iter(self.results)
-
-    @overload
-    def __getitem__(self, place: int) -> ContactResult: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> LoadHistory: ...
-
-    def __getitem__(self, place: int | slice) -> ContactResult | LoadHistory:
-        """The result of one step, counted from zero, or a part of the history."""
-        if isinstance(place, slice):
-            return LoadHistory(self.times[place], self.results[place])
-        return self.results[place]
 
     def extended(self, time: float, result: ContactResult) -> LoadHistory:
         """The history with one more step.
@@ -142,32 +108,6 @@ class LoadHistory:
             A new object.
         """
         return LoadHistory(np.append(self.times, time), (*self.results, result))
-
-    @property
-    def resultant(self) -> Array:
-        """Force of the obstacle on the body in each step, shape (n, dim)."""
-        return np.array([result.resultant for result in self.results])
-
-    def _repr_html_(self) -> str:
-        if not len(self):
-            return "<p>LoadHistory(no step)</p>"
-        span = f"{len(self)} steps from t = {self.times[0]:.6g} to {self.times[-1]:.6g}"
-        return as_html({"history": span, **facts(self.results[-1])}, "LoadHistory, its last step")
-
-    def to_frame(self) -> Any:
-        """The steps as a table: time, forces, numbers of points by status, largest residual.
-
-        Returns
-        -------
-        pandas.DataFrame
-            One row a step. `ContactResult.to_frame` has the points of one.
-
-        Raises
-        ------
-        MissingDependency
-            pandas is not installed.
-        """
-        return steps_frame(self)
 
     def vjp(
         self,
@@ -220,51 +160,6 @@ class LoadHistory:
         }  # fmt: skip
         return history_gradient(self.results, given, problem)
 
-    def to_pvd(self, path: str | Path, subdivide: int | None = None) -> Path:
-        """Write the body, and beside it the contact boundary, as series that ParaView animates.
-
-        ``name.pvd`` lists ``name_0000.vtu``, ...; ``name_boundary.pvd`` lists the contact points,
-        ``name_boundary_0000.vtp``, .... In Python ``pyvista.get_reader("name.pvd")`` reads them.
-        Of several bodies ``name.pvd`` lists ``name_0000.vtm``, ..., each with the blocks of
-        `ContactResult.to_pyvista`.
-
-        Parameters
-        ----------
-        path : str or Path
-            Ends in .pvd.
-        subdivide : int, optional
-            As for `ContactResult.to_pyvista`.
-
-        Returns
-        -------
-        Path
-            The collection of the body.
-
-        Raises
-        ------
-        InputError
-            Another suffix, or a history without a step.
-        MissingDependency
-            pyvista is not installed.
-        """
-        path = as_path(path)
-        if path.suffix != ".pvd":
-            raise InputError(f"path: expected a name ending in .pvd, got {path.name!r}")
-        if not self.results:
-            raise InputError("history: has no finished step to write")
-        times = self.times.tolist()
-        write_series(
-            path.with_name(f"{path.stem}_boundary.pvd"),
-            zip(times, boundary_grids(self.results), strict=True),
-        )
-        several = len(self.results[0].solid.bodies) > 1
-        steps = (
-            block_sets(self.results, subdivide)
-            if several
-            else (body_grid(r, subdivide) for r in self.results)
-        )
-        return write_series(path, zip(times, steps, strict=True))[0]
-
     @classmethod
     def load(cls, path: str | Path) -> LoadHistory:
         """Read the finished steps of a folder that `LoadStepper.run` wrote, complete or not.
@@ -301,26 +196,3 @@ def checked_times(times: ArrayLike, done: Array) -> Array:
     if np.any(np.diff(np.concatenate((done[-1:], schedule))) <= 0):
         raise InputError("times: must increase, from the last finished step on")
     return schedule
-
-
-def reporter(progress: bool, callback: Callable[[Any], None] | None) -> Callable[[Any], None]:
-    """What a run does with a finished step: log it, print it, hand it to the callback."""
-    if callback is not None and not callable(callback):
-        raise InputError(f"callback={callback!r}: expected a function of a finished step")
-
-    def report(step: Any) -> None:
-        logger.info("%s", step)
-        if progress:
-            print(step, flush=True)
-        if callback is not None:
-            callback(step)
-
-    return report
-
-
-def as_path(path: str | Path) -> Path:
-    """The path, or an `InputError` if it is not one."""
-    try:
-        return Path(path)
-    except TypeError:
-        raise InputError(f"path={path!r}: expected the name of a file or folder") from None

@@ -18,14 +18,9 @@ from contact.derivatives.history_gradient import Backward
 from contact.errors import InputError, NotConverged
 from contact.histories.finite_sliding import FiniteSliding
 from contact.histories.history_folder import HistoryFolder, same_conditions, same_path
-from contact.histories.load_history import (
-    LoadHistory,
-    LoadStep,
-    as_path,
-    checked_times,
-    reporter,
-)
+from contact.histories.load_history import LoadHistory, LoadStep, checked_times
 from contact.histories.load_program import LoadProgram
+from contact.histories.step_history import as_path, reporter
 from contact.laws.options import Options
 from contact.portable import Origin
 from contact.problem.large_motion import check_motion, with_jump

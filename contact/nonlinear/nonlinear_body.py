@@ -189,6 +189,58 @@ class NonlinearBody(ElasticBody):
         body.cells = FormForces(body.basis, internal, tangent, update, state)
         return body
 
+    @classmethod
+    def from_felupe(
+        cls,
+        mesh: Mesh | str | Path,
+        element: Any = None,
+        *,
+        umat: Any,
+        plane: str | None = "strain",
+        dilatation: str = "pointwise",
+        intorder: int | None = None,
+    ) -> Self:
+        """Build a body from a material of felupe or matadi, with its own tangent.
+
+        Parameters
+        ----------
+        mesh : Mesh, str or Path
+        element : Element, optional
+            As for `from_mesh`.
+        umat : object
+            With ``gradient([F, z]) -> [P, new z]``, ``hessian([F, z]) -> [dP/dF]`` for arrays with
+            two trailing axes, and ``x``, the example [F, z] of one point; z, called "z" in results,
+            starts from zeros. Neither package is imported here.
+        plane, dilatation
+            As for the class.
+        intorder : int, optional
+            As for `from_forms`; 3 gives felupe's points in quadrilaterals and hexahedra.
+
+        Returns
+        -------
+        NonlinearBody
+
+        Raises
+        ------
+        InputError
+            An object without these methods, or a material of mixed fields.
+
+        Examples
+        --------
+        >>> class Spring:  # P = F - I
+        ...     x = [np.eye(3), np.zeros(0)]
+        ...     def gradient(self, x):
+        ...         return [x[0] - np.eye(3)[:, :, None, None], x[1]]
+        ...     def hessian(self, x):
+        ...         unit = np.einsum("ik,jl->ijkl", np.eye(3), np.eye(3))
+        ...         return [unit[..., None, None]]
+        >>> from skfem import MeshQuad
+        >>> body = NonlinearBody.from_felupe(MeshQuad().with_defaults(), umat=Spring())
+        >>> float(body.cauchy_stress(np.zeros(body.ndofs), {}).max())
+        0.0
+        """
+        return cls(_basis(mesh, element, intorder), _Umat(umat), plane, dilatation)
+
     @property
     def stiffness(self) -> NoReturn:
         """Refused: the tangent depends on the displacement."""
@@ -220,6 +272,10 @@ class NonlinearBody(ElasticBody):
         other = copy(self)
         other.f, other.constraint = f, (self.constraint[0], u0)
         return other
+
+    def largest_displacement(self, u: Array) -> float:
+        """Largest component of the displacement at a node."""
+        return float(np.abs(u[self.are_values]).max(initial=0.0))
 
     def deformation_gradient(self, u: Array, at_nodes: bool = False) -> Array:
         """F (3, 3, ncells, npoints) at the quadrature points, or at the corners of the cells.
@@ -265,6 +321,36 @@ class NonlinearBody(ElasticBody):
         P = self.cells.stresses(u[self.basis.element_dofs], state, dt)
         F = self.deformation_gradient(u)
         return np.asarray(np.einsum("ij...,kj...->ik...", P, F) / det(F))
+
+
+class _Umat:
+    """Stress of a material of felupe; at complex F by its tangent, P + i dP/dF : Im F."""
+
+    def __init__(self, umat: Any) -> None:
+        if not all(hasattr(umat, name) for name in ("gradient", "hessian", "x")):
+            raise InputError(
+                f"umat: expected gradient, hessian and x, as felupe's materials have, got a "
+                f"{type(umat).__name__}"
+            )
+        if len(umat.x) != 2:
+            raise InputError(
+                "umat: a material of mixed fields; take that of F alone, with dilatation='mean'"
+            )
+        self._umat, z = umat, np.asarray(umat.x[1])
+        self.state = {"z": np.zeros(z.shape)} if z.size else {}
+        self._known: tuple[Any, ...] = (None, None, None)
+
+    def __call__(self, F: Any, state: Mapping[str, Any] | None = None, dt: float = 0.0) -> Any:
+        z = np.zeros(0) if state is None else state["z"]
+        at = np.ascontiguousarray(F.real)
+        P, new = self._umat.gradient([at, z])[:2]
+        if np.iscomplexobj(F):
+            last, old, A = self._known
+            if old is not z or not np.array_equal(last, at):
+                A = np.asarray(self._umat.hessian([at, z])[0])
+                self._known = at, z, A
+            P = P + 1j * np.einsum("ijkl...,kl...->ij...", A, F.imag)
+        return P if state is None else (P, {"z": new})
 
 
 def _basis(mesh: Any, element: Any, intorder: int | None = None) -> Basis:

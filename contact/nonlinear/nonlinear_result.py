@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError
+from contact.histories.step_history import StepHistory
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
 from contact.nonlinear.cell_forces import State
-from contact.nonlinear.nonlinear_body import NonlinearBody
+from contact.nonlinear.deformed_body import DeformedBody
 from contact.nonlinear.touching import Touch
-from skfem_adini import to_pyvista
-from skfem_adini.ground.errors import optional
+from contact.output.drawn import drawn_bodies
+from contact.output.pictures import (
+    axes_of,
+    cell_outlines,
+    deformed_edges,
+    scale_colours,
+    triangulated,
+)
+from contact.output.vtk import block_sets
+from contact.result.contact_fields import ContactFields, facts
+from contact.result.contact_system import ContactSystem
 
 Array = NDArray[np.float64]
 __all__ = ["NonlinearHistory", "NonlinearResult"]
@@ -37,8 +47,8 @@ class Start:
     internal: Array  # internal forces, shape (ndofs,)
 
 
-@dataclass(frozen=True, repr=False)
-class NonlinearResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class NonlinearResult(ContactFields):
     """A certified step of a `NonlinearStepper`.
 
     Attributes
@@ -94,9 +104,39 @@ class NonlinearResult:
     def __repr__(self) -> str:
         return (
             f"NonlinearResult(time={self.time:g}, {int((self.mu > 0).sum())} of {self.mu.size} "
-            f"points in contact, det F {self.certificate['det_F_min']:.3g} to "
-            f"{self.certificate['det_F_max']:.3g}, {len(self.history)} iterations)"
+            f"points in contact, {self._volumes}, {len(self.history)} iterations)"
         )
+
+    @property
+    def _volumes(self) -> str:
+        low, high = self.certificate["det_F_min"], self.certificate["det_F_max"]
+        return f"det F {low:.3g} to {high:.3g}"
+
+    @property
+    def _facts(self) -> dict[str, str]:
+        return {"time": f"{self.time:g}", **facts(self), "deformation": self._volumes}
+
+    @cached_property
+    def system(self) -> ContactSystem:
+        """Bodies, rows at their current places, loads and friction."""
+        touch, together = self.touch, self.problem.body
+        for k in np.unique(touch.owner[touch.bonded]):  # whose rows are undeformed
+            own, (one, u) = touch.bonded & (touch.owner == k), self.of_body(int(k))
+            x = touch.x.copy()
+            x[:, own] += one.displacement(u, x[:, own])
+            touch = replace(touch, x=x, x_nominal=x)
+        law = "coulomb" if np.any(touch.friction > 0) else None
+        return ContactSystem(together, touch, self.load, law, touch.friction)
+
+    @property
+    def method(self) -> str:
+        """Of solving: "newton"."""
+        return "newton"
+
+    @property
+    def kkt(self) -> dict[str, float]:
+        """The relative residuals of the certificate, by name."""
+        return {name: self.certificate[name] for name in ("balance", "contact", "support")}
 
     @property
     def end(self) -> Start:
@@ -104,10 +144,35 @@ class NonlinearResult:
         touch, internal = self.touch, self.internal
         return Start(self.time, self.u, self.mu, self.t, self.states, touch, internal)
 
-    @property
-    def x(self) -> Array:
-        """Current places of the contact points, shape (dim, m)."""
-        return self.touch.x
+    def __getitem__(self, body: Any) -> DeformedBody:
+        """The part of the result that belongs to one body.
+
+        Parameters
+        ----------
+        body : body, int or str
+            A body of the problem, its number, or its name.
+
+        Raises
+        ------
+        InputError
+            No such body.
+        """
+        k, last = self.problem.body.number_of(body), self.before
+        one, u = self.of_body(body)
+        return DeformedBody(one, u, self.states[k], last.states[k], self.time - last.time)
+
+    def moved_mesh(self, k: int) -> Any:
+        """Mesh of body k with its vertices at their current places.
+
+        Parameters
+        ----------
+        k : int
+
+        Returns
+        -------
+        Mesh
+        """
+        return self[k].mesh
 
     @property
     def area(self) -> Array:
@@ -120,35 +185,19 @@ class NonlinearResult:
         return self.touch.gap
 
     @property
-    def pressure(self) -> Array:
-        """Contact pressure, shape (m,)."""
-        return self.mu / self.touch.area
+    def slip(self) -> Array:
+        """Tangential displacement relative to the obstacle in this step, shape (m, dim - 1)."""
+        return self.touch.slip
 
     @property
-    def shear(self) -> Array:
-        """Friction tractions along the tangents, shape (m, dim - 1)."""
-        return np.asarray(self.t / self.touch.area[:, None])
-
-    @property
-    def status(self) -> NDArray[np.int64]:
+    def status(self) -> NDArray[np.int8]:
         """`Status` of each contact point, shape (m,)."""
         size = np.linalg.norm(self.t, axis=1)
         bound = self.touch.friction * self.mu
         slips = size >= bound * (1 - 1e-9)
         found = np.where(slips, int(Status.SLIP), int(Status.STICK))
         found = np.where(self.mu > 0, found, int(Status.OPEN))
-        return np.where(self.touch.bonded, int(Status.BONDED), found)
-
-    @property
-    def resultant(self) -> Array:
-        """Force of contact on the first body, shape (dim,)."""
-        body = self.problem.body
-        return -_total(body.bodies[0], self._contact[body.slices[0]])
-
-    @property
-    def _contact(self) -> Array:
-        """Contact forces on all dofs, with the opposite sign."""
-        return np.asarray(self.touch.G.T @ self.mu + self.touch.T.T @ self.t.ravel())
+        return np.where(self.touch.bonded, int(Status.BONDED), found).astype(np.int8)
 
     def reaction(self, boundary: Any, body: Any = None) -> Array:
         """Force of the supports on a boundary, shape (dim,).
@@ -173,7 +222,7 @@ class NonlinearResult:
             raise InputError("body: there are several; say which")
         k = 0 if body is None else together.number_of(body)
         one, own = together.bodies[k], together.slices[k]
-        forces = (self.internal - self.load + self._contact)[own]
+        forces = (self.internal - self.load + self.contact_forces + self.tie_forces)[own]
         dofs = one.basis.get_dofs(one.facets(boundary)).all()
         return _total(one, np.where(np.isin(np.arange(forces.size), dofs), forces, 0.0))
 
@@ -198,42 +247,38 @@ class NonlinearResult:
         k = 0 if body is None else together.number_of(body)
         return together.bodies[k], self.u[together.slices[k]]
 
-    def to_pyvista(self, body: Any = None, subdivide: int | None = None) -> Any:
-        """A body on its deformed shape as pyvista.UnstructuredGrid, with u and det F.
+    def to_pyvista(self, subdivide: int | None = None) -> Any:
+        """The body on its deformed shape: displacement, stress, det F, states; or all bodies.
 
         Parameters
         ----------
-        body : body, str or int, optional
-            Which one, if the problem has several.
         subdivide : int, optional
             Linear sub-cells along an edge instead of exact cells of high order.
 
         Returns
         -------
-        pyvista.UnstructuredGrid
+        pyvista.UnstructuredGrid or pyvista.MultiBlock
+            Of several bodies and their contact surfaces the blocks of `ContactResult.to_pyvista`;
+            ``result[body].to_pyvista()`` is one of them.
 
         Raises
         ------
         MissingDependency
             Without pyvista.
         """
-        one, u = self.of_body(body)
-        cell = {}
-        if isinstance(one, NonlinearBody):
-            J = np.linalg.det(np.moveaxis(one.deformation_gradient(u), (0, 1), (-2, -1)))
-            cell["det_F"] = J.mean(axis=1)
-            states = self.states[self.problem.body.number_of(one)]
-            cell |= {n: v.mean(axis=-1) for n, v in states.items() if v.ndim == 2}
-        grid = to_pyvista(one.basis, {"displacement": u}, subdivide=subdivide, cell_data=cell)
-        grid.points = np.asarray(grid.points) + np.asarray(grid.point_data["displacement"])
-        return grid
+        if len(self.problem.body.bodies) > 1:
+            return next(block_sets([self], subdivide))
+        return self[0].to_pyvista(subdivide)
 
-    def plot(self, ax: Any = None) -> Any:
-        """Deformed bodies in the plane, coloured by displacement, with the contact points.
+    def plot(self, ax: Any = None, colour: str = "displacement") -> Any:
+        """Deformed bodies in the plane in colours, with the points in contact.
 
         Parameters
         ----------
         ax : matplotlib axes, optional
+        colour : str
+            "displacement", its size; or the mean of each cell of "von_mises", "det_F" or a scalar
+            state by its name, such as "alpha".
 
         Returns
         -------
@@ -242,34 +287,37 @@ class NonlinearResult:
         Raises
         ------
         InputError
-            Bodies in space; use `to_pyvista`.
+            Bodies in space, for which there is `to_pyvista`, or no such quantity.
         """
-        from contact.output.pictures import axes_of, scale_colours
-
         if self.problem.body.dim != 2:
             raise InputError("plot: bodies in space are drawn by to_pyvista()")
         ax = axes_of(ax)
-        parts = [_draw(ax, *self.of_body(one)) for one in self.problem.body.bodies]
-        scale_colours(ax, parts, "displacement")
+        parts = [_draw(ax, one, colour) for one in drawn_bodies(self)]
+        filled = [part for part in parts if part is not None]
+        if not filled:
+            known = sorted({name for one in drawn_bodies(self) for name in one.scalars})
+            raise InputError(f"colour={colour!r}: expected displacement, or one of {known}")
+        scale_colours(ax, filled, colour)
         ax.scatter(*self.x[:, self.mu > 0], c="#d1495b", s=9, zorder=3)
         ax.set_aspect("equal")
         ax.autoscale_view()
         return ax
 
 
-def _draw(ax: Any, body: Any, u: Array) -> Any:
-    """Cells of a body, filled by the size of the displacement, and its edges as the element bends
-    them; the filled cells."""
-    from matplotlib.collections import LineCollection
+def _draw(ax: Any, one: DeformedBody, colour: str) -> Any:
+    """A deformed body: its colours, which are returned or None, and its edges as they bend."""
+    from matplotlib.collections import LineCollection, PolyCollection
 
-    from contact.output.pictures import deformed_edges, triangulated
-
-    drawn: Any = SimpleNamespace(body=body, u=u)
-    x, moved, triangles = triangulated(drawn, 4, False)
-    place, size = x + moved, np.linalg.norm(moved, axis=1)
-    filled = ax.tripcolor(*place.T, triangles, size, shading="gouraud", cmap="viridis")
+    filled = None
+    if colour == "displacement":
+        x, moved, triangles = triangulated(one, 4, False)
+        place, size = x + moved, np.linalg.norm(moved, axis=1)
+        filled = ax.tripcolor(*place.T, triangles, size, shading="gouraud", cmap="viridis")
+    elif (values := one.scalars.get(colour)) is not None:
+        filled = PolyCollection(cell_outlines(one), array=values, cmap="viridis")
+        ax.add_collection(filled)
     for outline, width in ((False, 0.3), (True, 1.2)):
-        edges = deformed_edges(drawn, 1.0, outline)
+        edges = deformed_edges(one, 1.0, outline)
         ax.add_collection(LineCollection(edges, colors="#202020", linewidths=width))
     return filled
 
@@ -280,9 +328,9 @@ def _total(body: Any, forces: Array) -> Array:
     return np.asarray(each.sum(axis=0))
 
 
-@dataclass(frozen=True)
-class NonlinearHistory:
-    """The finished steps of a `NonlinearStepper`.
+@dataclass(frozen=True, eq=False, repr=False)
+class NonlinearHistory(StepHistory[NonlinearResult]):
+    """The finished steps of a `NonlinearStepper`: a sequence of results, and their times.
 
     Attributes
     ----------
@@ -294,23 +342,6 @@ class NonlinearHistory:
     >>> len(NonlinearHistory(np.zeros(0), ()))
     0
     """
-
-    times: Array
-    results: tuple[NonlinearResult, ...]
-
-    def __len__(self) -> int:
-        return len(self.results)
-
-    def __iter__(self) -> Iterator[NonlinearResult]:
-        return iter(self.results)
-
-    def __getitem__(self, place: int) -> NonlinearResult:
-        """The result of one step, counted from zero."""
-        return self.results[place]
-
-    def __repr__(self) -> str:
-        last = f"; the last: {self.results[-1]!r}" if self.results else ""
-        return f"NonlinearHistory({len(self)} steps{last})"
 
     def curve(self, boundary: Any, body: Any = None) -> Array:
         """Force of the supports on a boundary in each step, shape (n, dim).
@@ -325,42 +356,6 @@ class NonlinearHistory:
         ndarray
         """
         return np.array([one.reaction(boundary, body) for one in self.results])
-
-    def to_vtk(self, path: str | Path, subdivide: int | None = None) -> list[Path]:
-        """Write the deformed bodies of all steps, and ``history.pvd`` with their times.
-
-        Parameters
-        ----------
-        path : str or Path
-            A folder, made if needed.
-        subdivide : int, optional
-            As for `NonlinearResult.to_pyvista`.
-
-        Returns
-        -------
-        list of Path
-            The files of the steps.
-
-        Raises
-        ------
-        MissingDependency
-            Without pyvista.
-        """
-        pyvista = optional("pyvista", "VTK export needs pyvista: pip install 'pyvista>=0.47'")
-        folder, written, lines = Path(path), list[Path](), list[str]()
-        folder.mkdir(parents=True, exist_ok=True)
-        for number, result in enumerate(self.results):
-            blocks = pyvista.MultiBlock()
-            for k, one in enumerate(result.problem.body.bodies):
-                blocks.append(result.to_pyvista(one, subdivide), one.name or f"body {k}")
-            written.append(folder / f"step_{number:05d}.vtm")
-            blocks.save(written[-1])
-            lines.append(f'<DataSet timestep="{result.time!r}" file="{written[-1].name}"/>')
-        text = (
-            '<VTKFile type="Collection" version="0.1"><Collection>\n{}\n</Collection></VTKFile>\n'
-        )
-        (folder / "history.pvd").write_text(text.format("\n".join(lines)))
-        return written
 
     def animate(self, path: str | Path, fps: int = 10) -> Path:
         """Write an animation of bodies in the plane.
@@ -405,12 +400,8 @@ class NonlinearHistory:
 
 def _frame(results: Sequence[NonlinearResult]) -> tuple[Array, Array]:
     """Lower and upper limits of all deformed bodies, with some room."""
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for result in results:
-        for one in result.problem.body.bodies:
-            _, u = result.of_body(one)
-            corners = one.basis.nodal_dofs[: one.dim]
-            x = one.mesh.p[:, : corners.shape[1]] + u[corners]
-            low, high = np.minimum(low, x.min(axis=1)), np.maximum(high, x.max(axis=1))
+    meshes = [one.mesh for result in results for one in drawn_bodies(result)]
+    low = np.min([mesh.p.min(axis=1) for mesh in meshes], axis=0)
+    high = np.max([mesh.p.max(axis=1) for mesh in meshes], axis=0)
     room = 0.05 * (high - low).max()
     return low - room, high + room

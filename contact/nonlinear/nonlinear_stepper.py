@@ -15,8 +15,9 @@ from scipy import sparse
 
 from contact.body.several_bodies import Bodies
 from contact.errors import InputError, NotConverged
-from contact.histories.load_history import as_path, checked_times
+from contact.histories.load_history import checked_times
 from contact.histories.load_program import LoadProgram
+from contact.histories.step_history import as_path
 from contact.laws.iteration import Iteration
 from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
 from contact.nonlinear.cell_forces import cofactor, det
@@ -121,7 +122,7 @@ class NonlinearStepper(LoadProgram):
     def _read_sides(self) -> tuple[list[tuple[int, RigidSide]], list[ElasticSides]]:
         """Sides opposite rigid obstacles with their numbers, and pairs of bodies, then ties."""
         problem, body = self.problem, self.problem.body
-        total, given = body.slices[-1].stop, problem.given_friction
+        given = problem.given_friction
         if problem.functional is not None or any(
             pair.functional is not None and not pair.two_bodies for pair in problem.pairs
         ):
@@ -136,7 +137,7 @@ class NonlinearStepper(LoadProgram):
             for one in problem.opposite if several else [problem.opposite]:
                 checked_obstacle(one)
             return [
-                (k, RigidSide(body, place, f, 0, total))
+                (k, RigidSide(body, 0, place, f, k))
                 for k, (place, f) in enumerate(zip(places, each, strict=True))
             ], []
         rigid, free, tied = [], list[Any](), list[Any]()
@@ -147,19 +148,19 @@ class NonlinearStepper(LoadProgram):
                         "clearance: in large strain the gap is that between the meshes where the "
                         "bodies are; leave clearance out"
                     )
-                (tied if problem.rows.ties[problem.rows.part == k].any() else free).append(pair)
+                (tied if problem.rows.ties[problem.rows.part == k].any() else free).append(
+                    (k, pair)
+                )
                 continue
             checked_obstacle(pair.opposite)
-            number = body.number_of(pair.body)
-            start = body.slices[number].start
-            own = pair.friction if given is None else given
-            rigid.append((k, RigidSide(pair.body, pair.boundary, own, start, total)))
+            own, number = pair.friction if given is None else given, body.number_of(pair.body)
+            rigid.append((k, RigidSide(body, number, pair.boundary, own, k)))
         if given is not None:
             finite_number("friction", given)
-            free = [replace(pair, friction=given) for pair in free]
+            free = [(k, replace(pair, friction=given)) for k, pair in free]
         together = body if isinstance(body, Bodies) else Bodies([body])
-        sides = [ElasticSides(Interfaces.of(together, part)) for part in (free, tied) if part]
-        return rigid, sides
+        each = [tuple(zip(*part, strict=True)) for part in (free, tied) if part]
+        return rigid, [ElasticSides(Interfaces.of(together, p), list(k)) for k, p in each]
 
     def _bodies(self) -> list[tuple[Any, slice]]:
         return list(zip(self.problem.body.bodies, self.problem.body.slices, strict=True))

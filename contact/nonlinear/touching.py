@@ -13,7 +13,7 @@ P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,8 @@ from contact.nonlinear.cell_forces import cofactor, with_unit
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import motion_between, said_motion, unknown_motion
 from contact.rows.contact_boundaries import friction_values
+from contact.rows.contact_boundaries import joined as rows_joined
+from contact.rows.contact_rows import ContactRows
 from contact.rows.frames import by_point, scaled, tangent_frame
 from contact.rows.interfaces import Interfaces
 from contact.rows.outline import hats
@@ -35,31 +37,34 @@ Index = NDArray[np.int64]
 Csr = sparse.csr_array
 
 
-@dataclass(frozen=True)
-class Touch:
-    """Rows of m contact points at a displacement, on the dofs of all bodies."""
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Touch(ContactRows):
+    """Rows of m contact points at a displacement, on the dofs of all bodies.
+    Gap, places and normals are current ones; weights are current areas, between bodies undeformed
+    ones; tangents are those of the rows."""
 
-    G: Csr  # normal displacement, shape (m, ndofs)
-    T: Csr  # tangential, shape (m * (dim - 1), ndofs)
-    gap: Array  # at this displacement, (m,)
     slip: Array  # relative to the obstacle since the last step, (m, dim - 1)
     tilted: Csr  # derivative of the normal displacement by the change of G, as G
     turned: Csr  # derivative of `slip` by the change of T, as T
     force: Csr  # derivative of G^T mu + T^T t at fixed mu and t, (ndofs, ndofs)
     friction: Array  # coefficients, (m,)
-    bonded: NDArray[np.bool_]  # tied points, (m,)
-    area: Array  # current one, undeformed between bodies, (m,)
-    x: Array  # current places, (dim, m)
-    normals: Array  # unit normals out of the body, (dim, m)
-    tangents: Array  # (dim, dim - 1, m)
+
+    @property
+    def area(self) -> Array:
+        """Area of each point, shape (m,)."""
+        return self.weights
 
 
 class RigidSide:
-    """A boundary of one body opposite a rigid obstacle."""
+    """A boundary of body `number` of several opposite a rigid obstacle, boundary `part`."""
 
-    def __init__(self, body: Any, boundary: Any, friction: Any, start: int, total: int) -> None:
+    def __init__(
+        self, bodies: Any, number: int, boundary: Any, friction: Any, part: int = 0
+    ) -> None:
+        body, self._own = bodies.bodies[number], bodies.slices[number]
         facets, mesh = body.whole_facets(boundary), body.mesh
-        self.body, self._own, self._total = body, slice(start, start + body.ndofs), total
+        self.body, self._total = body, bodies.slices[-1].stop
+        self._number, self._part = number, part
         order = 2 * body.element.maxdeg + 2
         scalar = facet_basis(mesh, body.element, facets, intorder=order, dofs=body.scalar_dofs)
         element, dofs = body.basis.elem, body.basis.dofs
@@ -72,20 +77,20 @@ class RigidSide:
         self.weights = np.asarray(self._share.sum(axis=1)).ravel()
         if body.are_values.all() and self.weights.min() > 1e-6 * self.weights.max():
             self._X = body.basis.doflocs[:, body.dim * touched]
-            rows = sparse.eye_array(touched.size, format="csr")
+            rows, self._functional = sparse.eye_array(touched.size, format="csr"), "nodal"
             self.mean, trace = (
                 Csr(rows),
                 Csr(sparse.eye_array(trace.shape[1], format="csr")[touched]),
             )
         else:
-            self._X = x.reshape(body.dim, -1)
+            self._X, self._functional = x.reshape(body.dim, -1), "hat"
             self._share = _hats(mesh.facets[:, facets], scalar, dA)
             self.weights = np.asarray(self._share.sum(axis=1)).ravel()
             self.mean = scaled(1.0 / self.weights, self._share)
         columns = [
             self._own.start + body.dim * np.arange(trace.shape[1]) + c for c in range(body.dim)
         ]
-        shape = trace.shape[0], total
+        shape = trace.shape[0], self._total
         self._phi = [
             Csr((trace.data, at[trace.indices], trace.indptr), shape=shape) for at in columns
         ]
@@ -115,23 +120,30 @@ class RigidSide:
         ]  # d tau / d y_i . slip
         at_points = self.mean.T @ np.column_stack((mu, t))
         stiff = np.einsum("ikcq,qk->ciq", turn, at_points)
-        mean_normal = self.mean_of(frames[0])
-        mean_normal /= np.linalg.norm(mean_normal, axis=0)
         slips = np.stack([self.mean @ (frames[k] * slip).sum(axis=0) for k in range(1, dim)], 1)
+        means = np.array([self.mean_of(frame) for frame in frames])
+        stretched = self._stretched(u)
+        outward = stretched @ self._share.T
+        m, x = len(mu), self.mean_of(y)
         return Touch(
-            G,
-            by_point(T),
-            np.asarray(self.mean @ gap),
-            slips,
-            Csr(G.shape),
-            by_point(turned),
-            self._force(stiff),
-            self.friction,
-            np.zeros(len(mu), dtype=bool),
-            np.asarray(self._share @ self._stretch(u)),
-            self.mean_of(y),
-            mean_normal,
-            tangent_frame(mean_normal),
+            G=G,
+            T=by_point(T),
+            gap=np.asarray(self.mean @ gap),
+            weights=np.linalg.norm(stretched, axis=0) @ self._share.T,
+            x=x,
+            x_nominal=x,
+            normals=outward / np.linalg.norm(outward, axis=0),
+            tangents=(means[1:] / np.linalg.norm(means[1:], axis=1)[:, None]).transpose(1, 0, 2),
+            functional=self._functional,
+            part=np.full(m, self._part),
+            bonded=np.zeros(m, dtype=bool),
+            owner=np.full(m, self._number),
+            axes=means.transpose(2, 0, 1),
+            slip=slips,
+            tilted=Csr(G.shape),
+            turned=by_point(turned),
+            force=self._force(stiff),
+            friction=self.friction,
         )
 
     def _rows(self, directions: Array) -> Csr:
@@ -148,14 +160,14 @@ class RigidSide:
                     total = total + phi.T @ scaled(stiff[c, i], other)
         return Csr(total)
 
-    def _stretch(self, u: Array) -> Array:
-        """Current over undeformed area at the points of the facets."""
+    def _stretched(self, u: Array) -> Array:
+        """Outward normals of the current facets, as long as current over undeformed area."""
         basis, body = self._whole, self.body
         field, x = basis.interpolate(u[self._own]), np.asarray(basis.global_coordinates())
         F = with_unit(body.in_space(field, x))
-        normals = np.asarray(basis.normals)
-        along = np.einsum("ij...,j...->i...", cofactor(F)[:, : len(normals)], normals)
-        return np.asarray(np.linalg.norm(along, axis=0)).ravel()
+        N = np.asarray(basis.normals)
+        along = np.einsum("ij...,j...->i...", cofactor(F)[:, : len(N)], N)
+        return np.asarray(along[: body.dim].reshape(body.dim, -1))
 
     def _travel(self, before: Any, now: Any, said: Any, y: Array) -> Array:
         """Displacement of the obstacle's surface since the last step at places y."""
@@ -237,8 +249,8 @@ def checked_obstacle(obstacle: Any) -> Any:
 class ElasticSides:
     """The pairs of deformable bodies of a problem, projected anew at each displacement."""
 
-    def __init__(self, interfaces: Interfaces) -> None:
-        self._interfaces = interfaces
+    def __init__(self, interfaces: Interfaces, parts: list[int]) -> None:
+        self._interfaces, self._parts = interfaces, np.array(parts)
 
     def at(self, u: Array, last: Array, forces: tuple[Array, Array]) -> Touch:
         """Rows at u; derivatives are zero if `forces` are those of fewer points."""
@@ -252,20 +264,15 @@ class ElasticSides:
             if change is not None:
                 tilted, turned, force = change.normal, change.tangential, change.force
         since = np.where(np.repeat(ties, dim - 1), rows.T @ u, rows.T @ (u - last))
+        own = {f.name: getattr(rows, f.name) for f in fields(ContactRows)}
+        own |= {"gap": rows.gap - rows.G @ u, "part": self._parts[rows.part], "bonded": ties}
         return Touch(
-            rows.G,
-            rows.T,
-            rows.gap - rows.G @ u,
-            since.reshape(m, dim - 1),
-            tilted,
-            turned,
-            force,
-            here.friction(None),
-            ties,
-            rows.weights,
-            rows.x,
-            rows.normals,
-            rows.tangents,
+            **own,
+            slip=since.reshape(m, dim - 1),
+            tilted=tilted,
+            turned=turned,
+            force=force,
+            friction=here.friction(None),
         )
 
 
@@ -275,12 +282,8 @@ def joined(parts: list[Touch]) -> Touch:
         return parts[0]
     stacked: dict[str, Any] = {
         name: Csr(sparse.vstack([getattr(p, name) for p in parts], format="csr"))
-        for name in ("G", "T", "tilted", "turned")
-    }
-    last = ("gap", "friction", "bonded", "area", "x", "normals", "tangents")
-    arrays: dict[str, Any] = {
-        name: np.concatenate([getattr(p, name) for p in parts], axis=-1) for name in last
-    }
+        for name in ("tilted", "turned")
+    } | {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("slip", "friction")}
     force = sum((p.force for p in parts[1:]), start=parts[0].force)
-    slip = np.concatenate([p.slip for p in parts])
-    return Touch(**stacked, **arrays, force=Csr(force), slip=slip)
+    part = np.concatenate([p.part for p in parts])
+    return replace(rows_joined(parts), **stacked, force=Csr(force), part=part)

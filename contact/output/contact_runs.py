@@ -31,13 +31,13 @@ class Run:
     closed: bool  # the first point follows the last one
 
 
-def arc_length(result: Drawn) -> tuple[Array, Index]:
+def arc_length(result: Drawn, runs: list[Run] | None = None) -> tuple[Array, Index]:
     """Arc length of each contact point along the boundary (2-D), and its connected run, (m,).
     Measured from the start of the boundary; each run continues the lengths of the one before, a
     closed one starts at the facet of its first point."""
     s, number = np.zeros(result.mu.size), np.zeros(result.mu.size, dtype=np.int64)
     begin = 0.0
-    for k, run in enumerate(contact_runs(result)):
+    for k, run in enumerate(contact_runs(result) if runs is None else runs):
         s[run.points], number[run.points] = begin + run.s, k
         begin += run.length
     return s, number
@@ -75,15 +75,15 @@ def _runs_of_arc(result: Drawn, here: Index) -> list[Run]:
 def _runs_of_facets(result: Drawn, here: Index) -> list[Run]:
     x, nominal, rows = result.x[:, here], result.x_nominal[:, here], result.system.rows
     own = side(result, here)
-    trace = own.trace
-    vertex = _vertices(trace, own.G) if "centroid" in rows.functional else None
-    lines = _lines(trace.mesh, nominal, rows.normals[:, here], vertex)
+    vertex = _vertices(own.trace, own.G) if "centroid" in rows.functional else None
+    lines = _lines(own.mesh, nominal, rows.normals[:, here], vertex)
     nearest = np.argmin([line.project(nominal)[1] for line in lines], axis=0)
     runs = []
     for j in dict.fromkeys(nearest.tolist()):  # in the order of the contact points
         mine, line = np.flatnonzero(nearest == j), lines[j]
         s = line.along(x[:, mine], nominal[:, mine])
-        runs.append(Run(here[mine], s, line.length, line.closed))
+        order = np.argsort(line.along(*(nominal[:, mine],) * 2), kind="stable")
+        runs.append(Run(here[mine[order]], s[order], line.length, line.closed))
     return runs
 
 

@@ -56,6 +56,9 @@ class DrawnBody(Protocol):
     def cell_stress(self) -> Array:
         """Mean stress of each cell, shape (3, 3, ncells)."""
 
+    def on_grid(self, grid: Any) -> Any:
+        """The grid of the body, with what a result adds to it."""
+
 
 class Drawn(DrawnBody, Protocol):
     """A displacement, and fields at the m contact points of its body."""
@@ -118,6 +121,7 @@ class Side:
     """The body on whose boundary contact points lie."""
 
     body: Any
+    mesh: Any  # where it is drawn: of large strain the deformed one
     G: sparse.csr_array  # rows of the normal displacement, columns of this body, shape (n, ndofs)
 
     @property
@@ -130,7 +134,13 @@ def side(result: Drawn, points: Index) -> Side:
     """The side of points of one contact boundary, which carries the multipliers."""
     rows, body = result.system.rows, result.system.body
     k = int(rows.owner[points[0]]) if rows.owner.size else 0
-    return Side(body.bodies[k], rows.G[points][:, body.slices[k]])
+    return Side(body.bodies[k], drawn_mesh(result, k), rows.G[points][:, body.slices[k]])
+
+
+def drawn_mesh(result: Drawn, k: int) -> Any:
+    """Mesh of body k on which its contact points lie: of large strain the deformed one."""
+    moved = getattr(result, "moved_mesh", None)
+    return result.system.body.bodies[k].trace.mesh if moved is None else moved(k)
 
 
 def pair_name(result: Drawn, k: int) -> str:
@@ -156,13 +166,11 @@ def is_elastic(result: Drawn, points: Index) -> bool:
     return bool(np.abs(moved).max() <= 1e-12 * np.abs(axes).max())
 
 
-def drawn_bodies(result: DrawnBody) -> list[Any]:
-    """The part of a result in each of its bodies; the result itself if there is one only."""
-    system = getattr(result, "system", None)
-    if system is None or len(system.body.bodies) == 1:
+def drawn_bodies(result: Any) -> list[Any]:
+    """The part of a result, or of a part, in each of its bodies."""
+    if not hasattr(result, "__getitem__"):
         return [meshed(result)]
-    several: Any = result
-    return [meshed(several[k]) for k in range(len(system.body.bodies))]
+    return [meshed(result[k]) for k in range(len(result.system.body.bodies))]
 
 
 def meshed(one: Any) -> Any:

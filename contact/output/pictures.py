@@ -13,7 +13,7 @@ from contact.body.cut_body import CutBody
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
 from contact.laws.status import Status
-from contact.output.drawn import Drawn, DrawnBody, drawn_bodies
+from contact.output.drawn import Drawn, DrawnBody, drawn_bodies, drawn_mesh
 from contact.output.vtk import body_grid
 from skfem_adini import to_pyvista
 
@@ -51,6 +51,12 @@ def deformed_cells(one: DrawnBody, magnification: float) -> tuple[list[Array], A
     if isinstance(body, CutBody):
         x = np.asarray(grid.points) + magnification * np.asarray(grid.point_data["displacement"])
         return [x[corners, :2] for corners in _polygons(grid)], stress
+    return cell_outlines(one, magnification), stress
+
+
+def cell_outlines(one: DrawnBody, magnification: float = 1.0) -> list[Array]:
+    """Outline of each deformed cell of a body in 2-D on a fitted mesh, as the element bends it."""
+    body = one.body
     corners, s = body.mesh.elem.refdom.p, np.arange(4) / 4  # cyclic, and parts of an edge
     around = zip(corners.T, np.roll(corners, -1, axis=1).T, strict=True)
     X = np.hstack([a[:, None] + (b - a)[:, None] * s for a, b in around])
@@ -58,7 +64,7 @@ def deformed_cells(one: DrawnBody, magnification: float) -> tuple[list[Array], A
     x = np.asarray(basis.global_coordinates()) + magnification * np.asarray(
         basis.interpolate(one.u)
     )
-    return list(x.transpose(1, 2, 0)), stress
+    return list(x.transpose(1, 2, 0))
 
 
 def deformed_edges(one: DrawnBody, magnification: float, outline: bool) -> list[Array]:
@@ -77,7 +83,7 @@ def deformed_edges(one: DrawnBody, magnification: float, outline: bool) -> list[
 
 def pressed_faces(result: Drawn, k: int, tied: bool = False) -> tuple[Index, Array]:
     """Facets of body k in 3-D that its contact, or tied, points lie on; mean pressure of each."""
-    rows, mesh = result.system.rows, result.system.body.bodies[k].trace.mesh
+    rows, mesh = result.system.rows, drawn_mesh(result, k)
     own = (rows.ties == tied) & (rows.owner == k if rows.owner.size else True)
     nominal, normals = rows.x_nominal[:, own], rows.normals[:, own]
     values = (result.tie_pressure if tied else result.pressure)[own]

@@ -32,6 +32,21 @@ def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
     if given is not None and (given.shape != () or not 1 <= given < np.inf or given % 1):
         raise InputError(f"subdivide={subdivide!r}: expected a whole number from 1")
     result = meshed(result)
+    body = result.body
+    cell_data, point_data = _stresses(result) if getattr(result, "knows_stress", True) else ({}, {})
+    cut = isinstance(body, CutBody)
+    grid = to_pyvista(
+        body.basis,
+        {"displacement": result.u},
+        subdivide=4 if cut and subdivide is None else subdivide,
+        point_data=point_data,
+        cell_data=cell_data,
+    )
+    return result.on_grid(body.clipped(grid) if cut else grid)
+
+
+def _stresses(result: DrawnBody) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Mean stresses of the cells and stresses at the vertices, by name."""
     body, cell, nodal = result.body, result.cell_stress(), result.nodal_stress()
     pairs = [(0, 0), (1, 1), (0, 1)] if body.dim == 2 else [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2)]
     pairs += [] if body.dim == 2 else [(0, 2)]
@@ -40,15 +55,7 @@ def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
     cell_data |= {f"stress_{'xyz'[i]}{'xyz'[j]}": cell[i, j] for i, j in pairs}
     if body.is_ring:
         cell_data["stress_hoop"] = cell[2, 2]
-    cut = isinstance(body, CutBody)
-    grid = to_pyvista(
-        body.basis,
-        {"displacement": result.u},
-        subdivide=4 if cut and subdivide is None else subdivide,
-        point_data={"nodal_stress": nodal, "nodal_von_mises": von_mises(nodal)},
-        cell_data=cell_data,
-    )
-    return body.clipped(grid) if cut else grid
+    return cell_data, {"nodal_stress": nodal, "nodal_von_mises": von_mises(nodal)}
 
 
 def boundary_grid(result: Drawn) -> Any:
@@ -63,7 +70,7 @@ def boundary_grids(results: Iterable[Drawn]) -> Iterator[Any]:
         yield _grid(result.system.rows.x, runs, _fields(result))
 
 
-def block_sets(results: Iterable[Drawn], subdivide: int | None = None) -> Iterator[Any]:
+def block_sets(results: Iterable[Any], subdivide: int | None = None) -> Iterator[Any]:
     """Bodies and contact surfaces of several results, a pyvista.MultiBlock each.
     Blocks: bodies by name, "contact 0" or "tie 0" as `boundary_grid`, and "contact 0 opposite": the
     points moved by the gap onto the other body, with its normals and tractions."""

@@ -218,6 +218,10 @@ class BodyFields:
         """
         return body_grid(self, subdivide)
 
+    def on_grid(self, grid: Any) -> Any:
+        """The grid of the body, to which nothing is added."""
+        return grid
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BodyResult(BodyFields):
@@ -275,6 +279,8 @@ class BodyResult(BodyFields):
 
 
 if TYPE_CHECKING:
+    from skfem import Mesh
+
     from contact.body.elastic_body import ElasticBody
 
 
@@ -287,6 +293,12 @@ def nodal_stress(body: ElasticBody, u: Array) -> Array:
     mesh, size = body.mesh, body.measure.sum(axis=1)
     X = np.repeat(mesh.elem.refdom.p[:, None], mesh.nelements, axis=1)
     at = _full(body, _stress_at(body, u, X), body.thermal_strain_in(X))
+    return vertex_means(mesh, at, size)
+
+
+def vertex_means(mesh: Mesh, at: Array, size: Array) -> Array:
+    """Means (3, 3, nvertices) over the cells around each vertex, of values (3, 3, ncells, ncorners)
+    weighted by the sizes of the cells."""
     total, share = np.zeros((mesh.nvertices, 3, 3)), np.zeros(mesh.nvertices)
     for corner, vertices in enumerate(mesh.t):
         np.add.at(total, vertices, (at[..., corner] * size).transpose(2, 0, 1))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy
@@ -49,6 +49,7 @@ from contact.rows.tool_rows import BoundaryPoints
 from skfem_adini.ground.arguments import evaluated
 
 Array = NDArray[np.float64]
+Rows = TypeVar("Rows", bound=ContactRows)
 _NONE = np.zeros(0, dtype=np.int64)
 # Axis of the contact points in each array of `ContactRows`.
 _AXES = {
@@ -321,7 +322,7 @@ def friction_values(friction: Any, x: Array) -> Array:
     return np.broadcast_to(value, x.shape[1:]).copy()
 
 
-def joined(parts: list[ContactRows]) -> ContactRows:
+def joined(parts: list[Rows]) -> Rows:
     """Concatenate the rows of several boundaries."""
     names, first = dict.fromkeys(rows.functional for rows in parts), parts[0]
     tied = any(rows.bonded.size for rows in parts)

@@ -21,7 +21,8 @@ from contact.output.archive import (
 )
 from contact.output.pictures import axes_of, scale_colours
 from contact.result.certify import as_lines
-from contact.result.contact_result import ContactResult, as_text, counts
+from contact.result.contact_fields import as_text, counts
+from contact.result.contact_result import ContactResult
 from contact.result.stored_result import problem_arrays, rebuild, state_arrays
 from contact.thermal.conduction import temperature_at
 from contact.thermal.film import Film

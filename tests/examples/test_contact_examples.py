@@ -68,6 +68,28 @@ def test_rubber(run):
     assert found.forces[0.4] > 1.2 * found.exact  # friction resists bulging
 
 
+@pytest.mark.slow
+def test_hardness(run):
+    """D. Tabor, The Hardness of Metals, 1951: three times the yield stress once all of it flows."""
+    found = run("hardness", files=["hardness.png"])
+    flows = found.a > 0.075  # E a / (Y R) above 75
+    assert flows.sum() >= 4
+    assert found.hardness[flows].min() >= 2.8
+    assert found.hardness[flows].max() <= 3.1
+    assert np.all(np.diff(found.a) > 0)
+
+
+@pytest.mark.slow
+def test_press_fit(run):
+    """First order in the size of cells, from above: the pressure hot, and the one that is left."""
+    errors = []
+    for cells in (6, 12):
+        found = run("press_fit", "--cells", str(cells), files=["press_fit.png"])
+        errors.append((found.pressure[4] / found.peak - 1, found.pressure[-1] / found.left - 1))
+    assert 0 < max(errors[1]) <= 2e-3
+    assert np.all(np.array(errors[1]) <= 0.5 * np.array(errors[0]))
+
+
 def test_ironing(run, example):
     """Full slip to and fro, and energy that balances up to the rule for integrals."""
     script = example("ironing")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from rubber_blocks import FAR, alone
-from skfem import ElementQuad1, ElementQuad2, ElementTriP2, MeshQuad
+from skfem import ElementQuad1, ElementQuad2, ElementTriP2, MeshQuad, MeshTri
 
 from contact import (
     ContactProblem,
@@ -57,6 +57,32 @@ def test_thick_walled_tube():
     errors = [error_of(n, 0.4999, ElementQuad1, "mean") for n in (8, 16, 32)]
     assert errors[-1] <= 0.012
     assert abs(np.polyfit(np.log([8, 16, 32]), np.log(errors), 1)[0] + 1) <= 0.05
+
+
+def strip_punch(rings, n=4):
+    """Force of a rough punch of width 2 on a thick layer over k, in steps until all of it flows."""
+    mesh = MeshTri.init_tensor(np.linspace(0, 4, 4 * n + 1), np.linspace(-2.5, 0, 5 * n // 2 + 1))
+    for radius in rings:  # smaller cells around the edge of the punch
+        x, y = mesh.p[:, mesh.t].mean(axis=1)
+        mesh = mesh.refined(np.flatnonzero(np.hypot(x - 1, y) < radius))
+    names = mesh.with_defaults().boundaries
+    punch = mesh.facets_satisfying(lambda x: np.isclose(x[1], 0) & (x[0] < 1), boundaries_only=True)
+    mesh = mesh.with_boundaries({**names, "punch": punch})
+    body = NonlinearBody.from_mesh(mesh, ElementTriP2(), stress=Plasticity(1e5, 0.3, 1.0))
+    body.fix(["left", "right"], "x").fix("bottom", "xy").fix("punch", "xy")
+    depths = 1.25e-5 * np.array([1, 2, 3, 4, 6, 8, 11, 14, 18, 24])
+    return -alone(body).move("punch", "y", -1.0).run(depths).curve("punch")[:, 1] / K
+
+
+@pytest.mark.slow
+def test_strip_punch():
+    """(2 + pi) k, approached from above, as displacements overestimate the load; L. Prandtl, Nachr.
+    Ges. Wiss. Goettingen (1920), 74-85."""
+    coarse, fine = (strip_punch(rings) for rings in ((1.0,), (1.0, 0.5, 0.25)))
+    limit = 2 + np.pi
+    assert abs(fine[-1] - fine[-2]) <= 1e-3 * limit  # it flows
+    assert limit < fine[-1] < coarse[-1]
+    assert fine[-1] <= 1.02 * limit
 
 
 def test_the_state_changes_where_a_step_is_accepted_only():

@@ -93,8 +93,8 @@ def test_a_changed_step_fails_its_certificate(tmp_path):
 def test_files_and_pictures(tmp_path):
     pyvista = pytest.importorskip("pyvista")
     history = stepper_of().run(TIMES[:2])
-    written = history.to_vtk(tmp_path / "vtk", subdivide=1)
-    grid = pyvista.read(written[-1])[0]
+    written = history.to_pvd(tmp_path / "run.pvd", subdivide=1)
+    grid = pyvista.read(tmp_path / "run_0001.vtu")
     result = history.results[-1]
     body, u = result.of_body()
     corners = body.mesh.p + u[body.basis.nodal_dofs]
@@ -102,7 +102,10 @@ def test_files_and_pictures(tmp_path):
     far = np.linalg.norm(there[:, None] - corners.T[None], axis=2).min(axis=1)
     assert far.max() <= 1e-6
     assert {"det_F", "alpha"} <= set(grid.cell_data)
-    assert (tmp_path / "vtk" / "history.pvd").read_text().count("DataSet") == 2
+    assert written.read_text().count("DataSet") == 2
+    line = pyvista.read(tmp_path / "run_boundary_0001.vtp")
+    assert line.n_lines == 1
+    assert np.array_equal(np.asarray(line.points)[:, :2], result.x.T)
     film = history.animate(tmp_path / "film.gif")
     assert film.read_bytes()[:3] == b"GIF"
     in_space = pressed(cube(ElementHex1, RUBBER, n=1), 0.0, 0.1).run([1.0]).results[-1]
