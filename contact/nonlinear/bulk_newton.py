@@ -13,15 +13,16 @@ P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapter 10
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import LinAlgError
+from scipy.linalg import LinAlgError, LinAlgWarning, lu_factor, lu_solve
 from scipy.sparse.linalg import splu
 
 from contact.body.supports import norms
@@ -37,6 +38,7 @@ from contact.nonlinear.touching import Touch
 
 Array = NDArray[np.float64]
 Csr = sparse.csr_array
+Index = NDArray[np.int64]
 ROUNDING = 50 * float(np.finfo(float).eps)  # of sums of some hundred terms
 REACH = 0.05  # gaps beyond this part of the body are taken up once they close
 SINGULAR = 1e-13  # pivots of a matrix with a diagonal of one that are rounding errors
@@ -50,6 +52,7 @@ class Trial(NamedTuple):
     t: Array
     touch: Touch
     internal: Array  # internal forces on all dofs
+    load: Array  # applied forces on all dofs
     support: Array  # prescribed minus present displacement, zero on free dofs
 
 
@@ -57,7 +60,7 @@ class Trial(NamedTuple):
 class StepProblem:
     """One step of the bodies: its loads and supports, and functions of the displacement."""
 
-    load: Array
+    load: Callable[[Array], Array]
     P: Csr  # u = P z + u0
     u0: Array
     picked: Csr  # z = picked^T (u - u0)
@@ -65,8 +68,10 @@ class StepProblem:
     extent: float
     stiffness: float  # largest of the undeformed bodies, a force per length, for rounding errors
     internal: Callable[[Array], Array]
-    tangent: Callable[[Array], Csr]
+    tangent: Callable[[Array], Csr]  # of internal minus applied forces
     touch: Callable[[Array, Array, Array], Touch]
+    order: Index  # free unknowns in an order of little fill
+    kept: Index  # free unknowns that are eliminated last, with row exchanges
     least_volume: Callable[[Array], float]  # smallest det F
 
     def trial(self, u: Array, mu: Array, t: Array, like: Touch | None = None) -> Trial:
@@ -76,17 +81,17 @@ class StepProblem:
             mu, t = carried(touch, like, mu, t)
             touch = self.touch(u, mu, t)
         held = self.P @ (self.picked.T @ (u - self.u0)) + self.u0
-        return Trial(u, mu, t, touch, self.internal(u), held - u)
+        return Trial(u, mu, t, touch, self.internal(u), self.load(u), held - u)
 
     def residuals(self, now: Trial, scale: Array) -> dict[str, float]:
         """Relative residuals beyond rounding errors: balance, contact and friction, supports.
         `scale` (m,) is physical over scaled displacement of each point, see `CondensedContact`."""
         contact = now.touch.G.T @ now.mu + now.touch.T.T @ now.t.ravel()
-        terms = (now.internal, self.load, contact)
+        terms = (now.internal, now.load, contact)
         size = max(float(np.abs(self.P.T @ part / self.lengths).max(initial=0.0)) for part in terms)
         # Forces of supports measure a body that supports alone deform.
         size = max(size, float(np.abs(now.internal).max(initial=0.0)))
-        left = self.load - now.internal - contact
+        left = now.load - now.internal - contact
         off = float(np.abs(self.P.T @ left / self.lengths).max(initial=0.0))
         off -= ROUNDING * self.stiffness * float(np.abs(now.u).max(initial=0.0))
         support = float(np.abs(now.support).max(initial=0.0)) / self.extent
@@ -111,7 +116,9 @@ class StepProblem:
         state = State(None, mu, t, through, touch.slip.T / scale)
         size = max(float(np.abs(part).max(initial=0.0)) for part in (mu, t, np.maximum(through, 0)))
         off = law.violation(state) - ROUNDING * self.extent / float(scale.min())
-        return max(off, 0.0) / (size or 1.0)
+        # However large the forces are, bodies do not penetrate.
+        inside = -float(touch.gap[~touch.bonded].min(initial=0.0)) / self.extent
+        return max(max(off, 0.0) / (size or 1.0), inside - ROUNDING)
 
 
 def solve_step(
@@ -171,6 +178,75 @@ def _shortened(
     return best
 
 
+class BoundaryFactor:
+    """The factors of a matrix with some unknowns last, and the Schur complement S of these.
+
+    The trailing block of L U is S; a shift keeps its pivots from zero, dense factors with row
+    exchanges solve for S itself. All others are eliminated without row exchanges."""
+
+    def __init__(self, A: Csr, order: Index, last: Index) -> None:
+        n, nb = A.shape[0], last.size
+        self._last, inner = last, np.ones(n, dtype=bool)
+        inner[last] = False
+        self._order = np.concatenate((order[inner[order]], last))
+        shift = sparse.diags_array(np.where(inner, 0.0, 1.0))
+        permuted = sparse.csc_array(A + shift)[self._order][:, self._order]
+        if nb and sparse.csgraph.connected_components(permuted, directed=False)[0] > 1:
+            permuted = _linked(permuted, n - nb)
+        try:
+            self._lu = splu(permuted, "NATURAL", diag_pivot_thresh=0.0)
+        except RuntimeError:  # a pivot is zero
+            raise _singular() from None
+        tail = np.arange(n - nb, n)
+        moved = [self._lu.perm_c[tail], self._lu.perm_r[tail]]
+        if not all(np.array_equal(one, tail) for one in moved):
+            raise NotConverged("large strain: SuperLU moved the contact points; report the mesh")
+        U = self._lu.U
+        inside = U.diagonal()[: n - nb]
+        if inside.size and not np.abs(inside).min() >= SINGULAR:
+            raise _singular()
+        if not nb:
+            return
+        self._shifted = (self._lu.L[:, n - nb :][n - nb :] @ U[:, n - nb :][n - nb :]).toarray()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LinAlgWarning)  # singular: the pivots tell
+            self._dense = lu_factor(self._shifted - np.eye(nb), check_finite=False)
+        if not np.abs(np.diag(self._dense[0])).min() >= SINGULAR:
+            raise _singular()
+
+    def compliance(self, loads: Array) -> Array:
+        """Solutions at the last unknowns for loads there, both of shape (nb, k)."""
+        if not self._last.size:
+            return loads
+        return np.asarray(lu_solve(self._dense, loads, check_finite=False))
+
+    def solve(self, load: Array) -> Array:
+        """The solution for one load, shape (n,)."""
+        own, nb = load[self._order], self._last.size
+        if nb:
+            start, mine = load.size - nb, own[load.size - nb :].copy()
+            carried = np.zeros(nb)
+            if np.any(own[:start]):
+                own[start:] = 0.0
+                carried = -self._shifted @ self._lu.solve(own)[start:]
+            own[start:] = self._shifted @ self.compliance(mine - carried) + carried
+        found = np.empty_like(load)
+        found[self._order] = self._lu.solve(own)
+        return found
+
+
+def _linked(A: Any, first: int) -> Any:
+    """A matrix of several parts with zeros that link all unknowns to number `first`, so that
+    SuperLU's order by elimination trees leaves the last unknowns last."""
+    n = A.shape[0]
+    others, at = np.delete(np.arange(n), first), np.full(n - 1, first)
+    place = np.concatenate((others, at)), np.concatenate((at, others))
+    A = A.tocoo()
+    rows, columns = np.concatenate((A.row, place[0])), np.concatenate((A.col, place[1]))
+    data = np.concatenate((A.data, np.zeros(2 * n - 2)))
+    return sparse.csc_array((data, (rows, columns)), shape=A.shape)
+
+
 class Linearised:
     """The linear equations of an iterate, condensed onto the contact points."""
 
@@ -181,7 +257,7 @@ class Linearised:
         size = np.sqrt(np.abs(A.diagonal()))
         unit = sparse.diags_array(1.0 / np.where(size > 0, size, 1.0))
         self._P = Csr(step.P @ unit)  # the tangent has the diagonal one
-        scaled = sparse.csc_array(unit @ A @ unit)
+        scaled = Csr(unit @ A @ unit)
         G, T = touch.G @ self._P, touch.T @ self._P
         near = now.mu > 0
         near |= touch.bonded | (touch.gap <= REACH * step.extent + 2 * np.abs(now.support).max())
@@ -194,18 +270,15 @@ class Linearised:
         self._points = PointRows(normal, tangent.reshape(m, -1))
         B = sparse.vstack([G[live_n], T[live_t]], format="csr")
         E = sparse.vstack([touch.tilted[live_n], touch.turned[live_t]], format="csr") @ self._P
-        right = self._P.T @ (step.load - now.internal - K @ now.support)
-        try:
-            factor = splu(scaled)
-        except RuntimeError:  # a pivot is zero
-            raise _singular() from None
-        if A.shape[0] and np.abs(factor.U.diagonal()).min() < SINGULAR:
-            raise _singular()
-        found = factor.solve(np.column_stack((right, B.T.toarray())))
-        if not np.all(np.isfinite(found)):
+        right = self._P.T @ (now.load - now.internal - K @ now.support)
+        used = np.zeros(A.shape[0], dtype=bool)
+        used[np.concatenate((B.indices, E.indices, step.kept))] = True
+        self._factor = BoundaryFactor(scaled, step.order, np.flatnonzero(used))
+        self._B, (B, E) = B, (part[:, used].toarray() for part in (B, B + E))
+        self._free = self._P @ self._factor.solve(right) + now.support
+        self._W = E @ self._factor.compliance(B.T)
+        if not (np.all(np.isfinite(self._W)) and np.all(np.isfinite(self._free))):
             raise NotConverged("large strain: the tangent holds values that are not finite")
-        self._response = found
-        self._W = (B + E) @ found[:, 1:]
         diagonal = np.maximum(np.diag(self._W), 0.0)
         self._of_rows = self._points.lengths(diagonal) if diagonal.size else diagonal
         self._near, self.scale = near, np.ones(m)
@@ -216,7 +289,7 @@ class Linearised:
     def solved(self, tol: float) -> tuple[Array, Array, Array, tuple[int, int, int]]:
         """Change of u, new mu and t, and the numbers of active, sticking and slipping points."""
         touch, scale, now = self._now.touch, self.scale, self._now
-        free = self._P @ self._response[:, 0] + now.support
+        free = self._free
         u_n = (touch.G + touch.tilted) @ free
         u_t = touch.slip + ((touch.T + touch.turned) @ free).reshape(touch.slip.shape)
         v0 = self._points.stacked(u_n, u_t) / self._of_rows
@@ -236,7 +309,7 @@ class Linearised:
         start = Forces(now.mu * scale, now.t * scale[:, None], np.zeros(0))
         forces = boundary_forces(problem, touch.friction, start, tol)
         l = problem.forces(forces.mu, forces.t) / self._of_rows
-        du = free - self._P @ (self._response[:, 1:] @ l)
+        du = free - self._P @ self._factor.solve(self._B.T @ l)
         held = Condensed(problem, Coulomb(touch.friction))
         zones = held.law.zones(held.state(forces))
         active, stick, slip = (int(z.sum()) for z in (zones.active, zones.stick, zones.slip))

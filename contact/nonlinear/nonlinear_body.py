@@ -15,7 +15,8 @@ from contact.body.boundary_names import read_mesh
 from contact.body.elastic_body import ElasticBody
 from contact.body.vector_element import vector_element
 from contact.errors import InputError
-from contact.nonlinear.cell_forces import CellForces, FormForces, StressForces, det, with_unit
+from contact.nonlinear.cell_forces import CellForces, FormForces, det, with_unit
+from contact.nonlinear.stress_forces import StressForces
 
 Array = NDArray[np.float64]
 __all__ = ["NonlinearBody"]
@@ -234,6 +235,8 @@ class NonlinearBody(ElasticBody):
         ndarray
         """
         basis = self.basis
+        if not at_nodes and isinstance(self.cells, StressForces):
+            return np.asarray(self.cells.gradient(u[basis.element_dofs]))
         if at_nodes:
             corners = self.mesh.elem.refdom.p
             rule = corners, np.ones(corners.shape[1])
