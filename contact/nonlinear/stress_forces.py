@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, ElementHex2, ElementQuad2, LinearForm
 
+from contact.body.axisymmetry import AXISYMMETRIC
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
 from contact.nonlinear.cell_forces import (
@@ -35,12 +36,13 @@ class StressForces(CellForces):
     Taylor and K. S. Pister, Comput. Methods Appl. Mech. Engrg. 51 (1985), 177-208)."""
 
     def __init__(
-        self, basis: Basis, stress: Callable[..., Any], state: Any, mean: bool, ring: bool
+        self, basis: Basis, stress: Callable[..., Any], state: Any, mean: bool, plane: str | None
     ) -> None:
-        self.basis, self.stress, self.mean, self._ring = basis, stress, mean, ring
+        self.basis, self.stress, self.mean = basis, stress, mean
+        self._ring, self._flat = plane == AXISYMMETRIC, plane == "stress"
         self.rest = spread(state, basis)
         dim = basis.mesh.dim()
-        x = np.asarray(basis.global_coordinates())
+        ring, x = self._ring, np.asarray(basis.global_coordinates())
         self._dx = basis.dx * (2.0 * np.pi * x[0] if ring else 1.0)
         values, self._slope = functions_of(basis)
         self._hoop = values / x[0] if ring else None
@@ -54,6 +56,7 @@ class StressForces(CellForces):
 
     def _called(self, F: Any, state: State, dt: float) -> Any:
         """Stress at F, and the new state or None."""
+        F = self.thinned(F, state, dt)
         found = self.stress(F, state, dt) if self.rest else (self.stress(F), None)
         if np.shape(found[0]) != F.shape:
             raise InputError(
@@ -61,6 +64,30 @@ class StressForces(CellForces):
                 + ("; with a state: P, new state" if self.rest else "")
             )
         return found
+
+    def thinned(self, F: Any, state: State, dt: float) -> Any:
+        """F with the F_33 of plane stress, by Newton's method for P_33 = 0; else F itself.
+        Imaginary parts follow by the derivative of that equation. NaN where it has no solution."""
+        if not self._flat:
+            return F
+        way = np.zeros((3, 3, 1, 1))
+        way[2, 2] = 1.0
+
+        def normal(G: Any) -> Any:
+            return (self.stress(G, state, dt)[0] if self.rest else self.stress(G))[2, 2]
+
+        G = np.array(np.real(F))
+        G[2, 2] = np.clip(1.0 / np.maximum(det(G), 0.1), 0.3, 3.0)
+        for _ in range(50):
+            change = -normal(G) / self.slope(normal, G, way, 1e-6)
+            G[2, 2] += np.clip(change, -0.5 * G[2, 2], G[2, 2])
+            if not np.abs(change).max() > 1e-13 * G[2, 2].max():
+                break
+        G[2, 2, ~(np.abs(change) <= 1e-9 * G[2, 2])] = np.nan
+        if not np.iscomplexobj(F):
+            return G
+        change = -np.imag(normal(G + 1j * np.imag(F))) / self.slope(normal, G, way, 1e-6)
+        return G + 1j * (np.imag(F) + way * change)
 
     def _projected(self, values: Any) -> Any:
         """Values (ncells, npoints) as sums of the modes of the volume change."""
@@ -124,7 +151,8 @@ class StressForces(CellForces):
         rate *= self._dx
         blocks = self._summed(rate[:, :m])
         if self.mean:
-            of_theta = self._dx * self.slope(lambda v: slopes(F, v), theta, np.ones(1), 1e-6)
+            rise: Any = self.slope(lambda v: slopes(F, v), np.asarray(theta), np.ones(1), 1e-6)
+            of_theta = self._dx * rise
             C = self._dx * cofactor(F)
             g = self._tested([C[strain] for strain in self._strains])
             right = self._tested(rate[:, m]).swapaxes(1, 2)
@@ -194,7 +222,7 @@ class StressForces(CellForces):
         if density is None:
             return np.nan
         F = self._averaged(self.gradient(u[self.basis.element_dofs]))
-        return float(np.sum(density(F) * self._dx))
+        return float(np.sum(density(self.thinned(F, self.rest, 0.0)) * self._dx))
 
 
 class FollowerPressure(Forces):
