@@ -72,7 +72,7 @@ class EquilibriumPath:
         A = Csr(step.P.T @ step.tangent(self.u) @ step.P)
         unit = sparse.diags_array(1.0 / np.sqrt(np.maximum(np.abs(A.diagonal()), 1e-300)))
         P = Csr(step.P @ unit)
-        factor = BoundaryFactor(Csr(unit @ A @ unit), step.order, step.kept)
+        factor = BoundaryFactor(Csr(unit @ A @ unit), step.order, step.kept, step.analysis)
         return np.asarray(P @ factor.solve(P.T @ self._load_rate(self.u, self.time)))
 
     def problem(self) -> StepProblem:

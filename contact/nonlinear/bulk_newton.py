@@ -16,6 +16,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,12 +36,14 @@ from contact.laws.iteration import Iteration
 from contact.laws.law import ContactLaw, State
 from contact.laws.newton import LIMITS, newton
 from contact.nonlinear.touching import Touch
+from skfem_adini.ground.pardiso import GENERAL, Pardiso, SolverError, has_pardiso
 
 Array = NDArray[np.float64]
 Csr = sparse.csr_array
 Index = NDArray[np.int64]
 ROUNDING = 50 * float(np.finfo(float).eps)  # of sums of some hundred terms
 REACH = 0.05  # gaps beyond this part of the body are taken up once they close
+NOTHING = 1e-150  # in place of zeros, which sparse products drop, so that the pattern stays
 SINGULAR = 1e-13  # pivots of a matrix with a diagonal of one that are rounding errors
 
 
@@ -72,7 +75,20 @@ class StepProblem:
     touch: Callable[[Array, Array, Array], Touch]
     order: Index  # free unknowns in an order of little fill
     kept: Index  # free unknowns that are eliminated last, with row exchanges
+    analysis: list[Any]  # see `BoundaryFactor`
     least_volume: Callable[[Array], float]  # smallest det F
+
+    @cached_property
+    def _free(self) -> Index | None:
+        """The dofs that are the unknowns themselves; None if supports couple dofs."""
+        P = self.P.tocsc()
+        alone = P.nnz == P.shape[1] and bool(np.all(np.diff(P.indptr) == 1) and np.all(P.data == 1))
+        return np.asarray(P.indices, dtype=np.int64) if alone else None
+
+    def restricted(self, K: Csr) -> Csr:
+        """P^T K P."""
+        free = self._free
+        return Csr(self.P.T @ K @ self.P) if free is None else Csr(K[free][:, free])
 
     def trial(self, u: Array, mu: Array, t: Array, like: Touch | None = None) -> Trial:
         """Evaluate an iterate; forces of other points than those at u are of the touch `like`."""
@@ -178,20 +194,16 @@ def _shortened(
     return best
 
 
-class BoundaryFactor:
-    """The factors of a matrix with some unknowns last, and the Schur complement S of these.
-
-    The trailing block of L U is S; a shift keeps its pivots from zero, dense factors with row
-    exchanges solve for S itself. All others are eliminated without row exchanges."""
+class SuperLUParts:
+    """SuperLU without row exchanges, with some unknowns last: the trailing block of L U is S."""
 
     def __init__(self, A: Csr, order: Index, last: Index) -> None:
         n, nb = A.shape[0], last.size
-        self._last, inner = last, np.ones(n, dtype=bool)
+        inner = np.ones(n, dtype=bool)
         inner[last] = False
-        self._order = np.concatenate((order[inner[order]], last))
-        shift = sparse.diags_array(np.where(inner, 0.0, 1.0))
-        permuted = sparse.csc_array(A + shift)[self._order][:, self._order]
-        if nb and sparse.csgraph.connected_components(permuted, directed=False)[0] > 1:
+        self._order, self._start = np.concatenate((order[inner[order]], last)), n - nb
+        permuted = sparse.csc_array(A)[self._order][:, self._order]
+        if sparse.csgraph.connected_components(permuted, directed=False)[0] > 1:
             permuted = _linked(permuted, n - nb)
         try:
             self._lu = splu(permuted, "NATURAL", diag_pivot_thresh=0.0)
@@ -201,38 +213,111 @@ class BoundaryFactor:
         moved = [self._lu.perm_c[tail], self._lu.perm_r[tail]]
         if not all(np.array_equal(one, tail) for one in moved):
             raise NotConverged("large strain: SuperLU moved the contact points; report the mesh")
-        U = self._lu.U
-        inside = U.diagonal()[: n - nb]
-        if inside.size and not np.abs(inside).min() >= SINGULAR:
+        U, L = self._lu.U, self._lu.L
+        if not np.abs(U.diagonal()[: n - nb]).min(initial=1.0) >= SINGULAR:
             raise _singular()
-        if not nb:
-            return
-        self._shifted = (self._lu.L[:, n - nb :][n - nb :] @ U[:, n - nb :][n - nb :]).toarray()
+        self.schur = L[:, n - nb :][n - nb :].toarray() @ U[:, n - nb :][n - nb :].toarray()
+
+    def forward(self, load: Array) -> tuple[Array, Array]:
+        """What is left of a load on the last unknowns, and what `backward` needs."""
+        own, start = load[self._order], self._start
+        mine = own[start:].copy()
+        own[start:] = 0.0
+        carried = -self.schur @ self._lu.solve(own)[start:] if np.any(own) else np.zeros(mine.size)
+        own[start:] = carried
+        return mine - carried, own
+
+    def backward(self, own: Array, last: Array) -> Array:
+        """All unknowns, shape (n,), from the last ones."""
+        own[self._start :] += self.schur @ last
+        found = np.empty_like(own)
+        found[self._order] = self._lu.solve(own)
+        found[self._order[self._start :]] = last
+        return found
+
+
+class PardisoParts:
+    """PARDISO's partial factorisation of a general matrix, whose analysis serves several."""
+
+    def __init__(self, A: Csr, last: Index) -> None:
+        self.pattern, self.last = (A.indptr, A.indices), last
+        # As `PardisoSchur`; without scaling and matching, which a Schur complement excludes.
+        parameters = {1: 3, 9: 13, 23: 1, 24: 1, 35: 2}
+        self._pardiso = Pardiso(A, GENERAL, parameters, chosen=last)
+        self._pardiso(11)
+        self.refactor(A)
+
+    def fits(self, A: Csr, last: Index) -> bool:
+        """Whether a matrix has the pattern and the last unknowns of this one."""
+        same = zip(self.pattern, (A.indptr, A.indices), strict=True)
+        return np.array_equal(last, self.last) and all(np.array_equal(*pair) for pair in same)
+
+    def refactor(self, A: Csr) -> None:
+        """Factor other values of the same pattern."""
+        self._pardiso.values[:] = A.data
+        self.schur = np.zeros((self.last.size, self.last.size))
+        try:
+            self._pardiso(22, x=self.schur)
+        except SolverError as error:
+            if error.pivot:
+                raise _singular() from error
+            raise
+        if self._pardiso.perturbed:
+            raise _singular()
+
+    def forward(self, load: Array) -> tuple[Array, Array]:
+        """What is left of a load on the last unknowns, and what `backward` needs."""
+        halfway = np.zeros_like(load)
+        self._pardiso(331, np.ascontiguousarray(load), halfway)
+        return halfway[self.last], halfway
+
+    def backward(self, halfway: Array, last: Array) -> Array:
+        """All unknowns, shape (n,), from the last ones."""
+        halfway[self.last] = last
+        found = np.zeros_like(halfway)
+        self._pardiso(333, halfway, found)
+        found[self.last] = last
+        return found
+
+
+class BoundaryFactor:
+    """The factors of a matrix with some unknowns last, and their Schur complement S.
+
+    A shift of its diagonal keeps pivots there from zero; dense factors with row exchanges solve for
+    S itself. `analysis` is a list that keeps PARDISO's for matrices of the same pattern."""
+
+    def __init__(self, A: Csr, order: Index, last: Index, analysis: list[Any]) -> None:
+        last = last if last.size else np.sort(order[-1:])
+        if analysis and np.isin(last, analysis[0].last).all():
+            last = analysis[0].last
+        self.last = last
+        shift = np.zeros(A.shape[0])
+        shift[last] = 1.0
+        shifted = Csr(A + sparse.diags_array(shift))
+        shifted.sort_indices()
+        if has_pardiso() and last.size < A.shape[0]:
+            if analysis and analysis[0].fits(shifted, last):
+                analysis[0].refactor(shifted)
+            else:
+                analysis[:] = [PardisoParts(shifted, last)]
+            self._parts: Any = analysis[0]
+        else:
+            self._parts = SuperLUParts(shifted, order, last)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinAlgWarning)  # singular: the pivots tell
-            self._dense = lu_factor(self._shifted - np.eye(nb), check_finite=False)
-        if not np.abs(np.diag(self._dense[0])).min() >= SINGULAR:
+            S = self._parts.schur - np.eye(last.size)
+            self._dense = lu_factor(S, check_finite=False)
+        if not np.abs(np.diag(self._dense[0])).min(initial=1.0) >= SINGULAR:
             raise _singular()
 
     def compliance(self, loads: Array) -> Array:
         """Solutions at the last unknowns for loads there, both of shape (nb, k)."""
-        if not self._last.size:
-            return loads
         return np.asarray(lu_solve(self._dense, loads, check_finite=False))
 
     def solve(self, load: Array) -> Array:
         """The solution for one load, shape (n,)."""
-        own, nb = load[self._order], self._last.size
-        if nb:
-            start, mine = load.size - nb, own[load.size - nb :].copy()
-            carried = np.zeros(nb)
-            if np.any(own[:start]):
-                own[start:] = 0.0
-                carried = -self._shifted @ self._lu.solve(own)[start:]
-            own[start:] = self._shifted @ self.compliance(mine - carried) + carried
-        found = np.empty_like(load)
-        found[self._order] = self._lu.solve(own)
-        return found
+        left, halfway = self._parts.forward(load)
+        return np.asarray(self._parts.backward(halfway, self.compliance(left)))
 
 
 def _linked(A: Any, first: int) -> Any:
@@ -252,12 +337,14 @@ class Linearised:
 
     def __init__(self, step: StepProblem, now: Trial) -> None:
         self._step, self._now, touch = step, now, now.touch
-        K = Csr(step.tangent(now.u) + touch.force)
-        A = Csr(step.P.T @ K @ step.P)
+        K = step.tangent(now.u)
+        K.data[K.data == 0.0] = NOTHING
+        K = Csr(K + touch.force)
+        A = step.restricted(K)
         size = np.sqrt(np.abs(A.diagonal()))
-        unit = sparse.diags_array(1.0 / np.where(size > 0, size, 1.0))
-        self._P = Csr(step.P @ unit)  # the tangent has the diagonal one
-        scaled = Csr(unit @ A @ unit)
+        unit = 1.0 / np.where(size > 0, size, 1.0)
+        self._P = Csr(step.P @ sparse.diags_array(unit))  # the tangent has the diagonal one
+        A.data *= np.repeat(unit, np.diff(A.indptr)) * unit[A.indices]
         G, T = touch.G @ self._P, touch.T @ self._P
         near = now.mu > 0
         near |= touch.bonded | (touch.gap <= REACH * step.extent + 2 * np.abs(now.support).max())
@@ -273,8 +360,9 @@ class Linearised:
         right = self._P.T @ (now.load - now.internal - K @ now.support)
         used = np.zeros(A.shape[0], dtype=bool)
         used[np.concatenate((B.indices, E.indices, step.kept))] = True
-        self._factor = BoundaryFactor(scaled, step.order, np.flatnonzero(used))
-        self._B, (B, E) = B, (part[:, used].toarray() for part in (B, B + E))
+        self._factor = BoundaryFactor(A, step.order, np.flatnonzero(used), step.analysis)
+        last = self._factor.last
+        self._B, (B, E) = B, (part[:, last].toarray() for part in (B, B + E))
         self._free = self._P @ self._factor.solve(right) + now.support
         self._W = E @ self._factor.compliance(B.T)
         if not (np.all(np.isfinite(self._W)) and np.all(np.isfinite(self._free))):

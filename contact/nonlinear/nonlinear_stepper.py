@@ -120,6 +120,7 @@ class NonlinearStepper(LoadProgram):
         self.history = NonlinearHistory(np.zeros(0), ())
         self._sides, self._elastic = self._read_sides()
         self._checked = False
+        self._analysis = list[Any]()
         self._pressures: list[tuple[int, FollowerPressure, Callable[[float], float]]] = []
 
     def pressure(
@@ -227,7 +228,7 @@ class NonlinearStepper(LoadProgram):
         for k, one, factor in self._pressures:
             own = self.problem.body.slices[k]
             found[k] = found[k] - value_at(factor, end) * one.tangent(u[own], {}, 0.0)
-        return Csr(sparse.block_diag(found, format="csr"))
+        return Csr(found[0] if len(found) == 1 else sparse.block_diag(found, format="csr"))
 
     def _pressed(self, load: Array, end: float) -> Callable[[Array], Array]:
         """Applied forces at a time as a function of the displacement."""
@@ -651,6 +652,7 @@ class NonlinearStepper(LoadProgram):
             touch=self._touch_at(last, end),
             order=self._order,
             kept=np.zeros(0, dtype=np.int64),
+            analysis=self._analysis,
             least_volume=self._least_volume,
         )
 
