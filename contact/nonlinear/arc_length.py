@@ -73,7 +73,8 @@ class EquilibriumPath:
         unit = sparse.diags_array(1.0 / np.sqrt(np.maximum(np.abs(A.diagonal()), 1e-300)))
         P = Csr(step.P @ unit)
         factor = BoundaryFactor(Csr(unit @ A @ unit), step.order, step.kept, step.analysis)
-        return np.asarray(P @ factor.solve(P.T @ self._load_rate(self.u, self.time)))
+        last, halfway = factor.forward(P.T @ self._load_rate(self.u, self.time))
+        return np.asarray(P @ factor.backward(halfway, last))
 
     def problem(self) -> StepProblem:
         """The step with the time among its unknowns."""

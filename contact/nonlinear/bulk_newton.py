@@ -314,10 +314,14 @@ class BoundaryFactor:
         """Solutions at the last unknowns for loads there, both of shape (nb, k)."""
         return np.asarray(lu_solve(self._dense, loads, check_finite=False))
 
-    def solve(self, load: Array) -> Array:
-        """The solution for one load, shape (n,)."""
+    def forward(self, load: Array) -> tuple[Array, Array]:
+        """The last unknowns under a load, and what `backward` needs."""
         left, halfway = self._parts.forward(load)
-        return np.asarray(self._parts.backward(halfway, self.compliance(left)))
+        return self.compliance(left), halfway
+
+    def backward(self, halfway: Array, last: Array) -> Array:
+        """All unknowns, shape (n,), from the last ones."""
+        return np.asarray(self._parts.backward(halfway, last))
 
 
 def _linked(A: Any, first: int) -> Any:
@@ -362,9 +366,10 @@ class Linearised:
         used[np.concatenate((B.indices, E.indices, step.kept))] = True
         self._factor = BoundaryFactor(A, step.order, np.flatnonzero(used), step.analysis)
         last = self._factor.last
-        self._B, (B, E) = B, (part[:, last].toarray() for part in (B, B + E))
-        self._free = self._P @ self._factor.solve(right) + now.support
-        self._W = E @ self._factor.compliance(B.T)
+        B, E = (part[:, last].toarray() for part in (B, B + E))
+        self._free, self._halfway = self._factor.forward(right)
+        self._response = self._factor.compliance(B.T)
+        self._W = E @ self._response
         if not (np.all(np.isfinite(self._W)) and np.all(np.isfinite(self._free))):
             raise NotConverged("large strain: the tangent holds values that are not finite")
         diagonal = np.maximum(np.diag(self._W), 0.0)
@@ -377,12 +382,14 @@ class Linearised:
     def solved(self, tol: float) -> tuple[Array, Array, Array, tuple[int, int, int]]:
         """Change of u, new mu and t, and the numbers of active, sticking and slipping points."""
         touch, scale, now = self._now.touch, self.scale, self._now
-        free = self._free
+        alone = np.zeros(self._P.shape[1])
+        alone[self._factor.last] = self._free  # all that the rows of live points see
+        free = self._P @ alone + now.support
         u_n = (touch.G + touch.tilted) @ free
         u_t = touch.slip + ((touch.T + touch.turned) @ free).reshape(touch.slip.shape)
         v0 = self._points.stacked(u_n, u_t) / self._of_rows
         if not v0.size:  # supports hold all contact points
-            return free, np.zeros(scale.size), np.zeros(u_t.shape), (0, 0, 0)
+            return self._moved(self._free), np.zeros(scale.size), np.zeros(u_t.shape), (0, 0, 0)
         problem = BoundaryProblem(
             W=self._W / self._of_rows / self._of_rows[:, None],
             v0=v0,
@@ -397,11 +404,15 @@ class Linearised:
         start = Forces(now.mu * scale, now.t * scale[:, None], np.zeros(0))
         forces = boundary_forces(problem, touch.friction, start, tol)
         l = problem.forces(forces.mu, forces.t) / self._of_rows
-        du = free - self._P @ self._factor.solve(self._B.T @ l)
+        du = self._moved(self._free - self._response @ l)
         held = Condensed(problem, Coulomb(touch.friction))
         zones = held.law.zones(held.state(forces))
         active, stick, slip = (int(z.sum()) for z in (zones.active, zones.stick, zones.slip))
         return du, forces.mu / scale, forces.t / scale[:, None], (active, stick, slip)
+
+    def _moved(self, last: Array) -> Array:
+        """Change of u from that of the last unknowns."""
+        return self._P @ self._factor.backward(self._halfway, last) + self._now.support
 
 
 def _singular() -> NotConverged:
