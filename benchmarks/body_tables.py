@@ -25,6 +25,28 @@ def contact_pair(record: Record) -> str:
     return f"{table}\n\n{source('contact_pair', record, 'MKL')}"
 
 
+def contact_materials(record: Record) -> str:
+    """Load steps of large strain beside their assemblies and factorisations."""
+    table = rows_of(
+        "unknowns | contact points | iterations of two steps | tangents | factors | both steps "
+        "| ratio",
+        (
+            (
+                *(f"{row[name]:,}" for name in ("unknowns", "points", "iterations")),
+                *(f"{row[name]:.2f} s" for name in ("assembly", "factor", "total")),
+                f"**{row['ratio']:.2f}**",
+            )
+            for row in record["rows"]
+        ),
+    )
+    peer, said = record["felupe"], ""
+    if peer is not None:
+        times = peer["ours"] / peer["felupe"]
+        said = f"A tangent of {peer['cells']:,} Q1 cells takes {times:.2f} times that of felupe "
+        said += f"{peer['version']}. "
+    return f"{table}\n\n{said}{source('contact_materials', record, 'MKL')}"
+
+
 def distributed(record: Record) -> str:
     """Contact and systems on one and two processes."""
     rows = record["rows"]

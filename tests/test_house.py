@@ -127,6 +127,7 @@ ALONE = {
     "cip.formulas.spline_sums": "sums that numba compiles, imported where they run",
     "cip.sphere.kernels": "kernels that numba compiles, imported where they run",
     "contact.condensation.bisection": "kernels that numba compiles, imported where they run",
+    "contact.nonlinear.arc_length": "its stepper would pass 800 lines with it",
     "gpu.qp.active_set.dual_device": "the door to one CUDA kernel, imported where a device is",
     "skfem_adini.assembly.affine_kernels": "kernels that numba compiles, imported where they run",
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,16 +25,59 @@ State = dict[str, Array]
 COMPLEX_STEP = 1e-30
 
 
-class CellForces(ABC):
-    """Forces of all cells, with the state of their points."""
+class Forces(ABC):
+    """Forces of cells or facets as a function of their own dofs, and their derivatives."""
 
-    basis: Basis
-    rest: State  # state of the undeformed body, arrays (..., ncells, npoints)
+    basis: Any
     complex_step = True
 
     @abstractmethod
     def forces(self, dofs: Any, state: State, dt: float) -> Any:
         """Forces (nfunctions, ncells) for possibly complex dofs of the same shape."""
+
+    def at(self, u: Array, state: State, dt: float) -> Array:
+        """Forces on all dofs, shape (ndofs,)."""
+        dofs = self.basis.element_dofs
+        of_cells = self.forces(u[dofs], state, dt)
+        return np.asarray(np.bincount(dofs.ravel(), of_cells.ravel(), self.basis.N), dtype=float)
+
+    def tangent(self, u: Array, state: State, dt: float) -> sparse.csr_array:
+        """Derivative of `at` in u."""
+        own = u[self.basis.element_dofs]
+        h = 1e-6 * (float(np.abs(u).max(initial=0.0)) or 1.0)
+        blocks = np.empty((own.shape[1], len(own), len(own)))
+        for j in range(len(own)):
+            way = np.zeros((len(own), 1))
+            way[j] = 1.0
+            blocks[:, :, j] = self.slope(lambda v: self.forces(v, state, dt), own, way, h).T
+        return self.matrix(blocks)
+
+    def slope(self, function: Callable[[Any], Any], x: Array, way: Array, h: float) -> Any:
+        """Derivative of a function at x along a way, by complex or central differences."""
+        if self.complex_step:
+            return np.imag(function(x + 1j * COMPLEX_STEP * way)) / COMPLEX_STEP
+        return (function(x + h * way) - function(x - h * way)) / (2.0 * h)
+
+    @cached_property
+    def _pattern(self) -> tuple[sparse.csr_array, NDArray[np.int64]]:
+        """The sparse matrix of all cells, and the place of each cell's entries in it."""
+        dofs, N = np.asarray(self.basis.element_dofs, dtype=np.int64).T, self.basis.N
+        keys, place = np.unique(N * dofs[:, :, None] + dofs[:, None], return_inverse=True)
+        ends = np.searchsorted(keys, N * np.arange(N + 1))
+        empty = sparse.csr_array((np.zeros(keys.size), keys % N, ends), shape=(N, N))
+        return empty, place.ravel()
+
+    def matrix(self, blocks: Array) -> sparse.csr_array:
+        """Sum of the cells' matrices, shape (ncells, n, n)."""
+        like, place = self._pattern
+        data = np.bincount(place, blocks.ravel(), like.nnz)
+        return sparse.csr_array((data, like.indices, like.indptr), shape=like.shape)
+
+
+class CellForces(Forces):
+    """Internal forces of all cells, with the state of their points."""
+
+    rest: State  # state of the undeformed body, arrays (..., ncells, npoints)
 
     @abstractmethod
     def updated(self, u: Array, state: State, dt: float) -> State:
@@ -46,35 +90,6 @@ class CellForces(ABC):
     @abstractmethod
     def energy(self, u: Array) -> float:
         """Stored energy; NaN if none is known."""
-
-    def at(self, u: Array, state: State, dt: float) -> Array:
-        """Forces on all dofs, shape (ndofs,)."""
-        dofs = self.basis.element_dofs
-        of_cells = self.forces(u[dofs], state, dt)
-        return np.asarray(np.bincount(dofs.ravel(), of_cells.ravel(), self.basis.N), dtype=float)
-
-    def tangent(self, u: Array, state: State, dt: float) -> sparse.csr_array:
-        """Derivative of `at` in u."""
-        dofs = self.basis.element_dofs
-        own, n = u[dofs], len(dofs)
-        blocks = np.empty((n, *dofs.shape))  # blocks[j, i] = d r_i / d u_j
-        h = 1e-6 * (float(np.abs(u).max(initial=0.0)) or 1.0)
-        for j in range(n):
-            if self.complex_step:
-                moved = own.astype(complex)
-                moved[j] += 1j * COMPLEX_STEP
-                blocks[j] = np.imag(self.forces(moved, state, dt)) / COMPLEX_STEP
-            else:
-                ahead, behind = own.copy(), own.copy()
-                ahead[j] += h
-                behind[j] -= h
-                difference = self.forces(ahead, state, dt) - self.forces(behind, state, dt)
-                blocks[j] = difference / (2.0 * h)
-        column = np.broadcast_to(dofs[:, None], blocks.shape)
-        row = np.broadcast_to(dofs[None], blocks.shape)
-        place = row.ravel(), column.ravel()
-        N = self.basis.N
-        return sparse.csr_array(sparse.coo_array((blocks.ravel(), place), shape=(N, N)))
 
     def check_tangent(self) -> str:
         """Choose between complex and real differences; a line for the log.
@@ -137,109 +152,6 @@ def checked_state(new: Any, old: State) -> State:
         if not np.all(np.isfinite(value)):
             raise InputError(f"state: the new {name!r} holds values that are not finite")
     return found
-
-
-class StressForces(CellForces):
-    """Forces from the first Piola-Kirchhoff stress as a function of F (3, 3, ncells, npoints).
-
-    With mean dilatation the stress is taken at :math:`\\bar F = (\\bar J / J)^{1/3} F`, with the
-    mean :math:`\\bar J` of each cell, and the forces are the derivative of the energy of
-    :math:`\\bar F` (J. C. Simo, R. L. Taylor and K. S. Pister, Comput. Methods Appl. Mech. Engrg.
-    51 (1985), 177-208): linear cells then do not lock."""
-
-    def __init__(
-        self, basis: Basis, stress: Callable[..., Any], state: Any, mean: bool, ring: bool
-    ) -> None:
-        self.basis, self.stress, self.mean, self._ring = basis, stress, mean, ring
-        self.rest = spread(state, basis)
-        dim = basis.mesh.dim()
-        functions = [basis.basis[dim * k][0] for k in range(basis.Nbfun // dim)]
-        self._slope = np.array([np.asarray(f.grad)[0] for f in functions])
-        self._r = np.asarray(basis.global_coordinates())[0]
-        self._dx = basis.dx * (2.0 * np.pi * self._r if ring else 1.0)
-        self._hoop = np.array([np.asarray(f)[0] for f in functions]) / self._r if ring else None
-
-    def gradient(self, dofs: Any) -> Any:
-        """F at the quadrature points, shape (3, 3, ncells, npoints)."""
-        dim = self._slope.shape[1]
-        own = dofs.reshape(-1, dim, dofs.shape[1])
-        F = np.zeros((3, 3, *self._dx.shape), dtype=dofs.dtype)
-        F[:dim, :dim] = np.einsum("kce,kjeq->cjeq", own, self._slope)
-        if self._hoop is not None:
-            F[2, 2] = np.einsum("ke,keq->eq", own[:, 0], self._hoop)
-        F[np.arange(3), np.arange(3)] += 1.0
-        return F
-
-    def _called(self, F: Any, state: State, dt: float) -> Any:
-        """Stress at F, and the new state or None."""
-        if not self.rest:
-            return self.stress(F), None
-        return self.stress(F, state, dt)
-
-    def _averaged(self, F: Any) -> tuple[Any, Any, Any]:
-        """J, its mean over each cell, and F with that mean."""
-        J = det(F)
-        mean = (J * self._dx).sum(axis=1, keepdims=True) / self._dx.sum(axis=1, keepdims=True)
-        return J, mean, (mean / J) ** (1 / 3) * F
-
-    def stresses(self, dofs: Any, state: State, dt: float) -> Any:
-        """First Piola-Kirchhoff stress that is work-conjugate to F, (3, 3, ncells, npoints)."""
-        F = self.gradient(dofs)
-        if not self.mean:
-            return self._checked(self._called(F, state, dt)[0], F)
-        J, mean, averaged = self._averaged(F)
-        P = self._checked(self._called(averaged, state, dt)[0], F)
-        s = (mean / J) ** (1 / 3)
-        work = s * (P * F).sum(axis=(0, 1)) / 3.0
-        # Each cell's factor of dJ / J_mean.
-        factor = (work * self._dx).sum(axis=1, keepdims=True)
-        factor = factor / (mean * self._dx.sum(axis=1, keepdims=True))
-        return s * P + (J * factor - work) * cofactor(F) / J
-
-    def _checked(self, P: Any, F: Any) -> Any:
-        if np.shape(P) != F.shape:
-            raise InputError(
-                f"stress: expected P of the shape {F.shape} of F, got {np.shape(P)}"
-                + ("; with a state: P, new state" if self.rest else "")
-            )
-        return P
-
-    def forces(self, dofs: Any, state: State, dt: float) -> Any:
-        """Forces of the cells' dofs."""
-        P = self.stresses(dofs, state, dt) * self._dx
-        dim = self._slope.shape[1]
-        found = np.einsum("cjeq,kjeq->kce", P[:dim, :dim], self._slope)
-        if self._hoop is not None:
-            found[:, 0] += np.einsum("eq,keq->ke", P[2, 2], self._hoop)
-        return found.reshape(-1, found.shape[2])
-
-    def updated(self, u: Array, state: State, dt: float) -> State:
-        """The state after a step."""
-        if not self.rest:
-            return {}
-        F = self.gradient(u[self.basis.element_dofs])
-        F = self._averaged(F)[2] if self.mean else F
-        return checked_state(self._called(F, state, dt)[1], self.rest)
-
-    def recomputed(self, u: Array, state: State, dt: float) -> Array:
-        """Forces on all dofs by a scikit-fem form."""
-        P, ring = self.stresses(u[self.basis.element_dofs], state, dt), self._ring
-
-        def work(v: Any, w: Any) -> Any:
-            dim = len(v)
-            density = sum(w["P"][c, j] * v.grad[c, j] for c in range(dim) for j in range(dim))
-            hoop = w["P"][2, 2] * v[0] / w.x[0] if ring else 0.0
-            return (density + hoop) * (2.0 * np.pi * w.x[0] if ring else 1.0)
-
-        return np.asarray(LinearForm(work).assemble(self.basis, P=P))
-
-    def energy(self, u: Array) -> float:
-        """Stored energy, of a stress with a method `energy`; NaN without."""
-        density = getattr(self.stress, "energy", None)
-        if density is None:
-            return np.nan
-        F = self.gradient(u[self.basis.element_dofs])
-        return float(np.sum(density(self._averaged(F)[2] if self.mean else F) * self._dx))
 
 
 class FormForces(CellForces):
@@ -310,13 +222,21 @@ class FormForces(CellForces):
 
 def cofactor(F: Any) -> Any:
     """``det(F) F^-T`` of tensors (3, 3, ...)."""
-    rows = (np.cross(F[(i + 1) % 3], F[(i + 2) % 3], axis=0) for i in range(3))
-    return np.array(list(rows))
+    C = np.empty_like(F)
+    for i, j in np.ndindex(3, 3):
+        a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+        C[i, j] = F[a, c] * F[b, d] - F[a, d] * F[b, c]
+    return C
 
 
 def det(F: Any) -> Any:
     """Determinants of tensors (3, 3, ...)."""
-    return (F[0] * np.cross(F[1], F[2], axis=0)).sum(axis=0)
+    a, b, c = F[0]
+    return (
+        a * (F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1])
+        + b * (F[1, 2] * F[2, 0] - F[1, 0] * F[2, 2])
+        + c * (F[1, 0] * F[2, 1] - F[1, 1] * F[2, 0])
+    )
 
 
 def with_unit(H: Array) -> Array:

@@ -9,13 +9,14 @@ from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import Basis, BilinearForm, LinearForm, Mesh
+from skfem import Basis, BilinearForm, ElementTetP1, ElementTriP1, LinearForm, Mesh
 
 from contact.body.boundary_names import read_mesh
 from contact.body.elastic_body import ElasticBody
 from contact.body.vector_element import vector_element
 from contact.errors import InputError
-from contact.nonlinear.cell_forces import CellForces, FormForces, StressForces, det, with_unit
+from contact.nonlinear.cell_forces import CellForces, FormForces, det, with_unit
+from contact.nonlinear.stress_forces import StressForces
 
 Array = NDArray[np.float64]
 __all__ = ["NonlinearBody"]
@@ -36,19 +37,22 @@ class NonlinearBody(ElasticBody):
         gradients, both of shape (3, 3, ncells, npoints). If it has a state,
         ``stress(F, state, dt) -> P, new state`` from that of the last accepted step. Analytic in F
         where possible: the tangent is taken by complex steps (see `contact.nonlinear.cell_forces`).
-    plane : {"strain", "axisymmetric"}
-        Two dimensions only; F_33 is 1, or 1 + u_r / r.
+    plane : {"strain", "stress", "axisymmetric"}
+        Two dimensions only; F_33 is 1, such that P_33 = 0, or 1 + u_r / r. Forces in plane stress
+        are those of the unit of undeformed thickness.
     dilatation : {"pointwise", "mean"}
-        "mean" takes the stress at F with the mean volume change of the cell, so that nearly
-        incompressible materials do not lock in cells of any shape but linear triangles and
-        tetrahedra.
+        "mean" takes the stress at F with the volume change projected onto constants in each cell,
+        in quadratic quadrilaterals and hexahedra onto linear functions, so that nearly
+        incompressible materials do not lock and have a pressure that means something. For rubber
+        take it with ``ElementQuad2``.
     state : dict, optional
         Initial values of one point by name, scalars or tensors. Default: ``stress.state``, if any.
 
     Raises
     ------
     InputError
-        Not a vector basis, plane stress, a stress that cannot be called.
+        Not a vector basis, a stress that cannot be called, mean dilatation in linear triangles and
+        tetrahedra, whose volume change is constant and locks, or in plane stress, which does not.
 
     References
     ----------
@@ -90,15 +94,18 @@ class NonlinearBody(ElasticBody):
             raise InputError(f"dilatation={dilatation!r}: expected 'pointwise' or 'mean'")
         state = getattr(stress, "state", None) if state is None else state
         mean = dilatation == "mean"
-        self.cells: CellForces = StressForces(self.basis, stress, state, mean, self.is_ring)
+        if mean and isinstance(self.element, ElementTriP1 | ElementTetP1):
+            raise InputError(
+                f"dilatation='mean': the volume change of {type(self.element).__name__} is "
+                "constant in each cell, so nearly incompressible materials lock; take quadratic "
+                "elements, or quadrilaterals or hexahedra"
+            )
+        if mean and plane == "stress":
+            raise InputError("dilatation='mean': plane stress does not lock; leave it out")
+        self.cells: CellForces = StressForces(self.basis, stress, state, mean, plane)
 
     def _hold(self, basis: Basis, plane: str | None) -> None:
         """Take the basis, supports and loads of an elastic body; its material is never used."""
-        if plane == "stress":
-            raise InputError(
-                "plane='stress': a NonlinearBody is in plane strain, axisymmetric or in space; for "
-                "plane stress mesh the thickness, or let the stress find F_33 itself"
-            )
         ElasticBody.__init__(self, basis, E=1.0, nu=0.0, plane=plane)
 
     def _set_material(self, **changed: Any) -> None:
@@ -184,6 +191,11 @@ class NonlinearBody(ElasticBody):
         InputError
             Forms of another kind, or a state without its update.
         """
+        if plane == "stress":
+            raise InputError(
+                "plane='stress': forms do not say what P_33 is; let them find F_33 themselves, or "
+                "give stress="
+            )
         body = cls.__new__(cls)
         body._hold(_basis(mesh, element, intorder), plane)
         body.cells = FormForces(body.basis, internal, tangent, update, state)
@@ -280,6 +292,8 @@ class NonlinearBody(ElasticBody):
     def deformation_gradient(self, u: Array, at_nodes: bool = False) -> Array:
         """F (3, 3, ncells, npoints) at the quadrature points, or at the corners of the cells.
 
+        In plane stress F_33 is given as 1.
+
         Parameters
         ----------
         u : ndarray, shape (ndofs,)
@@ -290,6 +304,8 @@ class NonlinearBody(ElasticBody):
         ndarray
         """
         basis = self.basis
+        if not at_nodes and isinstance(self.cells, StressForces):
+            return np.asarray(self.cells.gradient(u[basis.element_dofs]))
         if at_nodes:
             corners = self.mesh.elem.refdom.p
             rule = corners, np.ones(corners.shape[1])
@@ -319,7 +335,7 @@ class NonlinearBody(ElasticBody):
         if not isinstance(self.cells, StressForces):
             raise InputError("stress: forms do not say what their stress is; give stress= instead")
         P = self.cells.stresses(u[self.basis.element_dofs], state, dt)
-        F = self.deformation_gradient(u)
+        F = self.cells.thinned(self.deformation_gradient(u), state, dt)
         return np.asarray(np.einsum("ij...,kj...->ik...", P, F) / det(F))
 
 

@@ -7,22 +7,25 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from contact.body.several_bodies import Bodies
+from contact.condensation.elimination_order import elimination_order
 from contact.errors import InputError, NotConverged
 from contact.histories.load_history import checked_times
-from contact.histories.load_program import LoadProgram
+from contact.histories.load_program import LoadProgram, checked_factor, value_at
 from contact.histories.step_history import as_path
 from contact.laws.iteration import Iteration
+from contact.nonlinear.arc_length import MOST_CURVED, EquilibriumPath, control_of, mean_square
 from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
 from contact.nonlinear.cell_forces import cofactor, det
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
+from contact.nonlinear.stress_forces import FollowerPressure
 from contact.nonlinear.touching import ElasticSides, RigidSide, Touch, checked_obstacle, joined
 from contact.rows.interfaces import Interfaces
 from skfem_adini.ground.archives import checksum, read_arrays, write_arrays
@@ -118,6 +121,43 @@ class NonlinearStepper(LoadProgram):
         self.history = NonlinearHistory(np.zeros(0), ())
         self._sides, self._elastic = self._read_sides()
         self._checked = False
+        self._analysis = list[Any]()
+        self._pressures: list[tuple[int, FollowerPressure, Callable[[float], float]]] = []
+
+    def pressure(
+        self,
+        boundary: Any,
+        pressure: Any,
+        factor: Callable[[float], float] | None = None,
+        *,
+        body: Any = None,
+    ) -> Self:
+        """Add the pressure ``factor(t) * pressure`` on the deformed boundary, against its normal.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        pressure : float or callable x -> array of shape x.shape[1:]
+            Force per deformed area, positive against the outward normal; x are undeformed places.
+        factor : callable t -> float, optional
+            Default: t itself.
+        body : body, str or int, optional
+            Which one, if the problem has several.
+
+        Returns
+        -------
+        NonlinearStepper
+            Itself, for chaining.
+
+        Raises
+        ------
+        InputError
+            No such boundary, or a pressure that is not finite.
+        """
+        k = self._number(body)
+        one = FollowerPressure(self.problem.body.bodies[k], boundary, pressure)
+        self._pressures.append((k, one, checked_factor(factor)))
+        return self
 
     def _read_sides(self) -> tuple[list[tuple[int, RigidSide]], list[ElasticSides]]:
         """Sides opposite rigid obstacles with their numbers, and pairs of bodies, then ties."""
@@ -175,17 +215,34 @@ class NonlinearStepper(LoadProgram):
                 found.append(np.asarray(body.stiffness @ u[own]))
         return np.concatenate(found)
 
-    def _tangent(self, u: Array, last: Start, dt: float) -> Csr:
-        found = []
+    def _tangent(self, u: Array, last: Start, end: float) -> Csr:
+        """Derivative of the internal minus the applied forces."""
+        found = list[Any]()
         for k, (body, own) in enumerate(self._bodies()):
             if not isinstance(body, NonlinearBody):
                 found.append(body.stiffness)
                 continue
             if not self._checked:
                 logger.info("%s", body.cells.check_tangent())
-            found.append(body.cells.tangent(u[own], last.states[k], dt))
+            found.append(body.cells.tangent(u[own], last.states[k], end - last.time))
         self._checked = True
-        return Csr(sparse.block_diag(found, format="csr"))
+        for k, one, factor in self._pressures:
+            own = self.problem.body.slices[k]
+            found[k] = found[k] - value_at(factor, end) * one.tangent(u[own], {}, 0.0)
+        return Csr(found[0] if len(found) == 1 else sparse.block_diag(found, format="csr"))
+
+    def _pressed(self, load: Array, end: float) -> Callable[[Array], Array]:
+        """Applied forces at a time as a function of the displacement."""
+        now = [(k, one, value_at(factor, end)) for k, one, factor in self._pressures]
+
+        def forces(u: Array) -> Array:
+            found = load.copy()
+            for k, one, size in now:
+                own = self.problem.body.slices[k]
+                found[own] += size * one.at(u[own], {}, 0.0)
+            return found
+
+        return forces
 
     @cached_property
     def _stiffness(self) -> float:
@@ -199,6 +256,15 @@ class NonlinearStepper(LoadProgram):
                 diagonal = body.stiffness.diagonal()
             found.append(float((np.abs(diagonal) / body.lengths[0] ** 2).max()))
         return max(found)
+
+    @cached_property
+    def _order(self) -> NDArray[np.int64]:
+        """Free unknowns of all bodies, each by nested dissection."""
+        found, start = list[Any](), 0
+        for body, _ in self._bodies():
+            found.append(elimination_order(body) + start)
+            start += body.constraint[0].shape[1]
+        return np.concatenate(found)
 
     def _gradients(self, u: Array, corners: bool = False) -> list[Array]:
         """F of each nonlinear body."""
@@ -276,8 +342,10 @@ class NonlinearStepper(LoadProgram):
         times = self.history.times
         if time <= (times[-1] if times.size else 0.0):
             raise InputError(f"time={time!r}: expected one later than the last step, or than 0")
-        result = self._advance(self._start(), float(time), self.halvings)
-        done = np.append(times, float(time))
+        return self._kept(self._advance(self._start(), float(time), self.halvings))
+
+    def _kept(self, result: NonlinearResult) -> NonlinearResult:
+        done = np.append(self.history.times, result.time)
         self.history = NonlinearHistory(done, (*self.history.results, result))
         return result
 
@@ -311,6 +379,10 @@ class NonlinearStepper(LoadProgram):
             See `step`.
         """
         schedule = checked_times(times, self.history.times)
+        return self._each((lambda t=t: self.step(float(t)) for t in schedule), path, callback)
+
+    def _each(self, steps: Any, path: Any, callback: Any) -> NonlinearHistory:
+        """Solve steps, write a file for each, and call back."""
         folder = None if path is None else as_path(path)
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
@@ -318,15 +390,142 @@ class NonlinearStepper(LoadProgram):
                 raise InputError(f"path: {folder} holds a history already; resume(path) goes on")
             for k, result in enumerate(self.history.results):
                 self._write(folder, k, result)
-        for time in schedule:
-            result = self.step(float(time))
+        for step in steps:
+            result = step()
             if folder is not None:
                 self._write(folder, len(self.history) - 1, result)
             if callback is not None:
                 callback(result)
         return self.history
 
-    def resume(self, path: str | Path, times: ArrayLike) -> NonlinearHistory:
+    def follow(
+        self,
+        length: float,
+        steps: int,
+        *,
+        control: tuple[Any, Any] | None = None,
+        body: Any = None,
+        path: str | Path | None = None,
+        callback: Callable[[NonlinearResult], None] | None = None,
+    ) -> NonlinearHistory:
+        """Follow the path of equilibrium past limit points, by steps whose time is found.
+
+        Loads and pressures vary with it, supports and obstacles must stay; materials that depend on
+        rates are refused. Branches that begin at a bifurcation are not looked for.
+
+        Parameters
+        ----------
+        length : float
+            Of each step: root mean square displacement of the nodes along the last step, at first
+            along the tangent of rising time. With `control` the change of that displacement.
+        steps : int
+        control : (boundary, component), optional
+            The mean displacement of a boundary's nodes is prescribed instead of the arc's length,
+            for instance ``("top", "y")``.
+        body : body, str or int, optional
+            That of the boundary, if the problem has several.
+        path, callback
+            As for `run`; ``resume(path)`` takes the steps over.
+
+        Returns
+        -------
+        NonlinearHistory
+            ``times`` are the times found, which may fall.
+
+        Raises
+        ------
+        InputError
+            Nothing varies in time but supports or an obstacle, or a material depends on rates.
+        NotConverged
+            Not even steps halved `halvings` times converge.
+
+        References
+        ----------
+        E. Riks, An incremental approach to the solution of snapping and buckling problems, Int. J.
+        Solids Struct. 15 (1979), 529-551.
+        """
+        finite_number("length", length)
+        integer("steps", steps, 1)
+        if length == 0.0 or (control is None and length < 0.0):
+            raise InputError(f"length={length!r}: expected a positive number")
+        self._refuse_rates()
+        row = None
+        if control is not None:
+            if not isinstance(control, tuple) or len(control) != 2:
+                raise InputError(f"control={control!r}: expected (boundary, component)")
+            own = self._bodies()[self._number(body)]
+            row = control_of(*own, self.problem.body.slices[-1].stop, *control)
+
+        def step() -> NonlinearResult:
+            way = None
+            if len(self.history):
+                last = self.history.results[-1]
+                way = last.u - last.before.u
+            return self._kept(self._along(self._start(), way, length, row, self.halvings))
+
+        return self._each((step for _ in range(steps)), path, callback)
+
+    def _refuse_rates(self) -> None:
+        """Raise InputError if the forces of a body depend on the time that a step takes, or if an
+        obstacle moves."""
+        if self._obstacle:
+            raise InputError("follow: obstacles stay where they are; use run(times) to move them")
+        for body, _ in self._bodies():
+            if isinstance(body, NonlinearBody):
+                u = np.random.default_rng(0).uniform(-1.0, 1.0, body.ndofs)
+                u *= 1e-3 * body.extent / body.mesh.nelements
+                slow, fast = (body.cells.at(u, body.cells.rest, dt) for dt in (1.0, 1e-3))
+                if np.abs(slow - fast).max() > 1e-9 * np.abs(slow).max():
+                    raise InputError("follow: the material depends on rates, but time is unknown")
+
+    def _along(
+        self, last: Start, way: Array | None, length: float, row: Array | None, halvings: int
+    ) -> NonlinearResult:
+        """A step of the path, or two halves of it; `way` is the displacement of the last step."""
+        failure: NotConverged | str = "the path bends too much for one step"
+        try:
+            result = self._followed(last, way, length, row)
+            change = np.sqrt(self._mean_square @ (result.u - last.u) ** 2)
+            bends = row is None and change > MOST_CURVED * length
+            if halvings == 0 or not (
+                bends or self._largest_change(last.u, result.u) > LARGEST_CHANGE
+            ):
+                return result
+        except NotConverged as error:
+            if halvings == 0:
+                raise
+            failure = error
+        logger.info("after t = %g: %s; the step along the path is halved", last.time, failure)
+        half = self._along(last, way, 0.5 * length, row, halvings - 1)
+        way = half.u - half.before.u
+        return self._along(half.end, way, 0.5 * length, row, halvings - 1)
+
+    def _followed(
+        self, last: Start, way: Array | None, length: float, row: Array | None
+    ) -> NonlinearResult:
+        path = EquilibriumPath(
+            lambda time: self._step_problem(last, time), last.time, last.u, row, length
+        )
+        if row is None:
+            path.check()
+            way = path.tangent() if way is None else way
+            weighted = self._mean_square * way
+            path = replace(path, direction=weighted / np.sqrt(weighted @ way))
+        lines = list[Iteration]()
+        start = np.append(last.u, 0.0), last.mu, last.t, last.touch
+        now, scale = solve_step(path.problem(), start, self.tol, report=lines.append)
+        end = path.time_of(now.u)
+        step = self._step_problem(last, end)
+        if np.abs(step.u0 - path.at(last.time).u0).max(initial=0.0) > 0.0:
+            raise InputError("follow: supports stay where they are; use run(times) to move them")
+        now = step.trial(now.u[:-1], now.mu, now.t, now.touch)
+        return self._certified(step, last, end, now, scale, tuple(lines))
+
+    @cached_property
+    def _mean_square(self) -> Array:
+        return mean_square(self.problem.body.bodies)
+
+    def resume(self, path: str | Path, times: ArrayLike | None = None) -> NonlinearHistory:
         """Take over the finished steps of an interrupted `run`, certify them, and go on.
 
         Parameters
@@ -334,7 +533,8 @@ class NonlinearStepper(LoadProgram):
         path : str or Path
             The folder that was given to `run`; the stepper is built as it was then.
         times : array, shape (n,)
-            All times of the run, finished ones included.
+            All times of the run, finished ones included. None: the steps are taken over only,
+            as those of `follow`.
 
         Returns
         -------
@@ -345,17 +545,19 @@ class NonlinearStepper(LoadProgram):
         InputError
             The folder holds steps of another problem, or of other times.
         """
-        folder, schedule = as_path(path), checked_times(times, np.zeros(0))
+        folder = as_path(path)
+        schedule = None if times is None else checked_times(times, np.zeros(0))
         self.history = NonlinearHistory(np.zeros(0), ())
         for k, file in enumerate(sorted(folder.glob("step_*.npz"))):
             known, _ = read_arrays(file)
             another = InputError(f"path: {file} is a step of another problem, or of other times")
-            if k >= schedule.size or str(known["of"]) != self._fingerprint():
+            if str(known["of"]) != self._fingerprint():
                 raise another
-            if float(known["time"]) != schedule[k]:
+            if schedule is not None and float(known["time"]) not in schedule[k : k + 1]:
                 raise another
-            result = self._read(known)
-            self.history = NonlinearHistory(schedule[: k + 1], (*self.history.results, result))
+            self._kept(self._read(known))
+        if schedule is None:
+            return self.history
         left = schedule[len(self.history) :]
         return self.run(left, path=folder) if left.size else self.history
 
@@ -408,6 +610,8 @@ class NonlinearStepper(LoadProgram):
             arrays[f"{k}/stress"] = np.asarray(np.round(forces / size, 6) + 0.0, dtype=float)
             arrays[f"{k}/size"] = np.array(float(f"{size:.6g}"))
         vectors = [vector for vector, _ in (*self._loads, *self._motions)]
+        for k, one, _ in self._pressures:
+            vectors.append(one.at(np.zeros(self.problem.body.bodies[k].ndofs), {}, 0.0))
         return checksum(arrays | {f"vector/{i}": v for i, v in enumerate(vectors)})
 
     def _advance(self, last: Start, end: float, halvings: int) -> NonlinearResult:
@@ -437,7 +641,7 @@ class NonlinearStepper(LoadProgram):
         body, dt = self._body_at(end), end - last.time
         P, u0 = body.constraint
         return StepProblem(
-            load=body.loads,
+            load=self._pressed(body.loads, end),
             P=Csr(P),
             u0=u0,
             picked=Csr(sparse.block_diag([one.picked for one in body.bodies], format="csr")),
@@ -445,8 +649,11 @@ class NonlinearStepper(LoadProgram):
             extent=body.extent,
             stiffness=self._stiffness,
             internal=lambda u: self._internal(u, last, dt),
-            tangent=lambda u: self._tangent(u, last, dt),
+            tangent=lambda u: self._tangent(u, last, end),
             touch=self._touch_at(last, end),
+            order=self._order,
+            kept=np.zeros(0, dtype=np.int64),
+            analysis=self._analysis,
             least_volume=self._least_volume,
         )
 
@@ -496,7 +703,7 @@ class NonlinearStepper(LoadProgram):
             for k, (body, own) in enumerate(self._bodies())
         )
         found["work"] = self._work_defect(u, now, last)
-        values = (self.problem, end, u, now.mu, now.t, states, now.touch, now.internal, step.load)
+        values = (self.problem, end, u, now.mu, now.t, states, now.touch, now.internal, now.load)
         return NonlinearResult(*values, scale, found, lines, last)
 
     def _refuse_large_rotations(self, u: Array) -> None:

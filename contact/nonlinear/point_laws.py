@@ -1,10 +1,11 @@
 """Material laws, as examples of what `NonlinearBody` takes.
 
 All take F of shape (3, 3, ...) and return the first Piola-Kirchhoff stress P; those with a state
-also the new one. They contain no abs, norm or eigenvalues: complex steps go through them."""
+also the new one. They contain no abs or norm: complex steps go through them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +15,15 @@ from contact.errors import InputError
 from contact.nonlinear.cell_forces import cofactor, det
 from skfem_adini.ground.arguments import finite_number
 
-__all__ = ["FinitePlasticity", "MooneyRivlin", "NeoHooke", "Plasticity", "SaintVenant", "Viscous"]
+__all__ = [
+    "FinitePlasticity",
+    "MooneyRivlin",
+    "NeoHooke",
+    "Ogden",
+    "Plasticity",
+    "SaintVenant",
+    "Viscous",
+]
 EYE = np.eye(3)
 
 
@@ -210,6 +219,102 @@ class MooneyRivlin:
         two = 0.5 * (one**2 - _dot(C, C))
         first, second = J ** (-2 / 3) * one - 3, J ** (-4 / 3) * two - 3
         return self.c1 * first + self.c2 * second + 0.5 * self.K * (J - 1) ** 2
+
+
+@dataclass(frozen=True)
+class Ogden:
+    r"""Ogden's law through the principal stretches of the volume-preserving part of F.
+
+    .. math::
+        \psi = \sum_p \tfrac{\mu_p}{\alpha_p}
+            (\bar\lambda_1^{\alpha_p} + \bar\lambda_2^{\alpha_p} + \bar\lambda_3^{\alpha_p} - 3)
+            + \tfrac{K}{2} (J - 1)^2, \qquad \bar\lambda_i = J^{-1/3} \lambda_i
+
+    Parameters
+    ----------
+    mu, alpha : float or sequence of float
+        Pairs of constants, each with a positive product; half the sum of the products is the shear
+        modulus.
+    K : float
+        Bulk modulus.
+
+    Raises
+    ------
+    InputError
+        Lists of different lengths, or a constant outside its range.
+
+    References
+    ----------
+    R. W. Ogden, Large deformation isotropic elasticity, Proc. R. Soc. Lond. A 326 (1972), 565-584.
+    G. A. Holzapfel, Nonlinear Solid Mechanics, Wiley 2000, section 6.5.
+
+    Examples
+    --------
+    Treloar's rubber, in units of N/mm^2:
+
+    >>> law = Ogden((0.63, 0.0012, -0.01), (1.3, 5.0, -2.0), K=1000.0)
+    >>> F = np.diag([2.0, 1.0, 0.5])
+    >>> expected = sum(m * (2.0**a - 0.5**a) for m, a in zip(law.mu, law.alpha))
+    >>> P = law(F)
+    >>> bool(abs(2.0 * P[0, 0] - 0.5 * P[2, 2] - expected) < 1e-12)
+    True
+    """
+
+    mu: Any
+    alpha: Any
+    K: float
+
+    def __post_init__(self) -> None:
+        _positive(K=self.K)
+        if len(np.atleast_1d(self.mu)) != len(np.atleast_1d(self.alpha)):
+            raise InputError("mu, alpha: expected as many of one as of the other")
+        for mu, alpha in self._terms():
+            finite_number("mu", mu)
+            finite_number("alpha", alpha)
+            if not mu * alpha > 0.0:
+                raise InputError(f"mu={mu!r}, alpha={alpha!r}: expected a positive product")
+
+    def _terms(self) -> list[tuple[Any, Any]]:
+        return list(zip(np.atleast_1d(self.mu), np.atleast_1d(self.alpha), strict=True))
+
+    def __call__(self, F: Any) -> Any:
+        """First Piola-Kirchhoff stress, shape as F."""
+        J, C = det(F), _times(_turned(F), F)
+        powers = _powers(C, [alpha / 2 for _, alpha in self._terms()])
+        S = self.K * (J - 1) * J * _unit(F)
+        for (mu, alpha), power in zip(self._terms(), powers, strict=True):
+            S = S + mu * J ** (-alpha / 3) * _deviator(power)
+        return _times(cofactor(F) / J, S)
+
+    def energy(self, F: Any) -> Any:
+        """Stored energy per undeformed volume."""
+        J, C = det(F), _times(_turned(F), F)
+        found = 0.5 * self.K * (J - 1) ** 2
+        powers = _powers(C, [alpha / 2 for _, alpha in self._terms()])
+        for (mu, alpha), power in zip(self._terms(), powers, strict=True):
+            found = found + mu / alpha * (J ** (-alpha / 3) * _trace(power) - 3)
+        return found
+
+
+def _powers(C: Any, exponents: Sequence[float]) -> list[Any]:
+    """Real powers of symmetric positive matrices (3, 3, ...), also for small imaginary parts.
+    These follow the derivative by divided differences of the eigenvalues, which are as exact where
+    eigenvalues are equal (Yu. L. Daleckii and S. G. Krein, AMS Transl. 47 (1965), 1-30)."""
+    values, Q = np.linalg.eigh(np.moveaxis(np.real(C), (0, 1), (-2, -1)))
+    values = np.maximum(values, 0.0) + np.where(values > 0.0, 0.0, np.nan)  # inverted beyond use
+    log = np.log(values)
+    apart = log[..., :, None] - log[..., None, :]
+    same, found = np.abs(apart) < 1e-14, []
+    back = Q.swapaxes(-1, -2)
+    for b in exponents:
+        A = (Q * values[..., None, :] ** b) @ back
+        if np.iscomplexobj(C):
+            ratio = np.expm1(b * apart) / np.where(same, 1.0, np.expm1(apart))
+            slope = values[..., None, :] ** (b - 1) * np.where(same, b, ratio)
+            part = back @ np.moveaxis(np.imag(C), (0, 1), (-2, -1)) @ Q
+            A = A + 1j * (Q @ (slope * part) @ back)
+        found.append(np.moveaxis(A, (-2, -1), (0, 1)))
+    return found
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from skfem_adini.ground.errors import AdiniError, SolverError
 
 Array = NDArray[np.float64]
 
-# PARDISO's numbers of real symmetric matrices.
-DEFINITE, INDEFINITE = 2, -2
+# PARDISO's numbers of real matrices; the last one has all entries, not the upper triangle.
+DEFINITE, INDEFINITE, GENERAL = 2, -2, 11
 
 
 class _Phases(NamedTuple):  # of PARDISO (oneMKL reference, `pardiso`)
@@ -80,11 +80,12 @@ class Pardiso:
         iparm: Mapping[int, int] | None = None,
         chosen: ArrayLike | None = None,
     ) -> None:
-        """Take the upper triangle of A, shape (n, n), of the kind `DEFINITE` or `INDEFINITE`.
+        """Take the upper triangle of A, shape (n, n), of the kind `DEFINITE` or `INDEFINITE`, or
+        all of a `GENERAL` one, whose columns ascend in each row.
         `iparm` holds PARDISO's integer parameters that are not zero, counted from 0; without any
         its defaults hold. `chosen` marks the unknowns of a Schur complement (iparm[35])."""
         n = A.shape[0]
-        upper = upper_triangle(A)
+        upper = A if kind == GENERAL else upper_triangle(A)
         if upper.nnz >= 2**31:
             raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
         self._kind, self._factored = kind, False
@@ -121,6 +122,11 @@ class Pardiso:
     def values(self) -> Array:
         """Entries of the upper triangle, row by row, which may be changed before phase 22."""
         return self._data
+
+    @property
+    def perturbed(self) -> int:
+        """Pivots of the last factorisation that were replaced because they were too small."""
+        return int(self._iparm[13])
 
     @property
     def pending(self) -> bool:

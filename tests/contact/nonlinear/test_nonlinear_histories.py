@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 from rubber_blocks import FAR, FLOOR, cube, pressed
-from skfem import ElementHex1, ElementQuad1, LinearForm, MeshQuad
+from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTriP1, LinearForm, MeshQuad
 from skfem.helpers import ddot, grad
 
 from contact import (
@@ -20,12 +20,11 @@ from contact import (
     NonlinearStepper,
     NotConverged,
     Pair,
-    Plane,
     Plasticity,
     Rigid,
     Viscous,
 )
-from skfem_adini import ElementQuadAdini
+from skfem_adini import ElementQuadAdini, ElementQuadBFS
 from skfem_adini.ground.archives import read_arrays, write_arrays
 
 RUBBER = NeoHooke(1.0, 9.0)
@@ -157,7 +156,11 @@ def turned_linear_body():
 
 BAD = {
     "stress: expected a function": lambda: body(stress=3.0),
-    "plane='stress'": lambda: body(plane="stress"),
+    "plane='stress'": lambda: NonlinearBody.from_forms(MeshQuad(), internal=work, plane="stress"),
+    "dilatation='mean': plane": lambda: body(plane="stress", dilatation="mean"),
+    "volume change of ElementTriP1": lambda: NonlinearBody.from_mesh(
+        MeshQuad().to_meshtri(), ElementTriP1(), stress=RUBBER, dilatation="mean"
+    ),
     "dilatation='none'": lambda: body(dilatation="none"),
     "'dt' is no name": lambda: body(state={"dt": 0.0}),
     "holds values that are not finite": lambda: body(state={"a": np.nan}),
@@ -227,10 +230,13 @@ def test_a_body_that_nothing_holds_is_named():
         stepper.load("top", (0.0, -0.1)).run([1.0])
 
 
-def test_other_elements_take_part():
-    mesh = MeshQuad().refined(2).with_defaults()
-    block = NonlinearBody.from_mesh(mesh, ElementQuadAdini(), stress=RUBBER).fix("top")
-    stepper = NonlinearStepper(ContactProblem(block, "bottom", Plane((0, 0), (0, 1)), 0.2))
-    result = stepper.move("top", "y", -0.2).run([0.5, 1.0]).results[-1]
-    quadratic = pressed(cube(ElementQuad1, RUBBER, n=16), 0.2, 0.2).run([0.5, 1.0]).results[-1]
-    assert abs(result.resultant[1] - quadratic.resultant[1]) <= 0.02 * result.resultant[1]
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementQuadBFS])
+def test_elements_with_derivatives_take_part(element):
+    forces = []
+    for one, n in ((element, 6), (ElementQuad2, 12)):
+        block = cube(one, RUBBER, n=n).fix(["left", "right"], "x").fix("top", "y")
+        problem = ContactProblem(block, "bottom", Cylinder((0.4, -2.0), 2.0))
+        result = NonlinearStepper(problem).move("top", "y", -0.1).run([0.5, 1.0]).results[-1]
+        forces.append(result.resultant)
+        assert result.gap.min() >= -1e-9
+    assert np.abs(forces[0] - forces[1]).max() <= 0.003 * forces[1][1]

@@ -8,12 +8,14 @@ from contact import (
     FinitePlasticity,
     MooneyRivlin,
     NeoHooke,
+    Ogden,
     Plasticity,
     SaintVenant,
     Viscous,
 )
 
-ELASTIC = [SaintVenant(2.0, 0.3), NeoHooke(1.0, 9.0), MooneyRivlin(0.3, 0.2, 10.0)]
+TRELOAR = Ogden((0.63, 0.0012, -0.01), (1.3, 5.0, -2.0), 10.0)
+ELASTIC = [SaintVenant(2.0, 0.3), NeoHooke(1.0, 9.0), MooneyRivlin(0.3, 0.2, 10.0), TRELOAR]
 METALS = [Plasticity(1000.0, 0.3, 1.0, 50.0), FinitePlasticity(1000.0, 0.3, 1.0, 50.0)]
 NAMES = {"ids": lambda law: type(law).__name__}
 
@@ -54,10 +56,25 @@ def test_small_strains_obey_hooke(law):
     elif isinstance(law, NeoHooke):
         lam, mu = law.lam, law.mu
     else:
-        mu = 2 * (law.c1 + law.c2)
+        mu = 2 * (law.c1 + law.c2) if law is not TRELOAR else np.dot(law.mu, law.alpha) / 2
         lam = law.K - 2 * mu / 3
     hooke = lam * np.trace(e) * np.eye(3) + 2 * mu * e
     assert np.abs(law(np.eye(3) + e) - hooke).max() <= 1e-5 * np.abs(hooke).max()
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(
+    "stretches", [(1.0, 1.0, 1.0), (1.2, 1.2, 0.7), (1.3, 1.3 + 1e-9, 1.1)], ids=str
+)
+def test_ogden_of_two_and_four_is_mooney_rivlin(stretches, seed):
+    """Its tangent too, where stretches are equal or nearly so."""
+    ogden, mooney = Ogden((0.6, -0.4), (2.0, -2.0), 10.0), MooneyRivlin(0.3, 0.2, 10.0)
+    F = rotation(seed) @ np.diag(stretches) @ rotation(seed + 5)
+    assert np.abs(ogden(F) - mooney(F)).max() <= 1e-13
+    assert abs(ogden.energy(F) - mooney.energy(F)) <= 1e-13
+    way = np.random.default_rng(seed).standard_normal((3, 3))
+    slopes = [np.imag(law(F + 1e-30j * way)) * 1e30 for law in (ogden, mooney)]
+    assert np.abs(slopes[0] - slopes[1]).max() <= 1e-13 * np.abs(slopes[1]).max()
 
 
 @pytest.mark.parametrize("law", [*METALS], **NAMES)

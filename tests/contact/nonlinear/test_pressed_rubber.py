@@ -24,6 +24,7 @@ from contact import (
     NeoHooke,
     NonlinearBody,
     NonlinearStepper,
+    Ogden,
     Pair,
     Plane,
     Plasticity,
@@ -37,7 +38,7 @@ RUBBER = NeoHooke(1.0, 9.0)
 LAWS = [
     *(SaintVenant(2.6, 0.3), RUBBER, MooneyRivlin(0.3, 0.2, 10.0)),
     *(Plasticity(100.0, 0.3, 1.0, 10.0), FinitePlasticity(100.0, 0.3, 1.0, 10.0)),
-    Viscous(RUBBER, 0.5, 1.0),
+    *(Viscous(RUBBER, 0.5, 1.0), Ogden((0.9, 0.05), (1.3, 4.0), 10.0)),
 ]
 ROUND = {2: Cylinder((0.4, -1.0), 1.0), 3: Sphere((0.4, 0.5, -1.0), 1.0)}
 NAMES = {"ids": lambda one: getattr(one, "__name__", type(one).__name__)}

@@ -26,14 +26,17 @@ from contact import (
     NeoHooke,
     NonlinearBody,
     NonlinearStepper,
+    Ogden,
     Pair,
     Plasticity,
     SaintVenant,
     Tie,
 )
+from skfem_adini import ElementQuadAdini, ElementQuadBFS
 
 ELEMENTS = [ElementTriP1, ElementTriP2, ElementQuad1, ElementQuad2, ElementHex1, ElementTetP2]
 LAWS = [SaintVenant(2.0, 0.3), NeoHooke(1.0, 9.0), MooneyRivlin(0.3, 0.2, 10.0)]
+LAWS.append(Ogden((0.9, 0.05), (1.3, 4.0), 10.0))
 NAMES = {"ids": lambda one: getattr(one, "__name__", type(one).__name__)}
 
 
@@ -58,7 +61,7 @@ def free_side(law, known, free):
 
 
 @pytest.mark.parametrize("law", LAWS, **NAMES)
-@pytest.mark.parametrize("element", ELEMENTS, **NAMES)
+@pytest.mark.parametrize("element", [*ELEMENTS, ElementQuadAdini, ElementQuadBFS], **NAMES)
 def test_uniaxial_stretch(law, element):
     body = cube(element, law, n=1)
     in_plane = body.dim == 2
@@ -72,6 +75,37 @@ def test_uniaxial_stretch(law, element):
 
 
 @pytest.mark.parametrize("law", LAWS, **NAMES)
+def test_uniaxial_stretch_in_plane_stress(law):
+    stretches = free_side(law, (1.3, None, None), (1, 2))
+    body = cube(ElementQuad2, law, plane="stress")
+    result = stretched(body, 1.3, None)
+    F = body.deformation_gradient(result.u)
+    assert np.abs(F[1, 1] - stretches[1]).max() <= 1e-12
+    expected = principal(law, stretches)[0]
+    assert abs(result.reaction("right")[0] - expected) <= 1e-12 * max(expected, 1.0)
+    cauchy = expected / stretches[1] / stretches[2]
+    assert np.abs(body.cauchy_stress(result.u, {})[0, 0] - cauchy).max() <= 1e-12 * cauchy
+    assert len(result.history) <= 5  # quadratic: the thickness is in the tangent
+
+
+def test_plastic_plane_stress_is_that_of_a_thin_plate_in_space():
+    """One cell of each, stretched and sheared by more than the yield strain."""
+    law = Plasticity(100.0, 0.3, 1.0, 10.0)
+    plate = cube(ElementHex1, law, n=1)
+    flat = cube(ElementQuad1, law, n=1, plane="stress")
+    (left, right), (bottom, _), (front, _) = sides_in_space(plate)
+    for body, ends in ((plate, (left, right, bottom)), (flat, ("left", "right", "bottom"))):
+        body.fix(ends[0], "x").fix(ends[1], "x", 0.05).fix(ends[2], "y")
+    plate.fix(front, "z")
+    results = [alone(body, tol=1e-12).run([1.0]).results[-1] for body in (plate, flat)]
+    alpha = [result.states[0]["alpha"].mean() for result in results]
+    assert alpha[0] > 0.02
+    assert abs(alpha[1] - alpha[0]) <= 1e-12
+    pull = results[0].reaction(right)[0], results[1].reaction("right")[0]
+    assert abs(pull[1] - pull[0]) <= 1e-12
+
+
+@pytest.mark.parametrize("law", LAWS, **NAMES)
 def test_equibiaxial_stretch(law):
     stretches = free_side(law, (1.25, 1.25, None), (2,))
     body = cube(ElementHex1, law)
@@ -80,7 +114,7 @@ def test_equibiaxial_stretch(law):
     assert np.allclose(found, principal(law, stretches)[:2], rtol=1e-12)
 
 
-@pytest.mark.parametrize("law", LAWS[1:], **NAMES)
+@pytest.mark.parametrize("law", LAWS[1:3], **NAMES)
 def test_simple_shear(law):
     body = cube(ElementQuad2, law).fix(["left", "right", "top", "bottom"], "y")
     body.fix(["left", "right", "top", "bottom"], "x", lambda x: 0.5 * x[1])
