@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cip.characteristics.feet import FEET, check_inside
-from cip.engines.displacements import Displacements, TooCoarse
+from cip.engines.displacements import Displacements, Flow, TooCoarse
 from cip.engines.path_kernel import PATH
 from cip.errors import NotConverged
 from cip.formulas.formula import Formula
@@ -40,6 +40,8 @@ class _Memory(threading.local):
         # number.
         self.counts: dict[Any, tuple[float, int]] = {}
         self.spare: list[Any] = []  # arrays of moments, to be used again
+        self.displaced: dict[Stage, Displacements | None] = {}
+        self.flows: dict[Any, Flow] = {}
 
 
 class Tally(Protocol):
@@ -68,7 +70,6 @@ class Engine:
         self._feet: dict[Any, StageFeet] = {}
         self._lock = threading.Lock()
         self._paths: dict[Any, Any] = {}
-        self._displacements: dict[Stage, Displacements | None] = {}
 
     @property
     def _counts(self) -> dict[Any, tuple[float, int]]:
@@ -230,12 +231,13 @@ class Engine:
 
     def _displaced(self, stage: Stage) -> Displacements | None:
         """The feet of a stage by displacements, None where others serve."""
-        if stage not in self._displacements:
+        found = self._memory.displaced
+        if stage not in found:
             # At coasts derivatives are not those of displacements.
             serves = not self.setting.steady and stage.coast is None
             serves = serves and Displacements.serves(stage, LIMITS.differences)
-            self._displacements[stage] = Displacements(stage) if serves else None
-        return self._displacements[stage]
+            found[stage] = Displacements(stage, self._memory.flows) if serves else None
+        return found[stage]
 
     def _displaced_feet(self, moved: Displacements, t: float, dt: float) -> StageFeet:
         """Feet with the sub-steps of the last step, at intervals with fewer, or with more."""

@@ -154,7 +154,7 @@ def test_paths_have_order_four_and_derivatives_order_eight(kind):
         solver = solver_of(velocity, grid, foot_tolerance=1.0)
         (stage,) = solver._stages
         feet_of(solver, stage, 0.2, 0.1)
-        found = solver._kernels._displacements[stage].feet(0.2, 0.1, count)
+        found = solver._kernels._memory.displaced[stage].feet(0.2, 0.1, count)
         exact = reference(solver, stage, 0, 0.3, 0.1)
         errors.append(np.abs(found.data.reshape(len(stage.jets), -1)[:2] - exact).max())
     assert 3.7 <= order(sizes, errors) <= 5.0
@@ -165,7 +165,7 @@ def test_paths_have_order_four_and_derivatives_order_eight(kind):
         solver = solver_of(velocity, grid, foot_tolerance=1.0)
         (stage,) = solver._stages
         feet_of(solver, stage, 0.2, 0.02)
-        found = solver._kernels._displacements[stage].feet(0.2, 0.02, 8).data.reshape(8, -1)
+        found = solver._kernels._memory.displaced[stage].feet(0.2, 0.02, 8).data.reshape(8, -1)
         exact = integrate(grid, velocity.on(grid), stage.system, grid.mesh(), 0.22, 0.02)
         rows = stage.components(exact.jets, list(grid.mesh()))
         slopes.append(np.abs(found[2:6] - rows[2:6]).max())
