@@ -167,14 +167,15 @@ def spread(a: Array, first: Index, along: Index, count: Index, out: Out) -> None
 
 
 def run_substep(
-    start: Index, stop: Index, row: Index, size: Index, moving: Index, step: Real, old: Array,
-    new: Out, chosen: Out, p: Array, q: Array, r: Array, at: Array, places: Array, bounds: Array,
-    sizes: Array, box0: Array, box1: Array, box2: Array,
+    start: Index, stop: Index, stages: Index, row: Index, size: Index, moving: Index, step: Real,
+    old: Array, new: Out, chosen: Out, p: Array, q: Array, r: Array, at: Array, places: Array,
+    bounds: Array, sizes: Array, box0: Array, box1: Array, box2: Array,
 ) -> None:  # fmt: skip
-    """A classical Runge-Kutta step of the displacements of the points in rows start..stop, from 0
-    if `old` is empty; NaN of those that may leave the bounds. ``chosen[row]``: where its inner
-    stages differ most. Node j of a row has entry ``row places[2 q] + j places[2 q + 1]`` of array q
-    of four, and its line begins ``j places[8]`` further."""
+    """A classical Runge-Kutta step of four stages, or Kutta's of three, of the displacements of the
+    points in rows start..stop, from 0 if `old` is empty; NaN of those that may leave the bounds.
+    ``chosen[row]``: where its stages say that the error is largest. Node j of a row has entry
+    ``row places[2 q] + j places[2 q + 1]`` of array q of four, and its line begins
+    ``j places[8]`` further."""
     x, y, z, px, py = numbers(new), numbers(new), numbers(new), numbers(new), numbers(new)
     dx, dy, u, v = numbers(new), numbers(new), numbers(new), numbers(new)
     a, b, begin = numbers(new), numbers(new), numbers(sizes)
@@ -197,6 +198,7 @@ def run_substep(
             for j in range(count):
                 begin[j] += (head + j) * places[8]
                 dx[j], dy[j], u[j], v[j], py[j] = 0.0, 0.0, 0.0, 0.0, y[j]
+                a[j], b[j] = 0.0, 0.0
                 sum_a[j], sum_b[j], inner[j], gone[j] = 0.0, 0.0, 0.0, 0.0
             if begun > 0:
                 for j in range(count):
@@ -206,31 +208,38 @@ def run_substep(
                     for j in range(count):
                         dy[j] = old[size + first + j]
                         y[j] += dy[j]
-            for stage in range(4):
-                box, shift, weight = box1, 0.5 * step, 2.0
+            for stage in range(stages):
+                box, shift, back, weight = box1, 0.5 * step, 0.0, 2.0
                 if stage == 0:
                     box, shift, weight = box0, 0.0, 1.0
-                if stage == 3:
+                if stage == stages - 1:
                     box, shift, weight = box2, step, 1.0
+                if stages == 3 and stage == 1:
+                    weight = 4.0
+                if stages == 3 and stage == 2:
+                    shift, back = 2.0 * step, -step
                 for j in range(count):
-                    a[j], px[j] = u[j], x[j] + shift * u[j]
+                    px[j] = x[j] + shift * u[j] + back * a[j]
+                    a[j] = u[j]
                     gone[j] = 1.0 if px[j] < bounds[0] or px[j] > bounds[1] else gone[j]
                 if moving == 2:
                     for j in range(count):
-                        b[j], py[j] = v[j], y[j] + shift * v[j]
+                        py[j] = y[j] + shift * v[j] + back * b[j]
+                        b[j] = v[j]
                         gone[j] = 1.0 if py[j] < bounds[2] or py[j] > bounds[3] else gone[j]
                 flow(count, px, py, z, begin, box, sizes, u, v)
+                if stage == 2:  # the difference of inner stages, or the second one in time
+                    more, less = (1.0, 6.0) if stages == 3 else (0.0, 1.0)
+                    for j in range(count):
+                        inner[j] = abs(u[j] + more * sum_a[j] - less * a[j])
+                    if moving == 2:
+                        for j in range(count):
+                            inner[j] += abs(v[j] + more * sum_b[j] - less * b[j])
                 for j in range(count):
                     sum_a[j] += weight * u[j]
                 if moving == 2:
                     for j in range(count):
                         sum_b[j] += weight * v[j]
-                if stage == 2:
-                    for j in range(count):
-                        inner[j] = abs(u[j] - a[j])
-                    if moving == 2:
-                        for j in range(count):
-                            inner[j] += abs(v[j] - b[j])
             above = 0
             for j in range(count):
                 ua = step * (1.0 / 6.0) * sum_a[j]
@@ -291,13 +300,27 @@ def fast_cos(x: Real) -> Real:
 
 @loop
 def run_combine(
-    start: Index, stop: Index, a: Array, b: Array, c: Array, d: Array, weights: Array, out: Out
-) -> None:
-    """Sum of four arrays with weights."""
-    a, b, c, d, out = address(a), address(b), address(c), address(d), address(out)
+    start: Index, stop: Index, a: Array, b: Array, c: Array, d: Array, weights: Array, out: Out,
+    more: Out,
+) -> None:  # fmt: skip
+    """Sums of four arrays with weights, and with four others to `more` unless that is empty."""
     wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
-    for o in range(start, stop):
-        out[o] = wa * a[o] + wb * b[o] + wc * c[o] + wd * d[o]
+    va, vb, vc, vd = weights[4], weights[5], weights[6], weights[7]
+    both = more.size > 0
+    a, b, c, d = address(a), address(b), address(c), address(d)
+    out, more = address(out), address(more)
+    near, other = numbers(a), numbers(a)
+    for first in range(start, stop, _BLOCK):
+        count = min(_BLOCK, stop - first)
+        for j in range(count):
+            o = first + j
+            near[j] = wa * a[o] + wb * b[o] + wc * c[o] + wd * d[o]
+            other[j] = va * a[o] + vb * b[o] + vc * c[o] + vd * d[o]
+        for j in range(count):
+            out[first + j] = near[j]
+        if both:
+            for j in range(count):
+                more[first + j] = other[j]
 
 
 @kernel

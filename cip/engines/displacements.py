@@ -1,9 +1,10 @@
 r"""Feet by displacements alone, and the derivatives of the map to them by differences.
 
-Positions are followed by the classical Runge-Kutta method. In each row of nodes the one where the
-inner stages :math:`k_2, k_3` differ most is followed again with halved steps: the largest
-difference, summed over the steps, estimates the error of all feet (Hairer, Norsett and Wanner,
-Solving Ordinary Differential Equations I, 1993, section II.4). Derivatives are central differences
+Positions are followed by the classical Runge-Kutta method, those in winds from data by Kutta's of
+order 3 where that is exact enough. In each row of nodes the one whose stages differ most is
+followed again by two classical steps of half the length: the largest difference, summed over the
+steps, estimates the error of all feet (Hairer, Norsett and Wanner, Solving Ordinary Differential
+Equations I, 1993, section II.4). Derivatives are central differences
 of the displacements, of order 8; near walls, and where those of orders 6 and 8 disagree, of paths
 that end within a fraction of a cell around the node. Paths that begin on walls follow the equations
 of `cip.characteristics.flow_derivatives`.
@@ -61,13 +62,13 @@ class Flow:
     origin: list[float]  # for each direction that moves: the zero of its coordinate ..
     unit: list[float]  # .. and the length of its unit
 
-    def box(self, t: float) -> Array:
-        """What the kernel reads of the velocity at a time."""
+    def boxes(self, *times: float) -> list[Array]:
+        """What the kernel reads of the velocity at each time."""
         raise NotImplementedError
 
     def few(self, t: float) -> Array:
-        """The same for a few points, until the next call."""
-        return self.box(t)
+        """The same for a few points at a time, until the next call."""
+        return self.boxes(t)[0]
 
     def breaks(self, start: float, end: float) -> list[float]:
         """Times between these at which the velocity is not smooth."""
@@ -107,9 +108,9 @@ class _FormulaFlow(Flow):
         self.origin, self.unit = [0.0, 0.0], [1.0, 1.0]
         self._set_points(stage, block)
 
-    def box(self, t: float) -> Array:
+    def boxes(self, *times: float) -> list[Array]:
         with np.errstate(all="ignore"):
-            return np.array([*self._values(np.float64(t)), 0.0], dtype=float)
+            return [np.array([*self._values(np.float64(t)), 0.0], dtype=float) for t in times]
 
 
 class _SplineFlow(Flow):
@@ -172,22 +173,34 @@ class _SplineFlow(Flow):
             parts.append(part)
         return np.ascontiguousarray(np.stack(parts, axis=-1)).reshape(-1)
 
-    def box(self, t: float) -> Array:
-        from cip.engines import cpu_loops
+    def boxes(self, *times: float) -> list[Array]:
+        kept = {t: self._boxes[t] for t in times if t in self._boxes}
+        new = [t for t in dict.fromkeys(times) if t not in kept]
+        if len(new) == 2 and self._tables(new[0])[0] == self._tables(new[1])[0]:
+            self._combine(*new)
+        for t in new:
+            if t not in self._boxes:
+                self._combine(t)
+        found = [kept[t] if t in kept else self._boxes[t] for t in times]
+        for t in list(self._boxes)[:-4]:
+            del self._boxes[t]
+        return found
+
+    def _combine(self, *times: float) -> None:
+        """The coefficients at one or two times of an interval."""
+        from cip.engines.cpu_loops import share
         from cip.engines.displacement_loops import HEAD, run_combine
 
-        if t not in self._boxes:
-            slots, weights = self._tables(t)
-            more, size = 4 - weights.size, self._store.shape[1]
-            tables = [self._store[slot] for slot in [*slots, *slots[:1] * more]]
-            found = np.empty(HEAD + size)
-            found[:3] = 1.0, HEAD, 1.0
-            given: Any = (*tables, np.append(weights, np.zeros(more)), found[HEAD:])
-            cpu_loops.share(lambda a, b: run_combine(a, b, *given), size, size)
-            while len(self._boxes) > 3:
-                self._boxes.pop(next(iter(self._boxes)))
-            self._boxes[t] = found
-        return self._boxes[t]
+        slots = self._tables(times[0])[0]
+        more, size = 4 - len(slots), self._store.shape[1]
+        tables = [self._store[slot] for slot in [*slots, *slots[:1] * more]]
+        weights, made = np.zeros((2, 4)), [np.empty(0)] * 2
+        for q, t in enumerate(times):
+            weights[q, : len(slots)] = self._tables(t)[1]
+            made[q] = self._boxes[t] = np.empty(HEAD + size)
+            made[q][:3] = 1.0, HEAD, 1.0
+        given: Any = (*tables, weights.ravel(), *(one[HEAD:] for one in made))
+        share(lambda a, b: run_combine(a, b, *given), size, size)
 
     def few(self, t: float) -> Array:
         from cip.engines.displacement_loops import HEAD
@@ -225,6 +238,7 @@ class Displacements:
         # A slope moves a value by a tenth of a cell or so, and data have no slopes of their own.
         given = snapshots_of(stage.velocity) is not None
         self._slopes = 100.0 * stage.foot_error if given else stage.limit
+        self.least = 0 if given else 1  # of data order 3 suffices for steps of a cell or so
 
     @staticmethod
     def serves(stage: Stage, least: int) -> bool:
@@ -241,8 +255,8 @@ class Displacements:
         return stage.formula and not stage.system.parameters and grid.size >= least
 
     def feet(self, t: float, dt: float, count: int) -> StageFeet:
-        """The feet with `count` sub-steps, or more where the velocity has kinks in time. Raises
-        `TooCoarse`."""
+        """The feet with `count` sub-steps, 0 for one of order 3, or with more where the velocity
+        has kinks in time. Raises `TooCoarse`."""
         stage, size = self.stage, self.grid.size
         times = t + stage.begin * dt, t + stage.end * dt
         rows = np.empty((len(stage.blocks), len(stage.jets), size))
@@ -260,7 +274,7 @@ class Displacements:
                 near = flow.points.some(bad, line).arrays
                 row[:, bad] = self._closely(flow, near, times, count, np.isnan(row[0, bad]))
                 exits[-1] = self._to_walls(row, block, times, bad)
-        return StageFeet(rows.reshape(-1), exits, *times, (count,) * len(exits))
+        return StageFeet(rows.reshape(-1), exits, *times, (max(count, 1),) * len(exits))
 
     def _flow(self, block: int) -> Flow:
         key, field = (self.stage.moving, block), snapshots_of(self.stage.velocity)
@@ -294,16 +308,16 @@ class Displacements:
         moving, size = out.shape
         run = loop_over(displacement_loops.run_substep, flow=flow.kernel)
         units = np.array(flow.unit[:moving]) / self._cells
-        clock = _clock(*times, flow.breaks(*times), count)
+        clock = _clock(*times, flow.breaks(*times), max(count, 1))
         new, spare = out.reshape(-1), np.empty(out.size if len(clock) > 2 else 0)
         if len(clock) % 2:  # the last sub-step writes to `out`
             new, spare = spare, new
         old, error = spare[:0], 0.0
         for begin, end in pairwise(clock):
             step, middle = begin - end, begin - 0.5 * (begin - end)
-            boxes = [flow.box(t) for t in (begin, middle, end)]
+            boxes = flow.boxes(begin, middle, end)
             chosen = np.full(size // row, -1)
-            head = (row, size, moving, step, old, new, chosen)
+            head = (4 if count else 3, row, size, moving, step, old, new, chosen)
             given = (*head, *points.arrays, points.places, bounds, flow.sizes, *boxes)
             share(lambda a, b, given=given: run(a, b, *given), chosen.size, size)  # type: ignore[misc]
             if limit < np.inf:
@@ -311,8 +325,9 @@ class Displacements:
                 near, again = points.some(some, row), old.reshape(-1, size)[:, some].reshape(-1)
                 for q, t in enumerate((begin - 0.25 * step, begin - 0.75 * step)):
                     before, again = again, np.empty(moving * some.size)
-                    head = (some.size, some.size, moving, 0.5 * step, before, again, np.array([-1]))
+                    head = (4, some.size, some.size, moving, 0.5 * step)
                     inner = boxes[q], flow.few(t), boxes[q + 1]
+                    head = (*head, before, again, np.array([-1]))
                     run(0, 1, *head, *near.arrays, near.places, bounds, flow.sizes, *inner)
                 change = np.abs(again.reshape(moving, -1) - new.reshape(moving, -1)[:, some])
                 worst = np.max(change, axis=1, where=np.isfinite(change), initial=0.0)

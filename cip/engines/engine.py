@@ -242,14 +242,14 @@ class Engine:
     def _displaced_feet(self, moved: Displacements, t: float, dt: float) -> StageFeet:
         """Feet with the sub-steps of the last step, at intervals with fewer, or with more."""
         key = ("displaced", *moved.stage.part(dt))
-        first, count = self._counts.get(key, (t, 1))
+        first, count = self._counts.get(key, (t, moved.least))
         if abs(t - first) > LIMITS.renewal * abs(dt):
-            first, count = t, max(1, count // 2)
+            first, count = t, max(moved.least, count // 2)
         while count <= FEET.substeps:
             try:
                 found = moved.feet(t, dt, count)
             except TooCoarse:
-                count *= 2
+                count = max(1, 2 * count)
             else:
                 self._counts[key] = (first, count)
                 return found
