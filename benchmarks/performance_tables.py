@@ -274,6 +274,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(kernel_tables.cip, kernel_tables.cip_sphere, kernel_tables.cip_device),
         *(profile_tables.cip_profiles, profile_tables.cip_profile_costs),
         *(profile_tables.cip_profile_orders, profile_tables.cip_areas, profile_tables.cip_tracers),
+        profile_tables.cip_steps,
         *(inverse_tables.adjoint, inverse_tables.assimilation, inverse_tables.calibration),
         *(kernel_tables.qp, kernel_tables.qp_peers, kernel_tables.qp_device_peers),
         *(kernel_tables.qp_small, kernel_tables.qp_large),
@@ -286,6 +287,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
 FILES = {
     "mkl": "contact_block", "periodic": "validation_periodic",
     **dict.fromkeys(("cip_profile_costs", "cip_profile_orders", "cip_areas"), "cip_profiles"),
+    "cip_steps": "cip_tracers",
 } | reproduction_tables.FILES  # fmt: skip
 
 
