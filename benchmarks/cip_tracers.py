@@ -18,6 +18,7 @@ import json
 import os
 import sys
 import time
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -52,31 +53,29 @@ def velocities(grid: Grid) -> dict[str, Velocity]:
     }
 
 
-def times(cells: int, repetitions: int) -> dict[Any, float]:
-    """Seconds of a step by profile, velocity and number of fields, and of the spline."""
+def times(profile: str, cells: int, repetitions: int) -> dict[Any, float]:
+    """Seconds of a step by velocity and number of fields, and of the spline."""
     grid = Grid([(0, 1)] * 2, (cells, cells), periodic=True)
-    given, found, states, solvers = velocities(grid), {"unit": np.inf}, {}, {}
-    for profile in ("bicubic", "adini", "csl4"):
-        more: Any = {"form": "conservative", "splitting": "strang"} if profile == "csl4" else {}
-        for kind, velocity in given.items():
-            solvers[profile, kind] = solver = Solver(grid, velocity, profile=profile, **more)
-            for count in COUNTS:
-                fields = {f"u{q}x": f"{q} + sin(2*pi*x1)*cos(2*pi*x2)" for q in range(count)}
-                states[profile, kind, count] = solver.state(fields)
-                found[profile, kind, count] = np.inf
+    more: Any = {"form": "conservative", "splitting": "strang"} if profile == "csl4" else {}
+    solvers = {
+        kind: Solver(grid, velocity, profile=profile, **more)
+        for kind, velocity in velocities(grid).items()
+    }
+    found: dict[Any, float] = dict.fromkeys(["unit", *product(solvers, COUNTS)], np.inf)
     place = np.stack(np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")) + 0.4
     u = grid.mesh()[0]
     for turn in range(repetitions + 1):
         begin = time.thread_time()
         ndimage.map_coordinates(u, place, order=3, mode="grid-wrap")
         found["unit"] = min(found["unit"], time.thread_time() - begin)
-        for key, first in states.items():
-            state = first
+        for kind, count in product(solvers, COUNTS):
+            fields = {f"u{q}x": f"{q} + sin(2*pi*x1)*cos(2*pi*x2)" for q in range(count)}
+            state = solvers[kind].state(fields)
             for step in range(4):  # the first of a run finds its sub-steps
                 begin = time.thread_time()
-                state = solvers[key[:2]].step(state, 1.0 / cells)
+                state = solvers[kind].step(state, 1.0 / cells)
                 if turn and step:
-                    found[key] = min(found[key], time.thread_time() - begin)
+                    found[kind, count] = min(found[kind, count], time.thread_time() - begin)
     return found
 
 
@@ -87,21 +86,19 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--repetitions", type=int, default=4)
     parser.add_argument("--output", type=Path)
     options = parser.parse_args(arguments)
-    found, rows = times(options.cells, options.repetitions), []
+    rows = []
     print("profile  velocity         ms of one  splines  of formula  second  each of five")
-    for profile, kind in dict.fromkeys(key[:2] for key in found if key != "unit"):
-        t = {n: found[profile, kind, n] for n in COUNTS}
-        row = {"profile": profile, "velocity": kind, "cells": options.cells, "seconds": t[1]}
-        row["splines"], row["of_formula"] = (
-            t[1] / found["unit"],
-            t[1] / found[profile, "formula", 1],
-        )
-        row |= {"second": (t[2] - t[1]) / t[1], "each_of_five": (t[5] - t[1]) / (4 * t[1])}
-        rows.append(row)
-    for row in rows:
-        numbers = (row[key] for key in ("splines", "of_formula", "second", "each_of_five"))
-        words = f"{row['profile']:8} {row['velocity']:16} {1e3 * row['seconds']:9.1f}"
-        print(words + "".join(f" {number:8.2f}" for number in numbers))
+    for profile in ("bicubic", "adini", "csl4"):
+        found = times(profile, options.cells, options.repetitions)
+        for kind in ("steady", "formula", "winds, degree 5", "winds, degree 3"):
+            one, two, five = (found[kind, count] for count in COUNTS)
+            row = {"profile": profile, "velocity": kind, "cells": options.cells, "seconds": one}
+            row |= {"splines": one / found["unit"], "of_formula": one / found["formula", 1]}
+            row |= {"second": (two - one) / one, "each_of_five": (five - one) / (4 * one)}
+            rows.append(row)
+            numbers = (row[key] for key in ("splines", "of_formula", "second", "each_of_five"))
+            words = f"{profile:8} {kind:16} {1e3 * one:9.1f}"
+            print(words + "".join(f" {number:8.2f}" for number in numbers), flush=True)
     if options.output:
         record = {"machine": describe(), "load": os.getloadavg()[0], "rows": rows}
         path = options.output / "cip_tracers.json"

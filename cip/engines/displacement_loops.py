@@ -303,24 +303,29 @@ def run_combine(
     start: Index, stop: Index, a: Array, b: Array, c: Array, d: Array, weights: Array, out: Out,
     more: Out,
 ) -> None:  # fmt: skip
-    """Sums of four arrays with weights, and with four others to `more` unless that is empty."""
-    wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
-    va, vb, vc, vd = weights[4], weights[5], weights[6], weights[7]
-    both = more.size > 0
-    a, b, c, d = address(a), address(b), address(c), address(d)
+    """Sums of four arrays with weights, and with four others to `more` unless that is empty; by the
+    same code, so with the same bits."""
+    sums = 1 + min(more.size, 1)
+    a, b, c, d, weights = address(a), address(b), address(c), address(d), address(weights)
     out, more = address(out), address(more)
-    near, other = numbers(a), numbers(a)
+    near = numbers(a)
     for first in range(start, stop, _BLOCK):
         count = min(_BLOCK, stop - first)
-        for j in range(count):
-            o = first + j
-            near[j] = wa * a[o] + wb * b[o] + wc * c[o] + wd * d[o]
-            other[j] = va * a[o] + vb * b[o] + vc * c[o] + vd * d[o]
-        for j in range(count):
-            out[first + j] = near[j]
-        if both:
+        for q in range(sums):
+            wa, wb, wc, wd = (
+                weights[4 * q],
+                weights[4 * q + 1],
+                weights[4 * q + 2],
+                weights[4 * q + 3],
+            )
+            to = out
+            if q == 1:
+                to = more
             for j in range(count):
-                more[first + j] = other[j]
+                o = first + j
+                near[j] = wa * a[o] + wb * b[o] + wc * c[o] + wd * d[o]
+            for j in range(count):
+                to[first + j] = near[j]
 
 
 @kernel

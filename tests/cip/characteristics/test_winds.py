@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from cip import Grid, LeftDomain, NotConverged, Solver, Velocity
 from cip.characteristics.feet import integrate
-from cip.engines import engine
+from cip.engines import displacements, engine
 from skfem_adini.ground.jit import loop
 
 SLOW = pytest.mark.slow
@@ -259,6 +259,23 @@ def test_csl4_keeps_the_mass_and_repeats_bit_by_bit(kind):
     assert abs(one.mass - start.mass) <= 1e-14 * start.mass
     assert np.abs(one.data - start.data).max() > 0.1
     assert (one.data == two.data).all()
+
+
+@pytest.mark.parametrize(("time", "size"), [("cubic", 30), ("linear", 131)])
+def test_coefficients_at_two_times_at_once_have_the_bits_of_each_alone(time, size):
+    """A run that begins anew combines them in another order than one that goes on."""
+    from cip.engines.displacement_loops import HEAD
+
+    grid = Grid([(0, 1)] * 2, (size, 12), periodic=True)
+    wind = Velocity.from_expression(*WIND)
+    velocity = Velocity.from_snapshots(TIMES, sampled(wind.on(grid), grid), grid, 5, time)
+    found = []
+    for times in ([0.4, 0.45, 0.49], [0.4], [0.45, 0.49], [0.49, 0.45]):
+        stage = solver_of(velocity, grid)._stages[0]
+        flow = displacements.Displacements(stage, {})._flow(0)
+        found.append(dict(zip(times, flow.boxes(*times), strict=True)))
+    for some in found[1:]:
+        assert all((box[HEAD:] == found[0][t][HEAD:]).all() for t, box in some.items())
 
 
 def test_vector_code_of_sine_and_cosine():
