@@ -325,10 +325,10 @@ class Displacements:
                 near, again = points.some(some, row), old.reshape(-1, size)[:, some].reshape(-1)
                 for q, t in enumerate((begin - 0.25 * step, begin - 0.75 * step)):
                     before, again = again, np.empty(moving * some.size)
-                    head = (4, some.size, some.size, moving, 0.5 * step)
                     inner = boxes[q], flow.few(t), boxes[q + 1]
-                    head = (*head, before, again, np.array([-1]))
-                    run(0, 1, *head, *near.arrays, near.places, bounds, flow.sizes, *inner)
+                    half: Any = (4, some.size, some.size, moving, 0.5 * step, before, again)
+                    half += (np.array([-1]), *near.arrays, near.places, bounds, flow.sizes)
+                    run(0, 1, *half, *inner)
                 change = np.abs(again.reshape(moving, -1) - new.reshape(moving, -1)[:, some])
                 worst = np.max(change, axis=1, where=np.isfinite(change), initial=0.0)
                 error += float(np.max(worst * units))
