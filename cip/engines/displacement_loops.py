@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy import floor
 
-from cip.engines.cpu_loops import address
+from cip.engines.cpu_loops import address, shifted
 from cip.engines.path_kernel import plain
 from cip.engines.snapshot_kernel import with_names
 from cip.formulas.expression import COORDINATES, Expression, ordered, statements, variable
@@ -166,6 +166,82 @@ def spread(a: Array, first: Index, along: Index, count: Index, out: Out) -> None
             out[j] = a[first + j]
 
 
+@kernel
+def points_of(
+    p: Array, q: Array, r: Array, at: Array, places: Array, line: Index, head: Index, count: Index,
+    x: Out, y: Out, z: Out, begin: Out,
+) -> None:  # fmt: skip
+    """Coordinates of a block of nodes of a row, and where their lines begin."""
+    spread(p, line * places[0] + head * places[1], places[1], count, x)
+    spread(q, line * places[2] + head * places[3], places[3], count, y)
+    spread(r, line * places[4] + head * places[5], places[5], count, z)
+    spread(at, line * places[6] + head * places[7], places[7], count, begin)
+    for j in range(count):
+        begin[j] += (head + j) * places[8]
+
+
+@kernel
+def carry(old: Array, count: Index, d: Out, x: Out) -> None:
+    """Begin at displacements."""
+    for j in range(count):
+        d[j] = old[j]
+        x[j] += d[j]
+
+
+@kernel
+def move(
+    x: Array, u: Array, a: Out, shift: Real, back: Real, low: Real, high: Real, count: Index,
+    to: Out, gone: Out,
+) -> None:  # fmt: skip
+    """The places of a stage from the velocities u of the last one, kept in `a`, and of that before
+    it; 1 where they are outside."""
+    for j in range(count):
+        to[j] = x[j] + shift * u[j] + back * a[j]
+        a[j] = u[j]
+        gone[j] = 1.0 if to[j] < low or to[j] > high else gone[j]
+
+
+@kernel
+def differ(
+    u: Array, total: Array, a: Array, more: Real, less: Real, count: Index, inner: Out
+) -> None:
+    """Add what tells the size of the error."""
+    for j in range(count):
+        inner[j] += abs(u[j] + more * total[j] - less * a[j])
+
+
+@kernel
+def finish(
+    x: Array, d: Array, total: Array, scale: Real, low: Real, high: Real, count: Index, to: Out,
+    gone: Out, new: Out,
+) -> None:  # fmt: skip
+    """The places at the end of the step, and the displacements."""
+    for j in range(count):
+        more = scale * total[j]
+        new[j] = d[j] + more
+        to[j] = x[j] + more
+        gone[j] = 1.0 if to[j] < low or to[j] > high else gone[j]
+
+
+@kernel
+def worst_of(
+    px: Array, py: Array, gone: Array, worst: Real, count: Index, inner: Out, new: Out
+) -> tuple[Real, Index]:
+    """NaN for nodes that have left; the largest error and, if it is above `worst`, its node."""
+    above, found = 0, -1
+    for j in range(count):
+        lost = gone[j] != 0.0 or px[j] != px[j] or py[j] != py[j]
+        new[j] = np.nan if lost else new[j]
+        inner[j] = -1.0 if lost else inner[j]
+        above = above | (inner[j] > worst)
+    if above:
+        for j in range(count):
+            if inner[j] > worst:
+                worst = inner[j]
+                found = j
+    return worst, found
+
+
 def run_substep(
     start: Index, stop: Index, stages: Index, row: Index, size: Index, moving: Index, step: Real,
     old: Array, new: Out, chosen: Out, p: Array, q: Array, r: Array, at: Array, places: Array,
@@ -191,23 +267,15 @@ def run_substep(
         for head in range(0, row, _BLOCK):
             first = line * row + head
             count = min(_BLOCK, row - head)
-            spread(p, line * places[0] + head * places[1], places[1], count, x)
-            spread(q, line * places[2] + head * places[3], places[3], count, y)
-            spread(r, line * places[4] + head * places[5], places[5], count, z)
-            spread(at, line * places[6] + head * places[7], places[7], count, begin)
+            points_of(p, q, r, at, places, line, head, count, x, y, z, begin)
             for j in range(count):
-                begin[j] += (head + j) * places[8]
                 dx[j], dy[j], u[j], v[j], py[j] = 0.0, 0.0, 0.0, 0.0, y[j]
                 a[j], b[j] = 0.0, 0.0
                 sum_a[j], sum_b[j], inner[j], gone[j] = 0.0, 0.0, 0.0, 0.0
             if begun > 0:
-                for j in range(count):
-                    dx[j] = old[first + j]
-                    x[j] += dx[j]
+                carry(shifted(old, first), count, dx, x)
                 if moving == 2:
-                    for j in range(count):
-                        dy[j] = old[size + first + j]
-                        y[j] += dy[j]
+                    carry(shifted(old, size + first), count, dy, y)
             for stage in range(stages):
                 box, shift, back, weight = box1, 0.5 * step, 0.0, 2.0
                 if stage == 0:
@@ -218,50 +286,28 @@ def run_substep(
                     weight = 4.0
                 if stages == 3 and stage == 2:
                     shift, back = 2.0 * step, -step
-                for j in range(count):
-                    px[j] = x[j] + shift * u[j] + back * a[j]
-                    a[j] = u[j]
-                    gone[j] = 1.0 if px[j] < bounds[0] or px[j] > bounds[1] else gone[j]
+                move(x, u, a, shift, back, bounds[0], bounds[1], count, px, gone)
                 if moving == 2:
-                    for j in range(count):
-                        py[j] = y[j] + shift * v[j] + back * b[j]
-                        b[j] = v[j]
-                        gone[j] = 1.0 if py[j] < bounds[2] or py[j] > bounds[3] else gone[j]
+                    move(y, v, b, shift, back, bounds[2], bounds[3], count, py, gone)
                 flow(count, px, py, z, begin, box, sizes, u, v)
                 if stage == 2:  # the difference of inner stages, or the second one in time
                     more, less = (1.0, 6.0) if stages == 3 else (0.0, 1.0)
-                    for j in range(count):
-                        inner[j] = abs(u[j] + more * sum_a[j] - less * a[j])
+                    differ(u, sum_a, a, more, less, count, inner)
                     if moving == 2:
-                        for j in range(count):
-                            inner[j] += abs(v[j] + more * sum_b[j] - less * b[j])
+                        differ(v, sum_b, b, more, less, count, inner)
                 for j in range(count):
                     sum_a[j] += weight * u[j]
                 if moving == 2:
                     for j in range(count):
                         sum_b[j] += weight * v[j]
-            above = 0
-            for j in range(count):
-                ua = step * (1.0 / 6.0) * sum_a[j]
-                new[first + j] = dx[j] + ua
-                px[j] = x[j] + ua
-                gone[j] = 1.0 if px[j] < bounds[0] or px[j] > bounds[1] else gone[j]
+            scale = step * (1.0 / 6.0)
+            finish(x, dx, sum_a, scale, bounds[0], bounds[1], count, px, gone, shifted(new, first))
             if moving == 2:
-                for j in range(count):
-                    ub = step * (1.0 / 6.0) * sum_b[j]
-                    new[size + first + j] = dy[j] + ub
-                    py[j] = y[j] + ub
-                    gone[j] = 1.0 if py[j] < bounds[2] or py[j] > bounds[3] else gone[j]
-            for j in range(count):
-                lost = gone[j] != 0.0 or px[j] != px[j] or py[j] != py[j]
-                new[first + j] = np.nan if lost else new[first + j]
-                inner[j] = -1.0 if lost else inner[j]
-                above = above | (inner[j] > worst)
-            if above:
-                for j in range(count):
-                    if inner[j] > worst:
-                        worst = inner[j]
-                        chosen[line] = first + j
+                to = shifted(new, size + first)
+                finish(y, dy, sum_b, scale, bounds[2], bounds[3], count, py, gone, to)
+            worst, found = worst_of(px, py, gone, worst, count, inner, shifted(new, first))
+            if found >= 0:
+                chosen[line] = first + found
 
 
 @kernel
