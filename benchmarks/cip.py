@@ -5,8 +5,6 @@ One run measures, with best-of-many times of the kernels on precomputed feet:
 * nodes a second and core of the one-dimensional cubic and of the two-dimensional Adini and bicubic
   kernels, all moments, beside `scipy.ndimage.map_coordinates` of order 3 (the cubic-spline
   semi-Lagrangian method, one moment) and a copy of the same bytes;
-* a step of 512 x 512 nodes over one cell, in CPU times of one cubic spline of SciPy with its
-  prefilter, for a steady velocity (feet kept), an unsteady formula and snapshots;
 * the exponent of the cost in N, fitted;
 * error against seconds for the Jiang-Shu profile after four periods: CSL4, the essentially
   non-oscillatory cubic, WENO5 with SSP-RK3 (compiled too), cubic splines, and PhiFlow's
@@ -98,52 +96,6 @@ def speeds() -> dict[str, Any]:
     rates["bicubic / spline"] = rates["bicubic"] / rates["spline 2-D"]
     rates["cubic / spline"] = rates["cubic 1-D"] / rates["spline 1-D"]
     return rates
-
-
-SWIRL = (
-    "0.3 + 1.2*sin(2*pi*x1)*cos(2*pi*x2)*cos({t})",
-    "-1.2*cos(2*pi*x1)*sin(2*pi*x2)*cos({t}) + 0.3*cos({t})",
-)
-
-
-def step_costs(n: int = 512) -> dict[str, float]:
-    """A step in CPU times of SciPy's spline of the same size; steps inside a run, one thread."""
-    grid = Grid([(0, 1)] * 2, (n, n), periodic=True)
-    moving, still = ([c.format(t=t) for c in SWIRL] for t in ("t", "0"))
-    times, (x1, x2) = np.linspace(0, 1, 11), grid.mesh()
-    names = {"sin": np.sin, "cos": np.cos, "pi": np.pi, "x1": x1, "x2": x2}
-    winds = [[eval(c, names | {"t": t}) for c in moving] for t in times]
-    kinds = {
-        "steady": Velocity.from_expression(*still),
-        "formula": Velocity.from_expression(*moving),
-        "snapshots": Velocity.from_snapshots(times, winds, grid),
-        "snapshots, degree 3": Velocity.from_snapshots(times, winds, grid, 3),
-    }
-    place = np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij")) + 0.4
-    found, schemes = {}, {"bicubic": {}, "adini": {}, "csl4": {"splitting": "strang"}}
-    for profile, more in schemes.items():
-        form = "advection" if more else "transport"
-        for kind, velocity in kinds.items():
-            solver = Solver(grid, velocity, form, profile, **more)
-            start, dt = solver.state("2 + sin(2*pi*x1)*cos(2*pi*x2)"), 1.0 / n
-            actions = {
-                "unit": lambda: ndimage.map_coordinates(x1, place, order=3, mode="grid-wrap"),
-                "few": lambda: solver.run(start, 2 * dt, dt=dt),  # noqa: B023
-                "more": lambda: solver.run(start, 6 * dt, dt=dt),  # noqa: B023
-            }
-            best_of = dict.fromkeys(actions, np.inf)
-            for turn in range(7):
-                for name, action in actions.items():
-                    begin = time.process_time()
-                    action()
-                    if turn > 0:
-                        best_of[name] = min(best_of[name], time.process_time() - begin)
-            step = (best_of["more"] - best_of["few"]) / 4
-            found[f"{profile}, {kind}"] = step / best_of["unit"]
-            found[f"{profile}, {kind}, set-up of a run"] = (
-                max(best_of["few"] - 2 * step, 0.0) / best_of["unit"]
-            )
-    return found
 
 
 def cost_exponent() -> float:
@@ -265,10 +217,6 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     print("million nodes a second on one core, all moments, stored feet")
     for name, rate in results["speeds"].items():
         print(f"  {name:30s} {rate:8.1f}", flush=True)
-    results["step_costs"] = step_costs() | {"load": os.getloadavg()[0]}
-    print("\na step of 512 x 512 nodes in CPU times of SciPy's cubic spline with prefilter")
-    for name, cost in results["step_costs"].items():
-        print(f"  {name:45s} {cost:6.2f}", flush=True)
     results["cost_exponent"] = cost_exponent()
     print(f"cost of an Adini step ~ nodes^{results['cost_exponent']:.3f}", flush=True)
     results["jiang_shu"] = error_against_time()

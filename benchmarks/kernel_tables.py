@@ -24,21 +24,8 @@ def cip(record: Record) -> str:
             for name in names
         ),
     )
-    costs = record["step_costs"]
-    kinds = ("steady", "formula", "snapshots", "snapshots, degree 3")
-    steps = rows_of(
-        "a step | " + " | ".join(("feet kept", "unsteady formula", "winds, degree 5", "degree 3")),
-        (
-            (profile, *(f"{costs[f'{profile}, {kind}']:.2f}" for kind in kinds))
-            for profile in ("bicubic", "adini", "csl4")
-        ),
-    )
-    return (
-        f"{table}\n\nOne core; a node of ours has all its moments. Below, a step of 512 x 512 "
-        "nodes in times of SciPy's cubic spline with prefilter at as many points, winds from 11 "
-        "snapshots."
-        f"\n\n{steps}\n\n{source('cip', record)}"
-    )
+    note = "One core; a node of ours has all its moments."
+    return f"{table}\n\n{note}\n\n{source('cip', record)}"
 
 
 def cip_sphere(record: Record) -> str:

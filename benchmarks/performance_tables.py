@@ -306,7 +306,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(kernel_tables.cip, kernel_tables.cip_sphere, kernel_tables.cip_device),
         *(profile_tables.cip_profiles, profile_tables.cip_profile_costs),
         *(profile_tables.cip_profile_orders, profile_tables.cip_areas, profile_tables.cip_tracers),
-        profile_tables.cip_cited,
+        *(profile_tables.cip_cited, profile_tables.cip_steps),
         *(inverse_tables.adjoint, inverse_tables.assimilation, inverse_tables.calibration),
         *(kernel_tables.qp, kernel_tables.qp_peers, kernel_tables.qp_device_peers),
         *(kernel_tables.qp_small, kernel_tables.qp_large),
@@ -319,6 +319,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
 FILES = {
     "summary": "contact_block", "mkl": "contact_block", "periodic": "validation_periodic",
     **dict.fromkeys(("cip_profile_costs", "cip_profile_orders", "cip_areas"), "cip_profiles"),
+    "cip_steps": "cip_tracers",
 } | reproduction_tables.FILES  # fmt: skip
 
 

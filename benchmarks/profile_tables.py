@@ -117,3 +117,23 @@ def cip_tracers(record: Record) -> str:
     cells = record["rows"][0]["cells"]
     table = rows_of(head, rows)
     return f"{table}\n\nIn times of the first, {cells}^2 nodes.\n\n{source('cip_tracers', record)}"
+
+
+def cip_steps(record: Record) -> str:
+    """What a step costs by where its velocity comes from."""
+    found = {(row["profile"], row["velocity"]): row for row in record["rows"]}
+    profiles, kinds = (dict.fromkeys(key[q] for key in found) for q in (0, 1))
+    rows = [
+        (
+            f"`{profile}`", *(f"{found[profile, kind]['splines']:.2f}" for kind in kinds),
+            f"{found[profile, 'winds, degree 5']['of_formula']:.2f}",
+        )
+        for profile in profiles
+    ]  # fmt: skip
+    table = rows_of(" | ".join(("a step", *kinds, "winds of degree 5 / formula")), rows)
+    cells = record["rows"][0]["cells"]
+    return (
+        f"{table}\n\nA step of {cells}^2 nodes over a cell in times of SciPy's cubic spline with "
+        "prefilter at as many points, winds from 11 snapshots; steady velocities keep their feet."
+        f"\n\n{source('cip_tracers', record)}"
+    )

@@ -27,7 +27,7 @@ def summary(contact_block: Record) -> str:
     blocks = contact_block["rows"]
     peers = blocks[0]["peers"].items()
     rough = read("rough_peers")["rows"]
-    steps = read("cip")["step_costs"]
+    steps = [row for row in read("cip_tracers")["rows"] if row["velocity"] == "steady"]
     qp = {row["case"]: row["microseconds"] for row in read("qp_small")["rows"]}["n = 50, 3n rows"]
     dense = [row for row in read("qp_device_peers")["rows"] if "device_peers" in row]
     models = [row for row in read("lqr")["sparse"].values() if "pymor" in row]
@@ -62,8 +62,8 @@ def summary(contact_block: Record) -> str:
         (
             "step of transport, feet kept",
             "SciPy's cubic spline",
-            [1 / steps["bicubic, steady"], 1 / steps["adini, steady"]],
-            "cip",
+            [1 / row["splines"] for row in steps if row["profile"] in ("adini", "bicubic")],
+            "cip_tracers",
         ),
         (
             "dense quadratic program, n = 50",

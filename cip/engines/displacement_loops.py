@@ -1,8 +1,9 @@
 """Loops of the feet by displacements (`cip.engines.displacements`), and the code of the flow.
 
-A kernel ``flow(p, q, r, at, box, sizes)`` gives the backward velocity, two numbers, at a point
-whose first coordinates are those that move. Of a formula, `box` holds what does not depend on the
-place; of snapshots, B-spline coefficients at one time, from ``box[at]`` on for the node's line.
+A kernel ``flow(count, p, q, r, at, box, sizes, u, v)`` writes the backward velocity, two numbers,
+at points whose first coordinates are those that move. Of a formula, `box` holds what does not
+depend on the place. Of snapshots it holds how many arrays of B-spline coefficients are summed, for
+each where it begins and its weight, and the arrays; in these the line of a point begins at `at`.
 """
 
 from __future__ import annotations
@@ -14,20 +15,23 @@ from typing import Any
 import numpy as np
 from numpy import floor
 
-from cip.engines.cpu_loops import address
+from cip.engines.cpu_loops import address, shifted
 from cip.engines.path_kernel import plain
 from cip.engines.snapshot_kernel import with_names
 from cip.formulas.expression import COORDINATES, Expression, ordered, statements, variable
 from skfem_adini.ground.jit import Array, Index, Out, Real, kernel, loop, room
 
-_BLOCK = 64
-numbers = room(_BLOCK)
+# Nodes of a block, and of the parts of it whose cells are compared.
+_BLOCK, _PART = 64, 16
+HEAD = 16  # numbers before the coefficients in a box
+numbers, weight_numbers = room(_BLOCK), room(12 * _BLOCK)
 
 # Placeholder that `loop_over` replaces by a kernel.
 flow: Any = None
 
 _HEAD = (
-    "def flow(p: Real, q: Real, r: Real, at: Index, box: Array, sizes: Array) -> tuple[Real, Real]:"
+    "def flow(count: Index, p: Array, q: Array, r: Array, at: Array, box: Array, sizes: Array, "
+    "u: Out, v: Out) -> None:"
 )
 
 
@@ -53,59 +57,86 @@ def formula_source(rates: Sequence[Expression], moving: Sequence[int], held: int
     others = [axis for axis in range(3) if axis not in moving]
     names = [COORDINATES[axis] for axis in (*moving, *others)]
     outputs = {f"o{q}": rate for q, rate in enumerate(rates)}
-    return "\n".join(
-        [
-            _HEAD,
-            *(f"    {name} = {place}" for name, place in zip(names, "pqr", strict=True)),
-            *(f"    b{q} = box[{q}]" for q in range(held)),
-            *statements(outputs),
-            f"    return o0, {'o1' if len(rates) > 1 else '0.0'}",
-            "",
-        ]
-    )
+    inner = [
+        *(f"{name} = {place}[j]" for name, place in zip(names, "pqr", strict=True)),
+        *statements(outputs, ""),
+        "u[j] = o0",
+        f"v[j] = {'o1' if len(rates) > 1 else '0.0'}",
+    ]
+    held_numbers = [f"    b{q} = box[{q}]" for q in range(held)]
+    return _looped([*held_numbers, "    for j in range(count):"], inner)
+
+
+def _looped(lines: Sequence[str], inner: Sequence[str]) -> str:
+    return "\n".join([_HEAD, *lines, *(f"        {line}" for line in inner), ""])
 
 
 @cache
 def spline_source(degree: int, axes: int) -> str:
     """Source of ``flow`` for uniform B-splines on lines or, with interleaved components, in planes.
-    `sizes` holds for each direction the cells and whether they are periodic, and then the stride of
-    the coefficients on a line, or of their rows in a plane."""
-    terms = range(degree + 1)
-    lines = [_HEAD]
-    for axis, place in enumerate("pq"[:axes]):
-        n, periodic = f"sizes[{2 * axis}]", f"sizes[{2 * axis + 1}]"
-        lines += [
-            f"    k{axis} = floor({place})",
-            f"    s{axis} = {place} - k{axis}",
-            f"    if k{axis} < 0 or k{axis} >= {n}:",
-            f"        if {periodic} == 1:",
-            f"            k{axis} = k{axis} % {n}",
-            "        else:",
-            f"            k{axis} = min(max(k{axis}, 0), {n} - 1)",
-            f"            s{axis} = {place} - k{axis}",
-            *(f"    w{axis}_{j} = {code}" for j, code in enumerate(_weights(degree, f"s{axis}"))),
+    `sizes` holds for each direction the cells and whether they are periodic, then the stride of
+    the coefficients on a line, or of their rows in a plane, and the number of terms. Where nodes
+    side by side lie in cells side by side, coefficients are read side by side, as vectors."""
+    terms, wide = range(degree + 1), ("p", "q")[:axes]
+    cell = "at[j] + c0 * row" + " + 2 * c1" * (axes - 1)
+    inner = []
+    for axis, place in enumerate(wide):
+        n, wrap = f"sizes[{2 * axis}]", f"sizes[{2 * axis}] * sizes[{2 * axis + 1}]"
+        inner += [
+            f"k{axis} = down({place}[j])",
+            f"i{axis} = floor(k{axis} - {wrap} * down(k{axis} / {n}))",
+            f"c{axis} = min(max(i{axis}, 0), {n} - 1)",
+            f"s{axis} = {place}[j] - k{axis} + (i{axis} - c{axis})",
+            *(
+                f"w[{(axis * len(terms) + m) * _BLOCK} + j] = {code}"
+                for m, code in enumerate(_weights(degree, f"s{axis}"))
+            ),
         ]
-    if axes == 1:
-        lines.append("    first = at + k0 * sizes[2]")
-        total = " + ".join(f"w0_{j} * box[first + {j} * sizes[2]]" for j in terms)
-        return "\n".join([*lines, f"    return -({total}), 0.0", ""])
-    rows = [" + ".join(f"w1_{j} * box[first + {2 * j + c}]" for j in terms) for c in range(2)]
-    lines += [
-        "    weights = numbers(box)",
-        *(f"    weights[{i}] = w0_{i}" for i in terms),
-        "    first = k0 * sizes[4] + 2 * k1",
-        "    o0 = 0.0",
-        "    o1 = 0.0",
-        # A loop whose length is no constant: else nodes side by side gather their coefficients,
-        # which are contiguous for one node.
-        "    for i in range(sizes[5]):",
-        f"        o0 = o0 + weights[i] * ({rows[0]})",
-        f"        o1 = o1 + weights[i] * ({rows[1]})",
-        "        first = first + sizes[4]",
-        "    return -o0, -o1",
-        "",
+    inner += [f"cell[j] = {cell}", "u[j] = 0.0", "v[j] = 0.0"]
+    head = [
+        "    cell, w = numbers(sizes), weight_numbers(box)",
+        f"    row, terms = sizes[{2 * axes}], sizes[{2 * axes + 1}]",
+        "    for j in range(count):",
     ]
-    return "\n".join(lines)
+
+    def sums(component: int, node: str, at: str) -> str:
+        """What a row of coefficients adds to the velocity; a line has rows of one."""
+        parts = [f"box[{at} + {axes * m + component}]" for m in (terms if axes == 2 else (0,))]
+        if axes == 2:
+            parts = [f"w[{(m + len(terms)) * _BLOCK} + {node}] * {p}" for m, p in enumerate(parts)]
+        return f"w[i * {_BLOCK} + {node}] * ({' + '.join(parts)})"
+
+    outs = list(zip(("u", "v"), range(axes), strict=False))
+    alone = [f"a{c} = a{c} + {sums(c, 'j', 'o')}" for _, c in outs]
+    write = [f"{name}[j] = {name}[j] - g * a{c}" for name, c in outs]
+    near = [
+        f"{name}[b + j] = {name}[b + j] - g * ({sums(c, 'b + j', f'o + {axes} * j')})"
+        for name, c in outs
+    ]
+    # Of a single node the number of terms is no constant: nodes side by side would gather their
+    # coefficients, which are contiguous for one node.
+    tail = f"""    for part in range(floor(box[0])):
+        start, g = floor(box[1 + 2 * part]), box[2 + 2 * part]
+        for b in range(0, count, {_PART}):
+            o = cell[b] + start
+            apart = floor(count - b < {_PART})
+            for j in range(b, min(b + {_PART}, count)):
+                apart = apart | (cell[j] + start - o - {axes} * (j - b))
+            if apart != 0:
+                for j in range(b, min(b + {_PART}, count)):
+                    o = cell[j] + start
+                    a0, a1 = 0.0, 0.0
+                    for i in range(terms):
+                        {"; ".join(alone)}
+                        o = o + row
+                    {"; ".join(write)}
+            else:
+                for i in range(terms):
+                    for j in range({_PART}):
+                        {"; ".join(near)}
+                    o = o + row
+"""
+    return _looped(head, inner) + tail
 
 
 def _weights(degree: int, s: str) -> list[str]:
@@ -124,62 +155,159 @@ def _weights(degree: int, s: str) -> list[str]:
     return found
 
 
-def run_substep(
-    start: Index, stop: Index, row: Index, size: Index, moving: Index, step: Real, old: Array,
-    new: Out, chosen: Out, p: Array, q: Array, r: Array, at: Array, bounds: Array, sizes: Array,
-    box0: Array, box1: Array, box2: Array,
+@kernel
+def spread(a: Array, first: Index, along: Index, count: Index, out: Out) -> None:
+    """Copy entries that belong to nodes of a row, or the one that belongs to all of them."""
+    if along == 0:
+        for j in range(count):
+            out[j] = a[first]
+    else:
+        for j in range(count):
+            out[j] = a[first + j]
+
+
+@kernel
+def points_of(
+    p: Array, q: Array, r: Array, at: Array, places: Array, line: Index, head: Index, count: Index,
+    x: Out, y: Out, z: Out, begin: Out,
 ) -> None:  # fmt: skip
-    """A classical Runge-Kutta step of the displacements of the points in rows start..stop; NaN of
-    those that may leave the bounds. ``chosen[row]``: where its inner stages differ most."""
-    x, y, a, b = numbers(old), numbers(old), numbers(old), numbers(old)
-    sum_a, sum_b, inner, gone = numbers(old), numbers(old), numbers(old), numbers(old)
-    old, new, chosen, at = address(old), address(new), address(chosen), address(at)
+    """Coordinates of a block of nodes of a row, and where their lines begin."""
+    spread(p, line * places[0] + head * places[1], places[1], count, x)
+    spread(q, line * places[2] + head * places[3], places[3], count, y)
+    spread(r, line * places[4] + head * places[5], places[5], count, z)
+    spread(at, line * places[6] + head * places[7], places[7], count, begin)
+    for j in range(count):
+        begin[j] += (head + j) * places[8]
+
+
+@kernel
+def carry(old: Array, count: Index, d: Out, x: Out) -> None:
+    """Begin at displacements."""
+    for j in range(count):
+        d[j] = old[j]
+        x[j] += d[j]
+
+
+@kernel
+def move(
+    x: Array, u: Array, a: Out, shift: Real, back: Real, low: Real, high: Real, count: Index,
+    to: Out, gone: Out,
+) -> None:  # fmt: skip
+    """The places of a stage from the velocities u of the last one, kept in `a`, and of that before
+    it; 1 where they are outside."""
+    for j in range(count):
+        to[j] = x[j] + shift * u[j] + back * a[j]
+        a[j] = u[j]
+        gone[j] = 1.0 if to[j] < low or to[j] > high else gone[j]
+
+
+@kernel
+def differ(
+    u: Array, total: Array, a: Array, more: Real, less: Real, count: Index, inner: Out
+) -> None:
+    """Add what tells the size of the error."""
+    for j in range(count):
+        inner[j] += abs(u[j] + more * total[j] - less * a[j])
+
+
+@kernel
+def finish(
+    x: Array, d: Array, total: Array, scale: Real, low: Real, high: Real, count: Index, to: Out,
+    gone: Out, new: Out,
+) -> None:  # fmt: skip
+    """The places at the end of the step, and the displacements."""
+    for j in range(count):
+        more = scale * total[j]
+        new[j] = d[j] + more
+        to[j] = x[j] + more
+        gone[j] = 1.0 if to[j] < low or to[j] > high else gone[j]
+
+
+@kernel
+def worst_of(
+    px: Array, py: Array, gone: Array, worst: Real, count: Index, inner: Out, new: Out
+) -> tuple[Real, Index]:
+    """NaN for nodes that have left; the largest error and, if it is above `worst`, its node."""
+    above, found = 0, -1
+    for j in range(count):
+        lost = gone[j] != 0.0 or px[j] != px[j] or py[j] != py[j]
+        new[j] = np.nan if lost else new[j]
+        inner[j] = -1.0 if lost else inner[j]
+        above = above | (inner[j] > worst)
+    if above:
+        for j in range(count):
+            if inner[j] > worst:
+                worst = inner[j]
+                found = j
+    return worst, found
+
+
+def run_substep(
+    start: Index, stop: Index, stages: Index, row: Index, size: Index, moving: Index, step: Real,
+    old: Array, new: Out, chosen: Out, p: Array, q: Array, r: Array, at: Array, places: Array,
+    bounds: Array, sizes: Array, box0: Array, box1: Array, box2: Array,
+) -> None:  # fmt: skip
+    """A classical Runge-Kutta step of four stages, or Kutta's of three, of the displacements of the
+    points in rows start..stop, from 0 if `old` is empty; NaN of those that may leave the bounds.
+    ``chosen[row]``: where its stages say that the error is largest. Node j of a row has entry
+    ``row places[2 q] + j places[2 q + 1]`` of array q of four, and its line begins
+    ``j places[8]`` further."""
+    x, y, z, px, py = numbers(new), numbers(new), numbers(new), numbers(new), numbers(new)
+    dx, dy, u, v = numbers(new), numbers(new), numbers(new), numbers(new)
+    a, b, begin = numbers(new), numbers(new), numbers(sizes)
+    sum_a, sum_b, inner, gone = numbers(new), numbers(new), numbers(new), numbers(new)
+    begun = old.size
+    old, new, chosen = address(old), address(new), address(chosen)
     p, q, r, bounds, sizes = address(p), address(q), address(r), address(bounds), address(sizes)
+    at, places = address(at), address(places)
     box0, box1, box2 = address(box0), address(box1), address(box2)
     for line in range(start, stop):
-        end, worst = min((line + 1) * row, size), -1.0
+        worst = -1.0
         # Stage by stage for a short block of nodes: the operations of neighbours overlap.
-        for first in range(line * row, end, _BLOCK):
-            count = min(_BLOCK, end - first)
+        for head in range(0, row, _BLOCK):
+            first = line * row + head
+            count = min(_BLOCK, row - head)
+            points_of(p, q, r, at, places, line, head, count, x, y, z, begin)
             for j in range(count):
-                x[j] = p[first + j] + old[first + j]
-                y[j] = q[first + j]
+                dx[j], dy[j], u[j], v[j], py[j] = 0.0, 0.0, 0.0, 0.0, y[j]
+                a[j], b[j] = 0.0, 0.0
+                sum_a[j], sum_b[j], inner[j], gone[j] = 0.0, 0.0, 0.0, 0.0
+            if begun > 0:
+                carry(shifted(old, first), count, dx, x)
                 if moving == 2:
-                    y[j] = q[first + j] + old[size + first + j]
-                a[j], b[j], sum_a[j], sum_b[j], inner[j], gone[j] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for stage in range(4):
-                box, shift, weight = box1, 0.5 * step, 2.0
+                    carry(shifted(old, size + first), count, dy, y)
+            for stage in range(stages):
+                box, shift, back, weight = box1, 0.5 * step, 0.0, 2.0
                 if stage == 0:
                     box, shift, weight = box0, 0.0, 1.0
-                if stage == 3:
+                if stage == stages - 1:
                     box, shift, weight = box2, step, 1.0
-                for j in range(count):
-                    o = first + j
-                    px, py = x[j] + shift * a[j], y[j] + shift * b[j]
-                    if px < bounds[0] or px > bounds[1]:
-                        gone[j] = 1.0
-                    if moving == 2 and (py < bounds[2] or py > bounds[3]):
-                        gone[j] = 1.0
-                    u, v = flow(px, py, r[o], at[o], box, sizes)
-                    if stage == 2:
-                        inner[j] = abs(u - a[j]) + abs(v - b[j])
-                    sum_a[j] += weight * u
-                    sum_b[j] += weight * v
-                    a[j], b[j] = u, v
-            for j in range(count):
-                o = first + j
-                u = step * (1.0 / 6.0) * sum_a[j]
-                v = step * (1.0 / 6.0) * sum_b[j]
-                inside = gone[j] == 0.0 and x[j] + u >= bounds[0] and x[j] + u <= bounds[1]
+                if stages == 3 and stage == 1:
+                    weight = 4.0
+                if stages == 3 and stage == 2:
+                    shift, back = 2.0 * step, -step
+                move(x, u, a, shift, back, bounds[0], bounds[1], count, px, gone)
                 if moving == 2:
-                    inside = inside and y[j] + v >= bounds[2] and y[j] + v <= bounds[3]
-                    new[size + o] = old[size + o] + v
-                new[o] = old[o] + u
-                if not inside:
-                    new[o] = np.nan
-                elif inner[j] > worst:
-                    worst = inner[j]
-                    chosen[line] = o
+                    move(y, v, b, shift, back, bounds[2], bounds[3], count, py, gone)
+                flow(count, px, py, z, begin, box, sizes, u, v)
+                if stage == 2:  # the difference of inner stages, or the second one in time
+                    more, less = (1.0, 6.0) if stages == 3 else (0.0, 1.0)
+                    differ(u, sum_a, a, more, less, count, inner)
+                    if moving == 2:
+                        differ(v, sum_b, b, more, less, count, inner)
+                for j in range(count):
+                    sum_a[j] += weight * u[j]
+                if moving == 2:
+                    for j in range(count):
+                        sum_b[j] += weight * v[j]
+            scale = step * (1.0 / 6.0)
+            finish(x, dx, sum_a, scale, bounds[0], bounds[1], count, px, gone, shifted(new, first))
+            if moving == 2:
+                to = shifted(new, size + first)
+                finish(y, dy, sum_b, scale, bounds[2], bounds[3], count, py, gone, to)
+            worst, found = worst_of(px, py, gone, worst, count, inner, shifted(new, first))
+            if found >= 0:
+                chosen[line] = first + found
 
 
 @kernel
@@ -218,13 +346,32 @@ def fast_cos(x: Real) -> Real:
 
 @loop
 def run_combine(
-    start: Index, stop: Index, a: Array, b: Array, c: Array, d: Array, weights: Array, out: Out
-) -> None:
-    """Sum of four arrays with weights."""
-    a, b, c, d, out = address(a), address(b), address(c), address(d), address(out)
-    wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
-    for o in range(start, stop):
-        out[o] = wa * a[o] + wb * b[o] + wc * c[o] + wd * d[o]
+    start: Index, stop: Index, a: Array, b: Array, c: Array, d: Array, weights: Array, out: Out,
+    more: Out,
+) -> None:  # fmt: skip
+    """Sums of four arrays with weights, and with four others to `more` unless that is empty; by the
+    same code, so with the same bits."""
+    sums = 1 + min(more.size, 1)
+    a, b, c, d, weights = address(a), address(b), address(c), address(d), address(weights)
+    out, more = address(out), address(more)
+    near = numbers(a)
+    for first in range(start, stop, _BLOCK):
+        count = min(_BLOCK, stop - first)
+        for q in range(sums):
+            wa, wb, wc, wd = (
+                weights[4 * q],
+                weights[4 * q + 1],
+                weights[4 * q + 2],
+                weights[4 * q + 3],
+            )
+            to = out
+            if q == 1:
+                to = more
+            for j in range(count):
+                o = first + j
+                near[j] = wa * a[o] + wb * b[o] + wc * c[o] + wd * d[o]
+            for j in range(count):
+                to[first + j] = near[j]
 
 
 @kernel

@@ -1,9 +1,10 @@
 r"""Feet by displacements alone, and the derivatives of the map to them by differences.
 
-Positions are followed by the classical Runge-Kutta method. In each row of nodes the one where the
-inner stages :math:`k_2, k_3` differ most is followed again with halved steps: the largest
-difference, summed over the steps, estimates the error of all feet (Hairer, Norsett and Wanner,
-Solving Ordinary Differential Equations I, 1993, section II.4). Derivatives are central differences
+Positions are followed by the classical Runge-Kutta method, those in winds from data by Kutta's of
+order 3 where that is exact enough. In each row of nodes the one whose stages differ most is
+followed again by two classical steps of half the length: the largest difference, summed over the
+steps, estimates the error of all feet (Hairer, Norsett and Wanner, Solving Ordinary Differential
+Equations I, 1993, section II.4). Derivatives are central differences
 of the displacements, of order 8; near walls, and where those of orders 6 and 8 disagree, of paths
 that end within a fraction of a cell around the node. Paths that begin on walls follow the equations
 of `cip.characteristics.flow_derivatives`.
@@ -18,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,24 +32,66 @@ from cip.stages.stage import Stage, StageFeet
 Array = Any
 
 
-class _Flow(Protocol):
+class Points(NamedTuple):
+    """Points in the units of a flow, as `run_substep` reads them: coordinates, those that move
+    first, and where lines begin, with the places of a node's entries."""
+
+    arrays: list[Array]
+    places: Array
+
+    def some(self, nodes: Array, row: int) -> Points:
+        """Some of the points of rows of that length."""
+        line, j = np.divmod(nodes, row)
+        at = self.places[:8].reshape(4, 2)
+        found = [a[line * n + j * m] for a, (n, m) in zip(self.arrays, at, strict=True)]
+        found[3] = found[3] + j * self.places[8]
+        return listed(found)
+
+
+def listed(arrays: list[Array]) -> Points:
+    """Points with an entry for each in every array."""
+    return Points([np.ascontiguousarray(a) for a in arrays], np.array([0, 1] * 4 + [0]))
+
+
+class Flow:
     """The backward velocity in the directions that move, at the points of a block of feet."""
 
     kernel: Any  # ``flow`` of `cip.engines.displacement_loops`
     sizes: Array
-    at: Array  # for each point, where its line begins
+    points: Points
     origin: list[float]  # for each direction that moves: the zero of its coordinate ..
     unit: list[float]  # .. and the length of its unit
 
-    def box(self, t: float) -> Array:
-        """What the kernel reads of the velocity at a time."""
+    def boxes(self, *times: float) -> list[Array]:
+        """What the kernel reads of the velocity at each time."""
+        raise NotImplementedError
+
+    def few(self, t: float) -> Array:
+        """The same for a few points at a time, until the next call."""
+        return self.boxes(t)[0]
 
     def breaks(self, start: float, end: float) -> list[float]:
         """Times between these at which the velocity is not smooth."""
+        return []
+
+    def _set_points(self, stage: Stage, block: int) -> None:
+        """The points of a block, whose lines all begin at 0."""
+        nodes, dim = stage.grid.nodes, stage.grid.dim
+        lines, rows = stage.lines(block), stage.grid.size // nodes[-1]
+        index = np.unravel_index(np.arange(rows), nodes[:-1]) if dim > 1 else ()
+        arrays, places = [], []
+        for axis in (*stage.moving, *(a for a in range(3) if a not in stage.moving)):
+            line = lines[axis] if axis < dim else np.zeros(1)
+            if axis in stage.moving:
+                q = stage.moving.index(axis)
+                line = (line - self.origin[q]) / self.unit[q]
+            arrays.append(line[index[axis]] if axis < dim - 1 else line)
+            places += [int(axis < dim - 1), int(axis == dim - 1)]
+        self.points = Points([*arrays, np.zeros(rows, np.int64)], np.array([*places, 1, 0, 0]))
 
 
-class _FormulaFlow:
-    def __init__(self, stage: Stage) -> None:
+class _FormulaFlow(Flow):
+    def __init__(self, stage: Stage, block: int) -> None:
         from cip.engines.cpu_loops import kernel_of
         from cip.engines.displacement_loops import (
             fast_cos,
@@ -61,74 +104,112 @@ class _FormulaFlow:
         source = formula_source(rates, stage.moving, len(self._held))
         self.kernel = kernel_of(source, sin=fast_sin, cos=fast_cos)
         self._values = numpy_function(self._held, ["t"])
-        self.sizes, self.at = np.zeros(1, np.int64), np.zeros(stage.grid.size, np.int64)
+        self.sizes = np.zeros(1, np.int64)
         self.origin, self.unit = [0.0, 0.0], [1.0, 1.0]
+        self._set_points(stage, block)
 
-    def box(self, t: float) -> Array:
+    def boxes(self, *times: float) -> list[Array]:
         with np.errstate(all="ignore"):
-            return np.array([*self._values(np.float64(t)), 0.0], dtype=float)
-
-    def breaks(self, start: float, end: float) -> list[float]:
-        return []
+            return [np.array([*self._values(np.float64(t)), 0.0], dtype=float) for t in times]
 
 
-class _SplineFlow:
+class _SplineFlow(Flow):
     def __init__(self, field: Snapshots, stage: Stage, block: int) -> None:
         from cip.engines.cpu_loops import kernel_of
-        from cip.engines.displacement_loops import numbers, spline_source
+        from cip.engines.displacement_loops import HEAD, numbers, spline_source, weight_numbers
 
         self._field, self._components = field, list(stage.moving)
         moving, data, lines = stage.moving, field.grid, stage.lines(block)
-        self.kernel = kernel_of(spline_source(field.degrees[1], len(moving)), numbers=numbers)
+        rooms: Any = {"numbers": numbers, "weight_numbers": weight_numbers, "down": np.floor}
+        self.kernel = kernel_of(spline_source(field.degrees[1], len(moving)), **rooms)
         self._matrices = [
             field.cardinal(axis) if axis in moving else field.values_at(axis, line)
             for axis, line in enumerate(lines)
         ]
         self.origin = [data.bounds[axis][0] for axis in moving]
         self.unit = [float(data.widths[axis][0]) for axis in moving]
-        self._tables: dict[int, Array] = {}
         counts = [matrix.shape[0] for matrix in self._matrices]
-        self.at = np.zeros(stage.grid.size, np.int64)
+        self._set_points(stage, block)
         row = 2 * counts[-1]
         if stage.axis is not None:
             row = int(np.prod(counts[stage.axis + 1 :]))
-            block_size = stage.grid.nodes[stage.axis] * row
-            o = np.arange(stage.grid.size)
-            self.at = o // block_size * (counts[stage.axis] * row) + o % row
+            size = stage.grid.nodes[stage.axis] * row
+            first = np.arange(0, stage.grid.size, stage.grid.nodes[-1])
+            self.points.arrays[3][:] = first // size * (counts[stage.axis] * row) + first % row
+            self.points.places[8] = stage.axis < stage.grid.dim - 1
         flags = [(data.cells[axis], int(data.periodic[axis])) for axis in moving]
         self.sizes = np.array([*(n for pair in flags for n in pair), row, field.degrees[1] + 1])
+        # After what `few` writes the coefficients of B-splines in time, of those of one time and of
+        # the next; and what they give at the last times.
+        self._slots: dict[int, int] = {}
+        slots, size = field.degrees[0] + 4, int(np.prod(counts)) * len(moving)
+        self._few = np.zeros(HEAD + slots * size)
+        self._store = self._few[HEAD:].reshape(slots, size)
+        self._boxes: dict[float, Array] = {}
+
+    def _tables(self, t: float) -> tuple[list[int], Array]:
+        """Where the coefficients of the B-splines at a time are stored, and their weights."""
+        first, weights = self._field.time_weights(t)
+        needed = range(first, first + weights.size)
+        for m in needed:
+            if m not in self._slots:
+                free = len(self._slots)
+                if free == len(self._store):
+                    free = self._slots.pop(next(q for q in self._slots if q not in needed))
+                self._store[free] = self._table(m)
+                self._slots[m] = free
+        return [self._slots[m] for m in needed], weights
 
     def _table(self, m: int) -> Array:
         """The coefficients of the time's B-spline m as the kernel reads them."""
-        found = self._tables.get(m)
-        if found is None:
-            parts = []
-            for axis, h in zip(self._components, self.unit, strict=True):
-                part = self._field.coefficient(m)[axis] / h
-                for q, matrix in enumerate(self._matrices):
-                    moved = np.moveaxis(part, q, 0)
-                    shape = (-1, *moved.shape[1:])
-                    product = matrix @ moved.reshape(len(moved), -1)
-                    part = np.moveaxis(product.reshape(shape), 0, q)
-                parts.append(part)
-            found = np.ascontiguousarray(np.stack(parts, axis=-1)).reshape(-1)
-            while len(self._tables) > self._field.degrees[0] + 3:  # of one time and of the next
-                self._tables.pop(next(iter(self._tables)))
-            self._tables[m] = found
+        parts = []
+        for axis, h in zip(self._components, self.unit, strict=True):
+            part = self._field.coefficient(m)[axis] / h
+            for q, matrix in enumerate(self._matrices):
+                moved = np.moveaxis(part, q, 0)
+                shape = (-1, *moved.shape[1:])
+                product = matrix @ moved.reshape(len(moved), -1)
+                part = np.moveaxis(product.reshape(shape), 0, q)
+            parts.append(part)
+        return np.ascontiguousarray(np.stack(parts, axis=-1)).reshape(-1)
+
+    def boxes(self, *times: float) -> list[Array]:
+        kept = {t: self._boxes[t] for t in times if t in self._boxes}
+        new = [t for t in dict.fromkeys(times) if t not in kept]
+        if len(new) == 2 and self._tables(new[0])[0] == self._tables(new[1])[0]:
+            self._combine(*new)
+        for t in new:
+            if t not in self._boxes:
+                self._combine(t)
+        found = [kept[t] if t in kept else self._boxes[t] for t in times]
+        for t in list(self._boxes)[:-4]:
+            del self._boxes[t]
         return found
 
-    def box(self, t: float) -> Array:
-        from cip.engines import cpu_loops
-        from cip.engines.displacement_loops import run_combine
+    def _combine(self, *times: float) -> None:
+        """The coefficients at one or two times of an interval."""
+        from cip.engines.cpu_loops import share
+        from cip.engines.displacement_loops import HEAD, run_combine
 
-        first, weights = self._field.time_weights(t)
-        tables = [self._table(first + q) for q in range(weights.size)]
-        tables += [tables[0]] * (4 - weights.size)
-        weights, found = np.append(weights, np.zeros(4 - weights.size)), np.empty_like(tables[0])
+        slots = self._tables(times[0])[0]
+        more, size = 4 - len(slots), self._store.shape[1]
+        tables = [self._store[slot] for slot in [*slots, *slots[:1] * more]]
+        weights, made = np.zeros((2, 4)), [np.empty(0)] * 2
+        for q, t in enumerate(times):
+            weights[q, : len(slots)] = self._tables(t)[1]
+            made[q] = self._boxes[t] = np.empty(HEAD + size)
+            made[q][:3] = 1.0, HEAD, 1.0
+        given: Any = (*tables, weights.ravel(), *(one[HEAD:] for one in made))
+        share(lambda a, b: run_combine(a, b, *given), size, size)
 
-        given: Any = (*tables, weights, found)
-        cpu_loops.share(lambda a, b: run_combine(a, b, *given), found.size, found.size)
-        return found
+    def few(self, t: float) -> Array:
+        from cip.engines.displacement_loops import HEAD
+
+        slots, weights = self._tables(t)
+        self._few[0] = weights.size
+        self._few[1:HEAD:2][: weights.size] = HEAD + np.array(slots) * self._store.shape[1]
+        self._few[2:HEAD:2][: weights.size] = weights
+        return self._few
 
     def breaks(self, start: float, end: float) -> list[float]:
         times = self._field.times
@@ -148,15 +229,16 @@ _WEIGHTS *= 64.0 ** np.arange(3)[:, None]
 
 
 class Displacements:
-    """The feet of a stage of an unsteady velocity; `serves` tells for which stages."""
+    """The feet of a stage of an unsteady velocity; `serves` tells for which stages. Stages of a
+    velocity in one thread share `flows`."""
 
-    def __init__(self, stage: Stage) -> None:
-        self.stage, self.grid = stage, stage.grid
-        self._flows: dict[int, _Flow] = {}
+    def __init__(self, stage: Stage, flows: dict[Any, Flow]) -> None:
+        self.stage, self.grid, self._flows = stage, stage.grid, flows
         self._cells = [self.grid.spacing[axis] for axis in stage.moving]
         # A slope moves a value by a tenth of a cell or so, and data have no slopes of their own.
         given = snapshots_of(stage.velocity) is not None
         self._slopes = 100.0 * stage.foot_error if given else stage.limit
+        self.least = 0 if given else 1  # of data order 3 suffices for steps of a cell or so
 
     @staticmethod
     def serves(stage: Stage, least: int) -> bool:
@@ -173,45 +255,38 @@ class Displacements:
         return stage.formula and not stage.system.parameters and grid.size >= least
 
     def feet(self, t: float, dt: float, count: int) -> StageFeet:
-        """The feet with `count` sub-steps, or more where the velocity has kinks in time. Raises
-        `TooCoarse`."""
-        stage, size, field = self.stage, self.grid.size, snapshots_of(self.stage.velocity)
+        """The feet with `count` sub-steps, 0 for one of order 3, or with more where the velocity
+        has kinks in time. Raises `TooCoarse`."""
+        stage, size = self.stage, self.grid.size
         times = t + stage.begin * dt, t + stage.end * dt
         rows = np.empty((len(stage.blocks), len(stage.jets), size))
         exits: list[Exits | None] = []
         for row, block in zip(rows, stage.blocks, strict=True):
-            if block not in self._flows:
-                made: Any = (
-                    _FormulaFlow(stage) if field is None else _SplineFlow(field, stage, block)
-                )
-                self._flows[block] = made
-            flow = self._flows[block]
-            points = self._points(flow, block)
+            flow = self._flow(block)
             bounds, limit = self._bounds(flow), 0.5 * stage.foot_error + self._rounding
-            line = self.grid.nodes[-1]
-            d = self._follow(flow, points, bounds, line, times, count, limit)
-            row[: len(d)] = d
+            line, d = self.grid.nodes[-1], row[: len(stage.moving)]
+            self._follow(flow, flow.points, bounds, line, times, count, d, limit)
             flagged = self._differentiate(row)
             outside = not np.isfinite(row[0].sum())
             exits.append(None)
             if flagged or outside:
                 bad = np.flatnonzero(np.isnan(row).any(axis=0))
-                near = [x[bad] for x in points]
+                near = flow.points.some(bad, line).arrays
                 row[:, bad] = self._closely(flow, near, times, count, np.isnan(row[0, bad]))
                 exits[-1] = self._to_walls(row, block, times, bad)
-        return StageFeet(rows.reshape(-1), exits, *times, (count,) * len(exits))
+        return StageFeet(rows.reshape(-1), exits, *times, (max(count, 1),) * len(exits))
 
-    def _points(self, flow: _Flow, block: int) -> list[Array]:
-        """Coordinates of the points, those that move first, in the units of the flow, and where
-        their lines begin."""
-        moving = self.stage.moving
-        points = [x.ravel() for x in self.stage.points(block)]
-        points += [np.zeros(self.grid.size)] * (3 - self.grid.dim)
-        found = [(points[a] - flow.origin[q]) / flow.unit[q] for q, a in enumerate(moving)]
-        others = [points[axis] for axis in range(3) if axis not in moving]
-        return [np.ascontiguousarray(x) for x in (*found, *others, flow.at)]
+    def _flow(self, block: int) -> Flow:
+        key, field = (self.stage.moving, block), snapshots_of(self.stage.velocity)
+        if key not in self._flows:
+            self._flows[key] = (
+                _FormulaFlow(self.stage, block)
+                if field is None
+                else _SplineFlow(field, self.stage, block)
+            )
+        return self._flows[key]
 
-    def _bounds(self, flow: _Flow) -> Array:
+    def _bounds(self, flow: Flow) -> Array:
         found = []
         for q, axis in enumerate(self.stage.moving):
             margin = (FEET.cells if self.grid.periodic[axis] else FEET.wall) * self._cells[q]
@@ -220,45 +295,48 @@ class Displacements:
         return np.array(found) / np.repeat(flow.unit[: len(self._cells)], 2)
 
     def _follow(
-        self, flow: _Flow, points: list[Array], bounds: Array, row: int,
-        times: tuple[float, float], count: int, limit: float = np.inf,
-    ) -> Array:  # fmt: skip
-        """The displacements of points, in cells, shape (directions, points); NaN beyond `bounds`.
-        Raises `TooCoarse` if their error, estimated in each `row` of points, exceeds a finite
-        `limit`."""
+        self, flow: Flow, points: Points, bounds: Array, row: int, times: tuple[float, float],
+        count: int, out: Array, limit: float = np.inf,
+    ) -> None:  # fmt: skip
+        """Write the displacements of points, in cells, to `out` of shape (directions, points); NaN
+        beyond `bounds`. Raises `TooCoarse` if their error, estimated in each `row` of points,
+        exceeds a finite `limit`."""
         from cip.engines import displacement_loops
         from cip.engines.cpu_loops import share
         from skfem_adini.ground.jit import loop_over
 
-        size, moving = points[0].size, len(self._cells)
+        moving, size = out.shape
         run = loop_over(displacement_loops.run_substep, flow=flow.kernel)
         units = np.array(flow.unit[:moving]) / self._cells
-        old, new, error = np.zeros(moving * size), np.empty(moving * size), 0.0
-        begin, last = times[1], flow.box(times[1])
-        for step in _steps(*times, flow.breaks(*times), count):
-            boxes = [last, *(flow.box(begin - q * step) for q in (0.5, 1.0))]
+        clock = _clock(*times, flow.breaks(*times), max(count, 1))
+        new, spare = out.reshape(-1), np.empty(out.size if len(clock) > 2 else 0)
+        if len(clock) % 2:  # the last sub-step writes to `out`
+            new, spare = spare, new
+        old, error = spare[:0], 0.0
+        for begin, end in pairwise(clock):
+            step, middle = begin - end, begin - 0.5 * (begin - end)
+            boxes = flow.boxes(begin, middle, end)
             chosen = np.full(size // row, -1)
-            head = (row, size, moving, step, old, new, chosen)
-            given = (*head, *points, bounds, flow.sizes, *boxes)
+            head = (4 if count else 3, row, size, moving, step, old, new, chosen)
+            given = (*head, *points.arrays, points.places, bounds, flow.sizes, *boxes)
             share(lambda a, b, given=given: run(a, b, *given), chosen.size, size)  # type: ignore[misc]
             if limit < np.inf:
                 some = chosen[chosen >= 0]
-                again = old.reshape(moving, -1)[:, some].reshape(-1)
-                near = [np.ascontiguousarray(x[some]) for x in points]
-                inner = [flow.box(begin - q * step) for q in (0.25, 0.75)]
-                for part in ((boxes[0], inner[0], boxes[1]), (boxes[1], inner[1], boxes[2])):
-                    before, again = again, np.empty_like(again)
-                    head = (some.size, some.size, moving, 0.5 * step, before, again, np.array([-1]))
-                    run(0, 1, *head, *near, bounds, flow.sizes, *part)
+                near, again = points.some(some, row), old.reshape(-1, size)[:, some].reshape(-1)
+                for q, t in enumerate((begin - 0.25 * step, begin - 0.75 * step)):
+                    before, again = again, np.empty(moving * some.size)
+                    inner = boxes[q], flow.few(t), boxes[q + 1]
+                    half: Any = (4, some.size, some.size, moving, 0.5 * step, before, again)
+                    half += (np.array([-1]), *near.arrays, near.places, bounds, flow.sizes)
+                    run(0, 1, *half, *inner)
                 change = np.abs(again.reshape(moving, -1) - new.reshape(moving, -1)[:, some])
                 worst = np.max(change, axis=1, where=np.isfinite(change), initial=0.0)
                 error += float(np.max(worst * units))
                 # The limit is below the tolerance: worst nodes of rows are not quite the worst.
                 if error > limit:
                     raise TooCoarse
-            begin, last = begin - step, boxes[-1]
-            old, new = new, old
-        return old.reshape(moving, -1) * units[:, None]
+            old, new = new, spare if old.size == 0 else old
+        out *= units[:, None]
 
     @cached_property
     def _rounding(self) -> float:
@@ -305,7 +383,7 @@ class Displacements:
         return bool(said.any())
 
     def _closely(
-        self, flow: _Flow, points: list[Array], times: tuple[float, float], count: int, left: Array
+        self, flow: Flow, points: list[Array], times: tuple[float, float], count: int, left: Array
     ) -> Array:
         """All components of the feet of some nodes from paths that end within a fraction of a cell
         around each; NaN where the path of the node has `left` the grid."""
@@ -318,7 +396,8 @@ class Displacements:
                 spread = spread + offsets[q].reshape(-1, 1) * (self._cells[q] / flow.unit[q])
             around.append(np.ascontiguousarray(spread).reshape(-1))
         bounds = np.tile([-np.inf, np.inf], 2)
-        d = self._follow(flow, around, bounds, size, times, count)
+        d = np.empty((len(moving), around[0].size))
+        self._follow(flow, listed(around), bounds, around[0].size, times, count, d)
         d[:, np.tile(left, count_of)] = np.nan
         d = d.reshape(-1, *offsets[0].shape, size)
         place = d + offsets[..., None]
@@ -366,12 +445,12 @@ class Displacements:
         return exits
 
 
-def _steps(start: float, end: float, breaks: Sequence[float], count: int) -> list[float]:
-    """Lengths of the sub-steps from `end` back to `start`: equal ones, about `count`, between times
+def _clock(start: float, end: float, breaks: Sequence[float], count: int) -> list[float]:
+    """Times of the sub-steps from `end` back to `start`: equal ones, about `count`, between times
     at which the velocity is not smooth."""
     times = [end, *sorted(breaks, reverse=bool(end > start)), start]
-    found = []
+    found = [end]
     for high, low in pairwise(times):
         parts = max(1, int(np.ceil(count * (high - low) / (end - start) - 1e-9)))
-        found += [(high - low) / parts] * parts
+        found += [high - q * (high - low) / parts for q in range(1, parts)] + [low]
     return found

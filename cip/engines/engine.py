@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cip.characteristics.feet import FEET, check_inside
-from cip.engines.displacements import Displacements, TooCoarse
+from cip.engines.displacements import Displacements, Flow, TooCoarse
 from cip.engines.path_kernel import PATH
 from cip.errors import NotConverged
 from cip.formulas.formula import Formula
@@ -40,6 +40,8 @@ class _Memory(threading.local):
         # number.
         self.counts: dict[Any, tuple[float, int]] = {}
         self.spare: list[Any] = []  # arrays of moments, to be used again
+        self.displaced: dict[Stage, Displacements | None] = {}
+        self.flows: dict[Any, Flow] = {}
 
 
 class Tally(Protocol):
@@ -68,7 +70,6 @@ class Engine:
         self._feet: dict[Any, StageFeet] = {}
         self._lock = threading.Lock()
         self._paths: dict[Any, Any] = {}
-        self._displacements: dict[Stage, Displacements | None] = {}
 
     @property
     def _counts(self) -> dict[Any, tuple[float, int]]:
@@ -230,24 +231,25 @@ class Engine:
 
     def _displaced(self, stage: Stage) -> Displacements | None:
         """The feet of a stage by displacements, None where others serve."""
-        if stage not in self._displacements:
+        found = self._memory.displaced
+        if stage not in found:
             # At coasts derivatives are not those of displacements.
             serves = not self.setting.steady and stage.coast is None
             serves = serves and Displacements.serves(stage, LIMITS.differences)
-            self._displacements[stage] = Displacements(stage) if serves else None
-        return self._displacements[stage]
+            found[stage] = Displacements(stage, self._memory.flows) if serves else None
+        return found[stage]
 
     def _displaced_feet(self, moved: Displacements, t: float, dt: float) -> StageFeet:
         """Feet with the sub-steps of the last step, at intervals with fewer, or with more."""
         key = ("displaced", *moved.stage.part(dt))
-        first, count = self._counts.get(key, (t, 1))
+        first, count = self._counts.get(key, (t, moved.least))
         if abs(t - first) > LIMITS.renewal * abs(dt):
-            first, count = t, max(1, count // 2)
+            first, count = t, max(moved.least, count // 2)
         while count <= FEET.substeps:
             try:
                 found = moved.feet(t, dt, count)
             except TooCoarse:
-                count *= 2
+                count = max(1, 2 * count)
             else:
                 self._counts[key] = (first, count)
                 return found
