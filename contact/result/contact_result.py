@@ -61,7 +61,7 @@ class ContactResult(BodyFields, ContactState):
     jump : str
         With adhesion "pull-off" or "contact" if the step passed such an instability, else empty.
     origin : Origin or None
-        For `vjp`: a weak reference to the problem. None in a result from a file.
+        For `vjp`: the problem as it was. None in a result from a file.
 
     Examples
     --------
@@ -450,8 +450,6 @@ class ContactResult(BodyFields, ContactState):
                 "vjp: the rows of finite sliding depend on the solution, and their derivatives are "
                 "not followed; take LoadStepper(sliding='small')"
             )
-        if problem is None and self.origin is not None:
-            problem = self.origin.problem
         if problem is None and self.origin is None and self.system.rows.axes.size:
             raise InputError(
                 "vjp: a result of several bodies from a file does not say whether they slid; give "
