@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -155,6 +155,13 @@ class ContactGradient:
         free = ~self.result.system.rows.ties
         return np.asarray(-self.adjoint.tangent * free[:, None])
 
+    def memory(self) -> dict[str, Array]:
+        """Gradients by what the step of a history takes from the one before, by its name."""
+        result = self.result
+        if result.origin is not None and result.origin.slide is not None:
+            return dict(result.origin.slide.memory(result.system, -self.slip_from))
+        return {"slip": self.slip_from}
+
     @property
     def travel(self) -> Array:
         """By the tangential path of obstacles' shapes at the points, shape (m, dim - 1)."""
@@ -239,7 +246,8 @@ class ContactGradient:
         if self.problem is None:
             raise InputError(
                 f"{name}: needs the ContactProblem with its functions of places, which a result "
-                "from a file or a copy has not, or whose arrays were changed; solve again"
+                "from a file or a copy or of finite sliding has not, or whose arrays were changed; "
+                "solve again"
             )
         return self.problem
 
@@ -281,8 +289,10 @@ def _same_friction(system: Any, problem: Any) -> bool:
 
 def condensation(result: Any, problem: Any) -> CondensedContact:
     """The factors of a result's bodies, those of its problem where they are still right."""
-    system = result.system
+    system, origin = result.system, result.origin
     refuse_many(system.body)
+    if origin is not None and origin.slide is not None:
+        return cast(CondensedContact, origin.slide.condensed(system))
     if system.surface is not None:
         raise InputError(
             "vjp: adhesion, hardness and wear have no gradients; ask for those of a problem without"

@@ -430,7 +430,6 @@ class LoadStepper(LoadProgram):
                 opposite = moving.get("obstacle", self.problem.opposite)
                 follow = self._finite.following(result, opposite)
                 check_motion(result, self.problem.boundaries, opposite, follow)
-                vars(result)["origin"] = Origin(slides=True)
                 return result
             return self._small_step(last, begin, end)
         except NotConverged:

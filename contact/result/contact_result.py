@@ -422,7 +422,8 @@ class ContactResult(BodyFields, ContactState):
         Raises
         ------
         InputError
-            Arrays of another shape; a result of finite sliding, of a `DistributedBody`, or solved
+            Arrays of another shape; a result of adhesion, hardness or wear, of a copy or a file of
+            finite sliding, a cotangent `slip` of it, or a result of a `DistributedBody` or solved
             on a device; a result of two bodies from a file without its problem.
         NotConverged
             The solution is at a limit of friction, or too ill-conditioned.
@@ -445,10 +446,10 @@ class ContactResult(BodyFields, ContactState):
 
     def _posed_as(self, problem: Any) -> Any:
         """The problem given, or the one that was solved if it still exists."""
-        if self.origin is not None and self.origin.slides:
+        if self.origin is not None and self.origin.slides and self.origin.slide is None:
             raise InputError(
-                "vjp: the rows of finite sliding depend on the solution, and their derivatives are "
-                "not followed; take LoadStepper(sliding='small')"
+                "vjp: the rows of finite sliding depend on the solution, and a copy or a file has "
+                "no derivatives of them; take the result of the LoadStepper itself"
             )
         if problem is None and self.origin is None and self.system.rows.axes.size:
             raise InputError(
