@@ -269,6 +269,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(assembly, elements, sparse_solving, curved),
         *(contact_block, mkl, contact_scaling, contact_layers, contact_peers),
         *(body_tables.contact_pair, body_tables.distributed, body_tables.rough_layers),
+        body_tables.contact_derivatives,
         *(body_tables.rough_peers, body_tables.contact_device, body_tables.contact_gpus),
         inverse_tables.assimilation_device,
         *(kernel_tables.cip, kernel_tables.cip_sphere, kernel_tables.cip_device),
