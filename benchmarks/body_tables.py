@@ -47,6 +47,34 @@ def contact_materials(record: Record) -> str:
     return f"{table}\n\n{said}{source('contact_materials', record, 'MKL')}"
 
 
+def contact_derivatives(record: Record) -> str:
+    """Gradients over solutions, histories and steps; heat over mechanics."""
+    one, past, far = (record[name] for name in ("gradients", "history", "sliding"))
+    solve = f"a solution with its factorisation, {one['unknowns']:,} unknowns"
+    steps = f"{past['steps']} steps with friction, {past['n']} x {past['n']} cells"
+    parts = "loads, supports, friction, gap, motions"
+    lines = [
+        (f"gradient by {parts}", solve, f"**{one['gradient_over_solve']:.3f}**"),
+        ("the same and by moduli", solve, f"{one['moduli_over_solve']:.3f}"),
+        ("the same and by vertices", solve, f"{one['vertices_over_solve']:.2f}"),
+        ("difference by one number", solve, f"{one['difference_over_solve']:.2f}"),
+        ("gradient of a history", steps, f"**{past['backward_over_run']:.2f}**"),
+        ("the same with checkpoints", steps, f"{past['checkpoints_over_run']:.2f}"),
+        ("gradient of steps of finite sliding", "these steps", f"{far['backward_over_run']:.2f}"),
+        *(
+            (
+                f"heat and contact, conductance within {heat['width']:g}, "
+                f"{heat['iterations']} iterations",
+                "a contact solve with factors that exist",
+                f"{heat['ratio']:.0f}",
+            )
+            for heat in record["heat"]
+        ),
+    ]
+    table = rows_of("what | over | ratio of processor time", lines)
+    return f"{table}\n\n{source('contact_derivatives', record, 'MKL')}"
+
+
 def distributed(record: Record) -> str:
     """Contact and systems on one and two processes."""
     rows = record["rows"]

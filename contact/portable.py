@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import weakref
-from copy import deepcopy
+from copy import copy, deepcopy
 from dataclasses import dataclass
 from typing import Any, ClassVar, NoReturn, Self
 
@@ -63,21 +63,24 @@ class LostFunction:
 
 
 class Origin:
-    """Where a result comes from: a weak reference to its problem, which pickle and deep copies
-    drop; `slides` marks finite sliding, whose rows are those of one step."""
+    """Where a result comes from: a weak reference to its problem, whose factors it may use, and the
+    problem as it was, `posed`, without factors; `slide` has the projections of a step of finite
+    sliding. Pickles and deep copies keep only whether it slid."""
 
-    def __init__(self, problem: Any = None, slides: bool = False) -> None:
-        self.known = problem is not None
-        self.slides = slides
-        self._problem = weakref.ref(problem) if self.known else None
+    def __init__(self, problem: Any = None, slide: Any = None, slides: bool = False) -> None:
+        self.slide, self.slides = slide, slides or slide is not None
+        self._problem, self.posed = None, None
+        if problem is not None:
+            self._problem, self.posed = weakref.ref(problem), copy(problem)
+            vars(self.posed).pop("_condensed", None)
 
     @property
     def problem(self) -> Any:
-        """The problem, if it still exists."""
-        return None if self._problem is None else self._problem()
+        """The problem, if it still exists, or as it was."""
+        return (self._problem() if self._problem else None) or self.posed
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Origin, (None, self.slides)
+        return Origin, (None, None, self.slides)
 
 
 def carried(value: Any) -> Any:

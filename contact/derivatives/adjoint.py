@@ -34,10 +34,12 @@ from contact.body.distributed_body import DistributedBody
 from contact.body.rigid_modes import rigid_field
 from contact.condensation.boundary_problem import BoundaryProblem
 from contact.condensation.condensed_contact import CondensedContact
+from contact.derivatives.of_pairs import of_pairs
 from contact.errors import InputError, NotConverged
 from contact.laws.condensed_newton import Condensed, SlipRows, Used
 from contact.laws.friction import Tresca, lengths
 from contact.laws.law import State, Zones
+from contact.rows.tool_rows import RowsInMotion
 from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
@@ -132,21 +134,30 @@ class Adjoint:
 def adjoint(result: Any, condensed: CondensedContact, given: Cotangents) -> Adjoint:
     """Solve the transposed system of a result on a condensation of its body.
     Raises InputError for bodies on devices or of many processes, NotConverged if it is singular."""
-    system = result.system
-    problem, laws, zones, state = _linearised(result, condensed)
+    system, change, moved = result.system, None, None
+    if result.origin is not None and result.origin.slide is not None:
+        given, change, moved = _sliding(result, condensed, given)
+    problem, laws, zones, state = _linearised(result, condensed, moved)
     given, known = _of_held_points(result, given, problem)
     scale, motion, m = condensed.point_scale, system.motion, result.mu.size
     used = Used.of(problem, zones)
     linear = used.laws(laws.law, zones, state, "radial")  # without laws of surfaces: of slip
     added = np.full(used.rows.size, 1e-13)  # as in a Newton step, for dependent rows
     added[: used.count] += (zones.slope + np.zeros(m))[zones.active]
-    moved, work = condensed.yielded(given.u)
     free = np.zeros(0, dtype=bool) if motion is None else motion.free
-    per_unit = condensed.per_unit(motion)
-    right = problem.forces(given.mu / scale, given.t / scale[:, None]) - moved
-    right = np.concatenate((right[used.rows], work, per_unit * given.motion[free]))
-    eta = _solved(laws, used, added, problem, linear, right)
-    n, bodies = used.rows.size, work.size
+    per_unit = condensed.per_unit(motion) if moved is None else moved.unit
+    equations: Any = condensed if moved is None else moved
+    of_forces, work = equations.yielded(given.u)
+    right = problem.forces(given.mu / scale, given.t / scale[:, None]) - of_forces
+    of_motions = np.concatenate(
+        (work if moved is None else work[:0], per_unit * given.motion[free])
+    )
+    if moved is not None:
+        of_motions = of_motions + work
+    eta = _solved(
+        laws, used, added, problem, linear, np.concatenate((right[used.rows], of_motions))
+    )
+    n = used.rows.size
     of_used = eta[:n].copy()
     for slip in linear:
         at = np.where(slip.at >= 0, slip.at, 0)
@@ -154,7 +165,7 @@ def adjoint(result: Any, condensed: CondensedContact, given: Cotangents) -> Adjo
         of_used[slip.rows] = np.einsum("pij,pi->pj", slip.of_v, of_law)[slip.at >= 0]
     of_rows = np.zeros(problem.v0.size)
     of_rows[used.rows] = of_used
-    load = condensed.transposed(given.u, of_rows, eta[n : n + bodies])
+    load = equations.transposed(given.u, of_rows, eta[n:])
     normal, tangent = np.zeros(m), known.tangent
     normal[zones.active] = of_used[: used.count] / scale[zones.active]
     place = used.rubbing.nonzero()
@@ -166,18 +177,62 @@ def adjoint(result: Any, condensed: CondensedContact, given: Cotangents) -> Adjo
         along = np.sum(of_law * b, axis=1)
         size = scale if system.law == "tresca" else state.mu
         friction[at_bound] += along * size[at_bound]
-    force, pushed = np.zeros(free.size), np.zeros(free.size)
-    force[free] = per_unit * eta[n + bodies :]
-    if motion is not None:
-        pushed = given.motion - motion.normal.T @ normal - motion.tangent.T @ tangent.ravel()
-    rows = system.rows
-    left = given.u + rows.G.T @ normal + rows.T.T @ tangent.ravel()
+    force = np.zeros(free.size)
+    force[free] = per_unit * eta[eta.size - per_unit.size :]
+    left, pushed = _on_bodies(system, given, (load, normal, tangent.ravel(), force), change)
     _certify(*system.body.equilibrium(load, np.zeros(load.size), left))
     support = _at_supports(system.body, left - system.body.internal(load))
     return Adjoint(
         load, normal, tangent, force, np.where(free, 0.0, pushed), friction, support,
         _degenerate(laws, zones, state, problem, result),
     )  # fmt: skip
+
+
+def _on_bodies(
+    system: Any, given: Cotangents, found: tuple[Array, ...], change: RowsInMotion | None
+) -> tuple[Array, Array]:
+    """Forces of the adjoint system on all dofs and on motions of obstacles, which S and supports
+    balance; `found` are the adjoint load, normal, tangent and force."""
+    (load, normal, tangent, force), motion = found, system.motion
+    left = given.u + system.rows.G.T @ normal + system.rows.T.T @ tangent
+    pushed = np.zeros(force.size)
+    if motion is not None:
+        pushed = given.motion - motion.normal.T @ normal - motion.tangent.T @ tangent
+    if change is not None:
+        left = left + change.normal.T @ normal + change.tangential.T @ tangent
+        left = left + change.turning.T @ (change.swing.T @ tangent)
+        left = left + change.pull.T @ force - change.force.T @ load
+        pushed = pushed + change.slip.T @ tangent - change.push.T @ load + change.lean.T @ force
+    return left, pushed
+
+
+def _sliding(
+    result: Any, condensed: CondensedContact, given: Cotangents
+) -> tuple[Cotangents, RowsInMotion, Any]:
+    """Derivatives and equations of finite sliding, and what follows for displacement and motions
+    as contact forces, their resultant, and areas depend on these."""
+    slide, system = result.origin.slide, result.system
+    change = slide.change(result)
+    if change is None or condensed.N.shape[1]:
+        raise InputError(
+            "vjp: in finite sliding bodies have derivatives if they are held by supports, not by "
+            "contact alone"
+        )
+    if np.any(given.slip):
+        raise InputError("slip: in finite sliding it has no cotangent; take u, or forces")
+    change, of_areas = of_pairs(slide, change, result)
+    forces, body, rows = given.forces.copy(), system.body, system.rows
+    owners = np.unique(rows.owner) if rows.owner.size else [0]
+    if len(owners) > 1 and np.any(given.resultant):
+        raise InputError("resultant: of sliding pairs of several bodies, take contact_forces")
+    for k in owners:
+        shifts = rigid_field(body.bodies[k].trace, np.zeros(body.dim))[:, : body.dim]
+        forces[body.slices[k]] -= shifts @ given.resultant
+    by_area = np.sum(given.shear * result.t, axis=1) - given.pressure * result.mu
+    u = given.u + change.force.T @ forces + of_areas.T @ (by_area / rows.weights**2)
+    motion = given.motion + change.push.T @ forces if given.motion.size else given.motion
+    given = replace(given, u=u, motion=motion)
+    return given, change, slide.equations(result, condensed, change)
 
 
 def _at_supports(body: Any, v: Array) -> Array:
@@ -196,13 +251,15 @@ def _certify(left: float, terms: float) -> None:
 
 
 def _linearised(
-    result: Any, condensed: CondensedContact
+    result: Any, condensed: CondensedContact, moved: Any
 ) -> tuple[BoundaryProblem, Condensed, Zones, State]:
     """The scaled boundary problem without loads, its laws, and zones and state of the solution."""
     system, scale, rows = result.system, condensed.point_scale, result.system.rows
     condensed = condensed.under(system.body)
     problem = condensed.boundary_problem(None, rows.gap, system.slip_from, system.motion)
     problem = replace(problem, compliance=system.compliance(scale))
+    if moved is not None:
+        problem = moved.problem
     laws = Condensed(problem, system.scaled_friction(scale) or Tresca(np.zeros(scale.size)))
     t = np.where(problem.tangent >= 0, result.t * scale[:, None], 0.0)
     u_n, u_t = system.relative(result.u, result.motion)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -155,6 +155,13 @@ class ContactGradient:
         free = ~self.result.system.rows.ties
         return np.asarray(-self.adjoint.tangent * free[:, None])
 
+    def memory(self) -> dict[str, Array]:
+        """Gradients by what the step of a history takes from the one before, by its name."""
+        result = self.result
+        if result.origin is not None and result.origin.slide is not None:
+            return dict(result.origin.slide.memory(result.system, -self.slip_from))
+        return {"slip": self.slip_from}
+
     @property
     def travel(self) -> Array:
         """By the tangential path of obstacles' shapes at the points, shape (m, dim - 1)."""
@@ -226,7 +233,7 @@ class ContactGradient:
         Raises
         ------
         InputError
-            A gap that is no shape; the problem is gone, see `ContactResult.vjp`.
+            A gap that is no shape; a result from a file or a copy.
         """
         dim = self.result.solid.dim
         about = np.zeros(dim) if centre is None else numbers("centre", centre)
@@ -238,9 +245,9 @@ class ContactGradient:
     def _posed(self, name: str) -> Any:
         if self.problem is None:
             raise InputError(
-                f"{name}: needs the ContactProblem with its functions of places, which is gone or "
-                "was changed, or never was: the result is from a file or a copy; keep it, solve "
-                "again, and ask before it changes"
+                f"{name}: needs the ContactProblem with its functions of places, which a result "
+                "from a file or a copy or of finite sliding has not, or whose arrays were changed; "
+                "solve again"
             )
         return self.problem
 
@@ -260,28 +267,32 @@ def vertices_of(steps: Sequence[ContactGradient]) -> list[Array]:
 def gradient(result: Any, problem: Any, given: dict[str, Any]) -> ContactGradient:
     """Gradients of the function with the derivatives `given`; see `ContactResult.vjp`."""
     cotangents = Cotangents.checked(result, given)
-    condensed, problem = condensation(result, problem)
-    if (
-        result.origin is None
-        or not result.origin.known
-        or not _same_friction(result.system, problem)
+    origin, rows = result.origin, result.system.rows
+    # For what depends on functions of places: a result from a file has none.
+    posed = None if origin is None or origin.posed is None else problem or origin.posed
+    if posed is not None and not (
+        _same_rows(posed.rows, rows) and _same_friction(result.system, posed)
     ):
-        problem = None  # for what depends on functions of places
-    return ContactGradient(result, adjoint(result, condensed, cotangents), cotangents, problem)
+        posed = None
+    if problem is None and origin is not None:
+        problem = origin.problem
+    found = adjoint(result, condensation(result, problem), cotangents)
+    return ContactGradient(result, found, cotangents, posed)
 
 
 def _same_friction(system: Any, problem: Any) -> bool:
-    if problem is None or problem.law != system.law:
+    if problem.law != system.law:
         return False
     of_bound = system.rows.weights if system.law == "tresca" else 1.0
     return np.array_equal(problem.friction * of_bound, system.friction)
 
 
-def condensation(result: Any, problem: Any) -> tuple[CondensedContact, Any]:
-    """The factors of a result's bodies, those of its problem where they are still right; and the
-    problem, or None if its rows are others now."""
-    system = result.system
+def condensation(result: Any, problem: Any) -> CondensedContact:
+    """The factors of a result's bodies, those of its problem where they are still right."""
+    system, origin = result.system, result.origin
     refuse_many(system.body)
+    if origin is not None and origin.slide is not None:
+        return cast(CondensedContact, origin.slide.condensed(system))
     if system.surface is not None:
         raise InputError(
             "vjp: adhesion, hardness and wear have no gradients; ask for those of a problem without"
@@ -294,7 +305,7 @@ def condensation(result: Any, problem: Any) -> tuple[CondensedContact, Any]:
     if condensed is None:
         condensed = CondensedContact(system.body, system.rows)
     refuse_device(condensed)
-    return condensed, problem
+    return condensed
 
 
 def _same_rows(one: Any, other: Any) -> bool:

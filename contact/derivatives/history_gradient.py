@@ -17,31 +17,35 @@ Array = NDArray[np.float64]
 
 
 class Backward:
-    """Steps taken backward: the slip of a step is that from which the next one counts."""
+    """Steps taken backward: from the slip of a step, or its displacement, the next one counts."""
 
     def __init__(self) -> None:
-        self._slip: Array | None = None  # derivatives by the slip of the next step to come
+        self._later: dict[str, Array] = {}  # derivatives of later steps by this one, by its name
 
     def step(
         self, result: Any, before: Any, given: dict[str, Any], problem: Any = None
     ) -> ContactGradient:
         """The gradient of a step, after which comes the one `before`, or None.
         Raises InputError if the step does not follow that one."""
-        start = result.system.slip_from
-        if before is not None and (start is None or not _follows(start, before)):
+        if before is not None and not _follows(result, before):
             raise InputError(
                 "vjp: a step of the history does not follow the one before it, because it was "
                 "halved, or steps are missing; take more times, and LoadStepper(halvings=0)"
             )
         given = dict(given)
-        if self._slip is not None:
-            given["slip"] = self._slip + (0.0 if given.get("slip") is None else given["slip"])
+        for name, more in self._later.items():
+            given[name] = more + (0.0 if given.get(name) is None else given[name])
         found: ContactGradient = result.vjp(**given, problem=problem)
-        self._slip = None if start is None else found.slip_from
+        self._later = {} if result.system.slip_from is None else found.memory()
         return found
 
 
-def _follows(start: Array, before: Any) -> bool:
+def _follows(result: Any, before: Any) -> bool:
+    start, origin = result.system.slip_from, result.origin
+    if origin is not None and origin.slide is not None:
+        return bool(np.array_equal(origin.slide.last, before.u))
+    if start is None:
+        return False
     slip = np.where(before.system.rows.ties[:, None], 0.0, before.slip)
     size = np.abs(slip).max(initial=0.0)
     return start.shape == slip.shape and bool(np.abs(start - slip).max(initial=0.0) <= 1e-7 * size)

@@ -26,6 +26,7 @@ from contact.body.solid import Surface
 from contact.body.vector_element import GRADIENT_DOFS
 from contact.derivatives.adjoint import axes_of
 from contact.derivatives.of_cells import by_vertices
+from contact.derivatives.of_pairs import boolean, coloured
 from contact.errors import ContactWarning, InputError, NotConverged
 from contact.obstacles.rigid import plain
 from contact.obstacles.rigid_motion import matrix_of
@@ -219,7 +220,7 @@ def _differences(bodies: tuple[Any, ...], terms: Terms, pattern: sparse.csr_arra
     ends = np.cumsum([p.shape[1] for p in places])[:-1]
     size = np.concatenate([_sizes(body.mesh) for body in bodies])
     at, dim = np.hstack(places), places[0].shape[0]
-    colour = _colours(pattern)
+    colour = coloured(pattern)
     found, held = np.zeros(at.shape), _on_axis(bodies)
 
     def difference(moves: Array) -> Array:
@@ -272,17 +273,6 @@ def _on_axis(bodies: tuple[Any, ...]) -> NDArray[np.bool_]:
     return np.concatenate(near)
 
 
-def _colours(pattern: sparse.csr_array) -> NDArray[np.int64]:
-    """Colour of each node that some term depends on, -1 for others; greedy."""
-    conflicts = sparse.csr_array(pattern.T @ pattern)
-    colour = np.full(pattern.shape[1], -1)
-    for node in np.flatnonzero(np.diff(conflicts.indptr)):
-        taken = colour[conflicts.indices[conflicts.indptr[node] : conflicts.indptr[node + 1]]]
-        free = np.setdiff1d(np.arange(taken.size + 1), taken)
-        colour[node] = free[0]
-    return colour
-
-
 def _near_points(result: Any) -> sparse.csr_array:
     """Nodes of the boundary near the dofs of each contact point, (m, nodes)."""
     rows, bodies = result.system.rows, result.system.body.bodies
@@ -291,7 +281,7 @@ def _near_points(result: Any) -> sparse.csr_array:
     along = sparse.csr_array(
         (np.ones(T.shape[0]), (np.repeat(np.arange(m), T.shape[0] // m), np.arange(T.shape[0])))
     )
-    touched = _boolean(abs(rows.G) + along @ abs(T))
+    touched = boolean(abs(rows.G) + along @ abs(T))
     parts = []
     for body, own in zip(bodies, result.system.body.slices, strict=True):
         mesh = body.mesh
@@ -304,7 +294,7 @@ def _near_points(result: Any) -> sparse.csr_array:
         of_nodes = sparse.csr_array(of_nodes @ sparse.diags_array(on_boundary))
         near = touched[:, own] @ of_dofs.T @ of_nodes
         parts.append(near @ of_nodes.T @ of_nodes)
-    return _boolean(sparse.csr_array(sparse.hstack(parts, format="csr")))
+    return boolean(sparse.csr_array(sparse.hstack(parts, format="csr")))
 
 
 def _near_dofs(loaded: list[list[Any]]) -> sparse.csr_array | None:
@@ -327,7 +317,7 @@ def _near_dofs(loaded: list[list[Any]]) -> sparse.csr_array | None:
         depends = of_dofs.T @ (of_dofs @ depends.astype(float)) > 0
         of_nodes = _incidence(mesh.dofs.element_dofs, mesh.doflocs.shape[1])
         parts.append(sparse.diags_array(depends.astype(float)) @ of_dofs.T @ of_nodes)
-    return _boolean(sparse.csr_array(sparse.block_diag(parts, format="csr"))) if some else None
+    return boolean(sparse.csr_array(sparse.block_diag(parts, format="csr"))) if some else None
 
 
 def _incidence(numbers: NDArray[Any], count: int) -> sparse.csr_array:
@@ -335,12 +325,6 @@ def _incidence(numbers: NDArray[Any], count: int) -> sparse.csr_array:
     per, cells = numbers.shape
     place = np.tile(np.arange(cells), per), numbers.ravel()
     return sparse.csr_array((np.ones(numbers.size), place), shape=(cells, count))
-
-
-def _boolean(matrix: Any) -> sparse.csr_array:
-    matrix = sparse.csr_array(matrix)
-    matrix.data = np.ones(matrix.nnz)
-    return matrix
 
 
 def by_pose(sides: Any, obstacle: Any, normal: Array, centre: Array) -> Array:

@@ -11,6 +11,7 @@ P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4
 
 from __future__ import annotations
 
+import weakref
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from scipy.linalg import LinAlgError, block_diag, lu_factor, lu_solve
 from contact.arrays.blas_threads import one_blas_thread
 from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.basis_solid import BasisSolid
-from contact.condensation.boundary_problem import Forces
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import CHANGED, InputError, NotConverged
 from contact.laws.condensed_newton import Condensed, is_stable
@@ -42,6 +43,7 @@ from contact.obstacles.rigid_motion import (
     unknown_motion,
 )
 from contact.obstacles.tool import Pose, Tool, WornTools, is_tool, moved_frame
+from contact.portable import Origin
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
@@ -163,7 +165,8 @@ class FiniteSliding:
         again, here = self._system(body, u, poses, last, step)
         if result is not None and again.rows.gap.size == result.mu.size:
             w = None if again.motion is None else _labels(poses, step)
-            result = replace(result, system=again, history=tuple(lines), motion=w)
+            slide = Origin(slide=Slide(here, step.now, rest, weakref.ref(kept)))
+            result = replace(result, system=again, history=tuple(lines), motion=w, origin=slide)
             result = self._worn(result, here)
             with nullcontext() if settled else suppress(NotConverged):
                 certify(result, options.tol, result.slack)
@@ -539,14 +542,59 @@ def _line(k: int, result: ContactResult, change: float) -> Iteration:
     return Iteration(k + 1, "projection", active, int(stick), int(slip), change)
 
 
-def newton_step(
-    system: ContactSystem,
-    condensed: CondensedContact,
-    change: RowsInMotion,
-    last: ContactResult,
-    tol: float,
-) -> tuple[Array, Array, Array, Array | None]:
-    r"""The next iterate (u, mu, t, w) by Newton's method with the derivative of the projection.
+@dataclass(frozen=True)
+class Slide:
+    """What the derivatives of a step need: its rows, obstacles, and the last displacement."""
+
+    here: Interfaces
+    opposites: list[Any]
+    last: Array  # (ndofs,)
+    kept: Any  # weak reference to the factors
+
+    def condensed(self, system: ContactSystem) -> CondensedContact:
+        """The factors for the rows of the step."""
+        kept = self.kept()
+        if kept is None:
+            kept = CondensedContact(system.body, system.rows, keep=self.here.boundary_dofs)
+        return kept.touched_by(system.body, system.rows)
+
+    def change(self, result: ContactResult) -> RowsInMotion | None:
+        """Derivatives of the rows at a result, that of this step."""
+        return self.here.in_motion(result.u, self.last, result.mu, result.t, self.opposites)
+
+    def equations(
+        self, result: ContactResult, condensed: CondensedContact, change: RowsInMotion
+    ) -> MovedRows:
+        """The equations of small changes."""
+        return MovedRows.of(result.system, condensed, change, result)
+
+    def memory(self, system: ContactSystem, tangent: Array) -> dict[str, Array]:
+        """Gradients by displacement and motions of the last step, from those by slips (m, dim -
+        1)."""
+        rows, motion, bodies = system.rows, system.motion, self.here.bodies
+        kept, k, slips = tangent.copy(), 0, tangent.shape[1]
+        w = np.zeros(0 if motion is None else motion.free.size)
+        u = np.zeros(self.last.size)
+        each = zip(
+            self.here.projected, self.here.points, self.opposites, self.here.sides, strict=True
+        )
+        for found, own, o, side in each:
+            size = w[k : k + bodies.dim * (bodies.dim + 1) // 2] if isinstance(o, Rigid) else w[:0]
+            if isinstance(found, ToolRows) and isinstance(side, ContactBoundaries):
+                by_u, by_pose = found.by_last()
+                along, kept[own] = tangent[own].ravel(), 0.0
+                u[bodies.slices[bodies.number_of_trace(side.body)]] += by_u.T @ along
+                size += by_pose.T[: size.size] @ along
+            k += size.size
+        if motion is not None:
+            w += motion.tangent.T @ kept.ravel()
+        u -= rows.T.T @ kept.reshape(-1, slips).ravel()
+        return {"u": u} if motion is None else {"u": u, "motion": w}
+
+
+@dataclass(frozen=True)
+class MovedRows:
+    r"""The boundary problem of small changes about a state u whose rows follow the displacement.
 
     With free motions a of obstacles, derivatives E of the contact conditions and K of the forces,
 
@@ -556,67 +604,116 @@ def newton_step(
 
     and the laws between v and l, on boundary dofs only. The amplitudes :math:`N^T \delta` of rigid
     motions N that no support resists are motions as well: :math:`S + \rho N N^T` replaces S, with
-    :math:`K_a = -\rho N`, :math:`L = \rho N^T`, :math:`L_a = -\rho`. Raises NotConverged, or
-    LinAlgError."""
-    u, points, motion = last.u, condensed.points, system.motion
-    left = system.load - system.body.internal(u)
-    live_n = points.normal >= 0
-    live_t = (points.tangent >= 0).ravel()
-    E = sparse.vstack([change.normal[live_n], change.tangential[live_t]], format="csr")
-    B, rows = condensed.B.toarray(), condensed.restrict(sparse.csr_array(E))
-    rows[int(live_n.sum()) :] += change.swing[live_t] @ condensed.restrict(change.turning)
-    K = condensed.restrict(sparse.csr_array(condensed.restricted_columns(change.force)))
-    free = np.zeros(0, dtype=bool) if motion is None else motion.free
-    R = np.zeros((len(B), int(free.sum())))
-    if motion is not None:
-        R = np.vstack((motion.normal[live_n], motion.tangent[live_t]))[:, free]
-    push, pull = (sparse.csr_array(v) for v in (change.push[:, free], change.pull[free]))
-    lean = change.lean[np.ix_(free, free)]
-    S, N = condensed.stiffness, condensed.N / np.linalg.norm(condensed.N, axis=0)
-    rho = np.diag(S) @ N**2
-    K_a = np.hstack((condensed.restricted_columns(push).toarray(), -rho * N))
-    L = np.vstack((condensed.restrict(pull), (rho * N).T))
-    lean, R = block_diag(lean, -np.diag(rho)), np.pad(R, ((0, 0), (0, rho.size)))
-    factor = lu_factor(S + (rho * N) @ N.T + K, check_finite=False)
-    right = np.column_stack((condensed.carried(left), K_a, B.T))
-    response = lu_solve(factor, right, check_finite=False)
-    k = 1 + R.shape[1]
-    moved, pulled = (B + rows) @ response, L @ response
-    u_n, u_t = system.relative(u, last.motion)
-    v = points.stacked(u_n, system.slip_increment(u_t)) + moved[:, 0]
+    :math:`K_a = -\rho N`, :math:`L = \rho N^T`, :math:`L_a = -\rho`."""
+
+    problem: BoundaryProblem
+    factor: Any  # of S + K
+    condensed: CondensedContact
+    rows: Array  # B + E, (n, nb)
+    K_a: Array  # (nb, k)
+    L: Array  # (k, nb)
+    response: Array  # of the boundary to f - S u, K_a and B, (nb, 1 + k + n)
+    of_rows: Array  # displacements of the rows are divided by it, (n,)
+    unit: Array  # free motions are divided by it, (k,)
+
+    @classmethod
+    def of(
+        cls,
+        system: ContactSystem,
+        condensed: CondensedContact,
+        change: RowsInMotion,
+        last: ContactResult,
+    ) -> MovedRows:
+        """About the state `last`."""
+        u, points, motion = last.u, condensed.points, system.motion
+        live_n = points.normal >= 0
+        live_t = (points.tangent >= 0).ravel()
+        E = sparse.vstack([change.normal[live_n], change.tangential[live_t]], format="csr")
+        B, rows = condensed.B.toarray(), condensed.restrict(sparse.csr_array(E))
+        rows[int(live_n.sum()) :] += change.swing[live_t] @ condensed.restrict(change.turning)
+        K = condensed.restrict(sparse.csr_array(condensed.restricted_columns(change.force)))
+        free = np.zeros(0, dtype=bool) if motion is None else motion.free
+        R = np.zeros((len(B), int(free.sum())))
+        if motion is not None:
+            R = np.vstack((motion.normal[live_n], motion.tangent[live_t]))[:, free]
+        push, pull = (sparse.csr_array(v) for v in (change.push[:, free], change.pull[free]))
+        S, N = condensed.stiffness, condensed.N / np.linalg.norm(condensed.N, axis=0)
+        rho = np.diag(S) @ N**2
+        K_a = np.hstack((condensed.restricted_columns(push).toarray(), -rho * N))
+        L = np.vstack((condensed.restrict(pull), (rho * N).T))
+        lean = block_diag(change.lean[np.ix_(free, free)], -np.diag(rho))
+        R = np.pad(R, ((0, 0), (0, rho.size)))
+        factor = lu_factor(S + (rho * N) @ N.T + K, check_finite=False)
+        left = condensed.carried(system.load - system.body.internal(u))
+        response = lu_solve(factor, np.column_stack((left, K_a, B.T)), check_finite=False)
+        k = 1 + R.shape[1]
+        moved, pulled = (B + rows) @ response, L @ response
+        u_n, u_t = system.relative(u, last.motion)
+        v = points.stacked(u_n, system.slip_increment(u_t)) + moved[:, 0]
+        scale = condensed.point_scale
+        of_rows = points.stacked(scale, np.repeat(scale[:, None], u_t.shape[1], axis=1))
+        E_a = np.zeros_like(R)
+        E_a[int(live_n.sum()) :, : push.shape[1]] = change.slip[live_t][:, free]
+        C = (E_a - R - moved[:, 1:k]) / of_rows[:, None]
+        D = (pulled[:, k:].T - R) / of_rows[:, None]
+        size = np.abs(D).max(axis=0, initial=0.0)
+        unit = 1.0 / np.where(size > 0, size, 1.0)  # so that motions and displacements are alike
+        force = np.zeros(k - 1)
+        if motion is not None:
+            force[: push.shape[1]] = motion.force[free]
+        problem = replace(
+            condensed.boundary_problem(system.load, system.rows.gap, system.slip_from, motion),
+            W=moved[:, k:] / of_rows / of_rows[:, None],
+            v0=v / of_rows,
+            C=C * unit,
+            D=D * unit if k > 1 else None,
+            K=(pulled[:, 1:k] - lean) * unit * unit[:, None] if k > 1 else None,
+            s=unit * (force + pulled[:, 0]),
+            compliance=system.compliance(scale),
+        )
+        return cls(problem, factor, condensed, B + rows, K_a, L, response, of_rows, unit)
+
+    def yielded(self, forces: Array) -> tuple[Array, Array]:
+        """What forces on all dofs do, by the transposed S + K, on displacements by unit forces of
+        rows, and minus that by unit motions; both scaled."""
+        carried = self.condensed.carried(forces)
+        z = lu_solve(self.factor, carried, trans=1, check_finite=False)
+        return self.condensed.B @ z / self.of_rows, -self.unit * (self.K_a.T @ z)
+
+    def transposed(self, forces: Array, of_rows: Array, a: Array) -> Array:
+        """Displacement of all dofs by the transposed system under forces on them, of rows, and of
+        motions, the latter scaled."""
+        right = self.condensed.carried(forces) + self.rows.T @ (of_rows / self.of_rows)
+        right = right + self.L.T @ (self.unit * a)
+        z_b = lu_solve(self.factor, right, trans=1, check_finite=False)
+        return self.condensed.moved(forces, z_b)
+
+
+def newton_step(
+    system: ContactSystem,
+    condensed: CondensedContact,
+    change: RowsInMotion,
+    last: ContactResult,
+    tol: float,
+) -> tuple[Array, Array, Array, Array | None]:
+    """The next iterate (u, mu, t, w) by Newton's method with the derivative of the projection.
+    Raises NotConverged, or LinAlgError."""
+    u, motion = last.u, system.motion
+    moved = MovedRows.of(system, condensed, change, last)
+    problem, response, k = moved.problem, moved.response, 1 + moved.unit.size
     scale = condensed.point_scale
-    of_rows = points.stacked(scale, np.repeat(scale[:, None], u_t.shape[1], axis=1))
-    E_a = np.zeros_like(R)
-    E_a[int(live_n.sum()) :, : push.shape[1]] = change.slip[live_t][:, free]
-    C = (E_a - R - moved[:, 1:k]) / of_rows[:, None]
-    D = (pulled[:, k:].T - R) / of_rows[:, None]
-    size = np.abs(D).max(axis=0, initial=0.0)
-    unit = 1.0 / np.where(size > 0, size, 1.0)  # so that motions and displacements are alike
-    force = np.zeros(k - 1)
-    if motion is not None:
-        force[: push.shape[1]] = motion.force[free]
-    problem = replace(
-        condensed.boundary_problem(system.load, system.rows.gap, system.slip_from, motion),
-        W=moved[:, k:] / of_rows / of_rows[:, None],
-        v0=v / of_rows,
-        C=C * unit,
-        D=D * unit if k > 1 else None,
-        K=(pulled[:, 1:k] - lean) * unit * unit[:, None] if k > 1 else None,
-        s=unit * (force + pulled[:, 0]),
-        compliance=system.compliance(scale),
-    )
     friction = system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
     start = Forces(last.mu * scale, last.t * scale[:, None], np.zeros(k - 1))
     forces = _equilibrium(Condensed(problem, friction), start, LIMITS.inner * tol)
-    l, a = problem.forces(forces.mu, forces.t) / of_rows, unit * forces.a
-    du = condensed.moved(
-        left - push @ a[: push.shape[1]],
-        response[:, 0] - response[:, 1:k] @ a - response[:, k:] @ l,
-    )
+    l, a = problem.forces(forces.mu, forces.t) / moved.of_rows, moved.unit * forces.a
+    free = np.zeros(0, dtype=bool) if motion is None else motion.free
+    of_tools = a[: int(free.sum())]
+    left = system.load - system.body.internal(u) - change.push[:, free] @ of_tools
+    du = condensed.moved(left, response[:, 0] - response[:, 1:k] @ a - response[:, k:] @ l)
     u, mu, w = u + du, forces.mu / scale, last.motion
     if w is not None:
         w = w.copy()
-        w[free] += a[: push.shape[1]]
+        w[free] += of_tools
     return u, mu, system.with_held_points(u, mu, forces.t / scale[:, None], w), w
 
 

@@ -414,9 +414,7 @@ class LoadStepper(LoadProgram):
                 opposite = moving.get("obstacle", self.problem.opposite)
                 follow = self._finite.following(result, opposite)
                 check_motion(result, self.problem.boundaries, opposite, follow)
-                result = with_jump(result, last, far=True)
-                vars(result)["origin"] = Origin(slides=True)
-                return result
+                return with_jump(result, last, far=True)
             return self._small_step(last, begin, end)
         except NotConverged:
             if halvings == 0 or last is None:

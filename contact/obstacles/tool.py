@@ -95,6 +95,7 @@ class Tool:
     start: Array  # where the point was, (dim,)
     end: Array  # where it is, (dim,)
     spin: Array  # rotation vector since the last step, (1,) or (3,)
+    last: Pose  # that of the last step
 
     @classmethod
     def of(
@@ -120,7 +121,7 @@ class Tool:
             spin = pose.turn @ step.rotation if dim == 3 else step.rotation
         elif not isinstance(obstacle, Rigid) and step.about.size:
             was = now = step.about
-        tool = cls(shape, pose, centre, was, now, spin + pose.spin_since(last))
+        tool = cls(shape, pose, centre, was, now, spin + pose.spin_since(last), last)
         ahead = last.turn @ (was - centre) + centre + last.motion[:dim]
         return replace(tool, start=ahead, end=tool.away(now))
 

@@ -58,7 +58,7 @@ class ContactResult(ContactFields, BodyFields, ContactState):
     jump : str
         With adhesion "pull-off" or "contact" if the step passed such an instability, else empty.
     origin : Origin or None
-        For `vjp`: a weak reference to the problem. None in a result from a file.
+        For `vjp`: the problem as it was. None in a result from a file.
 
     Examples
     --------
@@ -276,7 +276,8 @@ class ContactResult(ContactFields, BodyFields, ContactState):
         Raises
         ------
         InputError
-            Arrays of another shape; a result of finite sliding, of a `DistributedBody`, or solved
+            Arrays of another shape; a result of adhesion, hardness or wear, of a copy or a file of
+            finite sliding, a cotangent `slip` of it, or a result of a `DistributedBody` or solved
             on a device; a result of two bodies from a file without its problem.
         NotConverged
             The solution is at a limit of friction, or too ill-conditioned.
@@ -299,13 +300,11 @@ class ContactResult(ContactFields, BodyFields, ContactState):
 
     def _posed_as(self, problem: Any) -> Any:
         """The problem given, or the one that was solved if it still exists."""
-        if self.origin is not None and self.origin.slides:
+        if self.origin is not None and self.origin.slides and self.origin.slide is None:
             raise InputError(
-                "vjp: the rows of finite sliding depend on the solution, and their derivatives are "
-                "not followed; take LoadStepper(sliding='small')"
+                "vjp: the rows of finite sliding depend on the solution, and a copy or a file has "
+                "no derivatives of them; take the result of the LoadStepper itself"
             )
-        if problem is None and self.origin is not None:
-            problem = self.origin.problem
         if problem is None and self.origin is None and self.system.rows.axes.size:
             raise InputError(
                 "vjp: a result of several bodies from a file does not say whether they slid; give "

@@ -25,7 +25,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from contact.obstacles.rigid_motion import closest_rotation, turn_of
-from contact.obstacles.tool import Tool, WornTools, cross
+from contact.obstacles.tool import Tool, WornTools, cross, rate
 from contact.rows.contact_rows import ContactRows
 from contact.rows.frames import turned_tangents
 
@@ -302,21 +302,48 @@ class ToolRows:
     def _swing(self) -> tuple[Array, Csr]:
         """`RowsInMotion.swing` and `turning`: with the boundary's centred places h before, turned,
         and g now, ``sum ((h . g) theta - (g . theta) h) = sum h x dy`` for a small rotation."""
-        was, y = self.points.x + self.before, self.points.x + self.here
-        (turn, of_body), (_, one, arm, lag) = self._turn, self._slips
-        h, g = turn @ (was - was.mean(axis=1)[:, None]), y - y.mean(axis=1)[:, None]
+        (_, of_body), (_, one, arm, lag) = self._turn, self._slips
         unit = np.eye(lag.size)
         way = [cross(_of_spin(of_body, v), arm) - cross(v, one) for v in unit]
         way = [s - 0.5 * cross(lag, cross(v, one)) for s, v in zip(way, unit, strict=True)]
         along = np.stack(way, axis=1)[:, :, self._entries[0]]
         swing = self._mean(np.einsum("dje,dre->jre", self._frames[3], along))
+        h, _, weight = self._centred
         # (h x dy) . v = dy . (v x h)
-        rows = np.stack([cross(v, h) for v in unit])
-        weight = np.sum(h * g) * unit
-        if len(h) == 3:
-            weight = weight - h @ g.T
-        rows = np.linalg.solve(weight, rows.transpose(0, 2, 1).reshape(len(unit), -1))
+        rows = np.linalg.solve(weight, self._whole([cross(v, h) for v in unit]))
         return swing.transpose(2, 0, 1).reshape(-1, len(unit)), Csr(Csr(rows) @ self._trace)
+
+    @cached_property
+    def _centred(self) -> tuple[Array, Array, Array]:
+        """The places h and g of `_swing`, and the matrix of theta."""
+        was, y, turn = self.points.x + self.before, self.points.x + self.here, self._turn[0]
+        h, g = turn @ (was - was.mean(axis=1)[:, None]), y - y.mean(axis=1)[:, None]
+        weight = np.sum(h * g) * np.eye(self.tool.spin.size)
+        return h, g, weight - h @ g.T if len(h) == 3 else weight
+
+    def _whole(self, vectors: Sequence[Array]) -> Array:
+        return np.stack(vectors).transpose(0, 2, 1).reshape(len(vectors), -1)
+
+    def by_last(self) -> tuple[Csr, Array]:
+        """Derivatives of `slip` by the last step's displacement and pose, rows point by point."""
+        (entry, _), tool, (turn, _) = self._entries, self.tool, self._turn
+        (_, _, arm, lag), tangents, (_, g, weight) = self._slips, self._frames[3], self._centred
+        before = -(np.eye(len(g)) + 0.5 * cross(lag, np.eye(len(g)))) @ turn
+        by_was = self._spread(self.points.P.data * np.einsum("dje,db->jbe", tangents, before))
+        # (R dw x g) . v = dw . R^T (g x v)
+        rows = self._whole([-turn.T @ cross(v, g) for v in np.eye(lag.size)])
+        turning = Csr(Csr(np.linalg.solve(weight, rows)) @ self._trace)
+        place = tool.centre + tool.last.motion[: len(g)]
+        found = []
+        for k in range(tool.pose.motion.size):
+            ways = -before @ rate(k, (tool.start - place)[:, None])
+            v = np.eye(tool.pose.motion.size)[k, len(g) :]
+            if v.any():  # the rotation since then is the smaller
+                v = v if v.size == 1 else tool.pose.turn @ tool.last.turn.T @ v
+                ways = ways - cross(-_of_spin(tool.spin, v), arm)
+            ways = np.broadcast_to(ways, arm.shape)[:, entry]
+            found.append(self._mean(np.einsum("dje,de->je", tangents, ways)).T.ravel())
+        return Csr(by_was + Csr(Csr(self._swing()[0]) @ turning)), np.array(found).T
 
     def _slip_derivative(self, H: Array, of_pose: Array) -> tuple[Csr, Array]:
         """`RowsInMotion.tangential` and `slip`: of B (dy - w(end)) - dspin x arm along t, and of

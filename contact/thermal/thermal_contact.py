@@ -38,7 +38,6 @@ Csr = sparse.csr_array
 Boundary = str | Sequence[str] | ArrayLike
 Field = float | Callable[[Array], ArrayLike]
 Conductance = float | Callable[[Array, Array], ArrayLike]
-Through = tuple[Array, Array]  # conductance and heat of friction of each contact point
 logger = logging.getLogger(__name__)
 _THETA = {"euler": 1.0, "crank-nicolson": 0.5}
 
@@ -48,6 +47,8 @@ class _Limits(NamedTuple):
     dense: int = 30  # conductances up to which the whole derivative is computed
     step: float = 1e-6  # change of conductances in difference quotients, relative to the largest
     near: float = 0.1  # last change of the temperature over the tolerance of the certificate
+    halvings: int = 60  # of intervals of overlaps
+    late: float = 1e-4  # changes of conductances from which on those of the temperature count
     rounding: float = 3e-15  # of temperatures, in a change that is none: a few units of doubles
 
 
@@ -76,7 +77,9 @@ class ThermalContact:
     each contact point passes :math:`q = h(p, g) (T_1 - T_2)`, with the pressure p and the gap g;
     friction heats both sides; temperatures strain the bodies, which changes p and g. A step solves
     the equations of heat under given conductances and the contact under given temperatures in turn,
-    accelerated by Anderson's method, until both hold together.
+    accelerated by Anderson's method, until both hold together (`ThermalResult.history`). Where heat
+    opens the contact it comes through, the conductance is implicit in p and g, so that it may go
+    from open to closed as steeply as it likes, but not by a jump.
 
     Sums of heat are per unit depth in 2-D, and of the whole ring in axisymmetric bodies.
 
@@ -454,7 +457,7 @@ class ThermalContact:
             contact = given.contact
         else:
             contact = self._steps._solved(self._heated(T, time), None, np.nan, time, None)
-        h, power = self._through(contact, time, None)
+        h, power = self._through(contact, time, None)[0]
         return ThermalResult(contact, T, system, h, power, time, tol=self.tol)
 
     def _temperature(self, given: Any) -> Array:
@@ -502,24 +505,47 @@ class ThermalContact:
         """Whether the contact depends on the temperature."""
         return any(np.any(numbers("expansion", one) != 0) for one in self.expansion)
 
-    def _through(self, contact: ContactResult, time: float, dt: float | None) -> Through:
-        """Conductance and heat of friction of each contact point, both (m,)."""
+    def _conductance(self, p: Array, gap: Array, closed: NDArray[np.bool_]) -> Array:
+        """Conductance of all points under pressures and gaps, shape (m,)."""
+        h = np.zeros(p.size)
+        for given, own, none in zip(self.conductance, self._points, self._insulated, strict=True):
+            at = own[np.isfinite(gap[own])]
+            if at.size and not none:
+                of_law = callable(given)
+                h[at] = _conductances(given, p[at], gap[at]) if of_law else given * closed[at]
+        return h
+
+    def _through(
+        self,
+        contact: ContactResult,
+        time: float,
+        dt: float | None,
+        last: ArrayLike = 0.0,
+        resist: float = 0.0,
+    ) -> tuple[Array, Array, Array]:
+        """Conductance and heat of friction of each contact point, (2, m), and (m,) its overlap x,
+        pressure in lengths minus gap, and s that solves ``s = resist (last - h(x + s))``."""
         rows, mu = contact.system.rows, contact.mu
         p, gap = np.maximum(mu, 0.0) / rows.weights, np.maximum(contact.gap, 0.0)
         closed = (mu > 1e-12 * mu.max(initial=0.0)) | rows.ties
         gap[rows.ties] = 0.0
-        h = np.zeros(mu.size)
-        for given, own, none in zip(self.conductance, self._points, self._insulated, strict=True):
-            at = own[np.isfinite(gap[own])]
-            if none or not at.size:
-                continue
-            h[at] = _conductances(given, p[at], gap[at]) if callable(given) else given * closed[at]
-        speed = value_at(self._slowing, time) * self._speed
-        power = speed * np.where(rows.ties, 0.0, np.maximum(mu, 0.0))
+        soft = self.problem.condense().point_scale ** 2 * rows.weights
+
+        def law(s: Array) -> Array:
+            """Under a shift of the overlap: gaps close before pressures grow."""
+            more, less = np.maximum(s - gap, 0.0), np.maximum(-s - soft * p, 0.0)
+            pressed = np.maximum(p + (more + np.minimum(s, 0.0)) / soft, 0.0)
+            return self._conductance(
+                pressed, np.maximum(gap - np.maximum(s, 0.0), 0.0) + less, closed
+            )
+
+        s = _implicit(law, np.broadcast_to(last, mu.shape), np.where(rows.ties, 0.0, resist))
+        power = value_at(self._slowing, time) * self._speed * np.maximum(mu, 0.0)
         if dt is not None:
             work = np.sum(contact.t * contact.slip_increment, axis=1)
-            power = power + np.where(rows.ties, 0.0, np.maximum(work, 0.0)) / dt
-        return h, power
+            power = power + np.maximum(work, 0.0) / dt
+        x = np.where(np.isfinite(gap), soft * p - gap, 0.0)
+        return np.array([law(s), np.where(rows.ties, 0.0, power)]), x, s
 
     def _coupled(
         self,
@@ -531,43 +557,64 @@ class ThermalContact:
         start: ContactResult | None,
         unstable: bool = False,
     ) -> ThermalResult:
-        """Temperature and contact that hold together: a fixed point, by Anderson's method."""
+        """Conductance and heat of friction that hold with the contact under their temperature, a
+        fixed point by Anderson's method.
+
+        Where a better conductance lessens the overlap x it is implicit: ``h = h(x + s)`` with ``s =
+        resist (last - h)`` and the largest ``resist = -dx / dh`` seen. The map is Lipschitz then,
+        however steep h is, with the same fixed points, s = 0, and the same stability."""
         dt = None if system.before is None else system.before.dt
-        changes: list[float] = []
-        tried: list[tuple[Array, Array]] = []  # temperatures, and their changes
-        seen: list[Through] = []
+        contact = self._steps._solved(self._heated(T, end), last, begin, end, start)
+        now, x, _ = self._through(contact, end, dt)
+        if not self._couples:
+            return self._certified(contact, system.solve(*now), system, now, end, ())
+        changes, tried = list[float](), list[tuple[Array, Array]]()
+        resist, was = 0.0, now
         for _ in range(self.max_iterations):
-            contact = self._steps._solved(self._heated(T, end), last, begin, end, start)
-            through = self._through(contact, end, dt)
-            image = system.solve(*through)
-            values, change = image[system.values > 0], image - T
-            # Differences of a thousandth of the change that strains the bodies count no more.
-            strained = 1e-3 * float(np.abs(values - self.reference).max())
-            spread = max(float(np.ptp(values)), strained) or 1.0
-            size = max(spread, float(np.abs(change).max()))
-            changes.append(float(np.abs(change[system.values > 0]).max()) / size)
-            logger.info("iteration %d: temperature changes by %.1e", len(changes), changes[-1])
-            rounding = LIMITS.rounding * float(np.abs(values).max()) / size
-            if changes[-1] <= max(LIMITS.near * self.tol, rounding) or not self._couples:
-                history = tuple(changes) if self._couples else ()
-                return self._certified(contact, image, system, through, end, history)
-            start, seen = contact, [*seen[-1:], through]
-            T, tried = _next([*tried, (T, change)], spread, unstable)
-        raise NotConverged(self._unsettled(changes, seen, end, dt is None))
+            T, before = system.solve(*now), x
+            contact = self._steps._solved(self._heated(T, end), last, begin, end, contact)
+            through, x, s = self._through(contact, end, dt, now[0], resist)
+            if changes and (slope := _fall(x - before, now[0] - was[0])) > 1.5 * resist:
+                resist, tried = slope, []
+                through, _, s = self._through(contact, end, dt, now[0], resist)
+            largest = np.maximum(through, now).max(axis=1, initial=0.0, keepdims=True)
+            units = 1.0 / np.where(largest > 0, largest, 1.0)
+            reach = contact.solid.largest_displacement(contact.u) or 1.0
+            off = float(np.abs(s).max(initial=0.0)) / reach
+            changes.append(max(float(np.abs(units * (through - now)).max(initial=0.0)), off))
+            logger.info(
+                "iteration %d: heat through contact changes by %.1e", len(changes), changes[-1]
+            )
+            if changes[-1] <= LIMITS.late:
+                image = system.solve(*through)
+                if max(self._change(system, image, T), off) <= LIMITS.near * self.tol:
+                    return self._certified(contact, image, system, through, end, tuple(changes))
+            was = now
+            now, tried = _next([*tried, (now, through - now)], units, unstable)
+        raise NotConverged(self._unsettled(changes, was[0], through[0], end, dt is None))
+
+    def _change(self, system: HeatSystem, T: Array, before: Array) -> float:
+        """Change of a temperature over its largest difference, 0 within rounding."""
+        values, change = T[system.values > 0], (T - before)[system.values > 0]
+        # Differences of a thousandth of the change that strains the bodies count no more.
+        strained = 1e-3 * float(np.abs(values - self.reference).max())
+        size, off = max(float(np.ptp(values)), strained), float(np.abs(change).max())
+        return 0.0 if off <= LIMITS.rounding * float(np.abs(values).max()) else off / max(size, off)
 
     def _certified(
         self,
         contact: ContactResult,
         T: Array,
         system: HeatSystem,
-        through: Through,
+        through: Array,
         time: float,
         changes: tuple[float, ...],
     ) -> ThermalResult:
         """The result, its contact under the thermal strain of T; raises unless certified."""
         body = self._heated(T, time)
         contact = replace(contact, system=replace(contact.system, body=body, load=body.loads))
-        found = ThermalResult(contact, T, system, *through, time, changes, tol=self.tol)
+        h, power = through
+        found = ThermalResult(contact, T, system, h, power, time, changes, tol=self.tol)
         if not max(found.kkt.values()) <= self.tol:
             raise NotConverged(
                 f"the certificate of temperature and contact fails:\n{as_lines(found.kkt)}\n"
@@ -577,10 +624,9 @@ class ThermalContact:
         return found
 
     def _unsettled(
-        self, changes: list[float], seen: list[Through], time: float, steady: bool
+        self, changes: list[float], before: Array, h: Array, time: float, steady: bool
     ) -> str:
         """What to say of an iteration that does not settle."""
-        before, h = seen[0][0], seen[-1][0]
         k = int(np.argmax(np.abs(h - before)))
         place = ", ".join(f"{x:.6g}" for x in self.problem.rows.x[:, k])
         remedy = "take shorter steps, or a conductance that is continuous in p and g"
@@ -592,8 +638,8 @@ class ThermalContact:
             )
         return (
             f"t = {time:g}: temperature and contact do not settle in {len(changes)} iterations; "
-            f"the last change is {changes[-1]:.1e} of the largest difference of temperatures; the "
-            f"conductance at ({place}) goes from {before[k]:.6g} to {h[k]:.6g}; {remedy}"
+            f"the last change is {changes[-1]:.1e} of the largest conductance or heat of friction; "
+            f"the conductance at ({place}) goes from {before[k]:.6g} to {h[k]:.6g}; {remedy}"
         )
 
     def _gain(self, found: ThermalResult, time: float) -> float:
@@ -605,7 +651,7 @@ class ThermalContact:
         def image(y: Array) -> Array:
             T = found.system.solve(*np.split(y * units, 2))
             contact = self._steps._solved(self._heated(T, time), None, np.nan, time, found.contact)
-            return np.concatenate(self._through(contact, time, None)) / units
+            return self._through(contact, time, None)[0].ravel() / units
 
         rest = image(at)
 
@@ -631,20 +677,40 @@ class ThermalContact:
         return float(np.max(np.real(values), initial=-np.inf)) if len(values) else np.nan
 
 
+def _implicit(law: Callable[[Array], Array], last: Array, resist: Array) -> Array:
+    """The s (m,) with ``s = resist (last - law(s))``, by bisection for a law that rises."""
+    low, high = np.zeros(last.size), np.zeros(last.size)
+    if resist.any():
+        high = resist * (last - law(low))
+        for _ in range(LIMITS.halvings):
+            s = 0.5 * (low + high)
+            beyond = (resist * (last - law(s)) - s) * high < 0
+            low, high = np.where(beyond, low, s), np.where(beyond, s, high)
+    return 0.5 * (low + high)
+
+
+def _fall(dx: Array, dh: Array) -> float:
+    """-dx / dh on average."""
+    return -float(dx @ dh) / (float(dh @ dh) or 1.0)
+
+
 def _next(
-    tried: list[tuple[Array, Array]], spread: float, unstable: bool
+    tried: list[tuple[Array, Array]], units: Array, unstable: bool
 ) -> tuple[Array, list[tuple[Array, Array]]]:
-    """Anderson's next temperature, and the iterations that it may still combine.
+    """Anderson's next state, and the iterations that it may still combine.
     Where changes grow in one direction a secant leads back, to an `unstable` state."""
-    T, change = tried[-1]
+    y, change = tried[-1]
     if len(tried) > 1:
-        last = tried[-2][1]
-        grows = change @ change > last @ last and change @ last > 0
-        dT, dF = (now[:, None] - np.array(past).T for now, *past in zip(*tried[::-1], strict=True))
-        step = change - (dT + dF) @ np.linalg.lstsq(dF, change, rcond=1e-12)[0]
-        if (unstable or not grows) and np.abs(step).max() <= 2 * spread:
-            return T + step, tried[-LIMITS.depth :]
-    return T + change, tried[-1:]
+        now, last = (units * tried[-1][1]).ravel(), (units * tried[-2][1]).ravel()
+        grows = len(tried) == 2 and now @ now > last @ last and now @ last > 0
+        dy, dF = (
+            np.array([one - v for v in past]) for one, *past in zip(*tried[::-1], strict=True)
+        )
+        A = (units * dF).reshape(len(dF), -1).T
+        step = change - np.tensordot(np.linalg.lstsq(A, now, rcond=1e-12)[0], dy + dF, 1)
+        if (unstable or not grows) and np.abs(units * step).max() <= 2:
+            return np.maximum(y + step, 0.0), tried[-LIMITS.depth :]
+    return y + change, tried[-1:]
 
 
 def _each(name: str, given: Any, count: int, of: str = "boundary") -> list[Any]:

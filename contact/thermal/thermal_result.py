@@ -56,7 +56,8 @@ class ThermalResult:
     time : float
         NaN for a steady state.
     history : tuple of float
-        Change of the temperature in each iteration, relative to the largest difference.
+        Largest change of conductances and of the heat of friction in each iteration, relative to
+        the largest of them.
     gain : float
         Of a steady state: the largest real part of the factors (eigenvalues) by which small changes
         of the conductances come back through temperatures and pressures; NaN if not computed. With

@@ -111,12 +111,8 @@ def test_results_of_rubber_are_no_results_of_small_strain():
 
 
 def test_gradients_of_steps_that_are_no_static_problems():
-    for way, words in (
-        (lambda: dynamic(problem()).run(2)[-1].result, "with inertia"),
-        (lambda: pressed(problem(), sliding="finite").run([1.0])[-1], "finite sliding"),
-    ):
-        with pytest.raises(InputError, match=words):
-            way().vjp(resultant=(0.0, 1.0))
+    with pytest.raises(InputError, match="with inertia"):
+        dynamic(problem()).run(2)[-1].result.vjp(resultant=(0.0, 1.0))
     with pytest.raises(InputError, match="hard contact"):
         dynamic(problem(**SOFT))
 

@@ -114,3 +114,51 @@ def test_no_steady_state_is_said_so():
     assert gap > 0
     assert q == pytest.approx(1e-3 / (1e-4 + gap) * T, rel=1e-8)
     assert result.gain < 1
+
+
+STEEP = {
+    "of the gap": lambda w: lambda p, g: 10 * np.clip(1 - g / w, 0, 1) + 0 * p,
+    "of the pressure": lambda w: lambda p, g: 10 * np.clip(p / w, 0, 1),
+    "smooth": lambda w: lambda p, g: 10 / (1 + np.exp(-np.clip((p - g) / w, -500, 500))),
+}
+
+
+@pytest.mark.parametrize("width", [1e-3, 1e-5, 1e-6])
+@pytest.mark.parametrize("name", STEEP)
+def test_a_conductance_may_be_steep(name, width):
+    """As in the last test; the rod would overlap the wall by 3e-3 if no heat left it there."""
+    law = STEEP[name](width)
+
+    def excess(T):
+        overlap = ALPHA * (1 + T) / 2 - 0.007
+        return law(np.maximum(overlap, 0), np.maximum(-overlap, 0)) * T - (1 - T)
+
+    T = brentq(excess, 0.0, 1.0, xtol=1e-16)
+    assert 0.2 < T < 0.9
+    result = rod(law, hot=0.0, cold=1.0, gap=0.007).solve(stability=False)
+    assert result.flux == pytest.approx(1 - T, rel=1e-6)
+    assert max(result.kkt.values()) < 1e-10
+    assert result.history[-1] < 1e-6
+    assert len(result.history) < 60
+
+
+def test_points_of_a_wavy_end_close_one_after_the_other():
+    """Conductances of each point hold with its own pressure and gap; so do those of steps."""
+    mesh = box(ElementQuad1, np.linspace(0, 1, 13), np.linspace(0, 0.5, 17))
+    bar = ElasticBody.from_mesh(mesh, ElementQuad1(), E=1.0, nu=0.3).fix("left", "xy")
+    problem = ContactProblem(bar, "right", lambda x: 4e-3 + 2e-3 * np.cos(9 * x[1]))
+    law = STEEP["of the gap"](1e-5)
+    model = ThermalContact(
+        problem, 1.0, law, expansion=1e-2, obstacle_temperature=0.0, capacity=1.0
+    )
+    model.fix("left", 1.0)
+    results = model.solve(stability=False), model.run([0.0, 0.3, 5.0], initial=1.0)[-1]
+    for result in results:
+        contact = result.contact
+        p, gap = contact.pressure, np.maximum(contact.gap, 0.0)
+        width = 1e-11 * np.abs(contact.u).max()  # of overlaps, in doubles
+        low, high = law(p, gap + width), law(p, np.maximum(gap - width, 0.0))
+        assert np.all(low <= result.conductance * (1 + 1e-9))
+        assert np.all(result.conductance <= high * (1 + 1e-9))
+        assert np.any((result.conductance > 0.1) & (result.conductance < 9.9))
+        assert max(result.kkt.values()) < 1e-10
