@@ -4,6 +4,7 @@ pyvista writes them where its extension trame-pyvista is installed, as the extra
 """
 
 import os
+import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -59,6 +60,8 @@ def scene(name: str, static: Path) -> str:
         return ""
     import pyvista
 
+    # Not needed for scenes, and would load a program from the net.
+    sys.modules.setdefault("trame.widgets.vtklocal", None)  # type: ignore[arg-type]
     file, shape, text = SCENES[name]
     source, target = ROOT / "out" / file, static / "scenes" / f"{name}.html"
     if not source.exists():

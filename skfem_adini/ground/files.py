@@ -23,6 +23,8 @@ def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]
     """Open a temporary file beside `path` and move it to `path` once all is on the disk. After
     an error an existing file is unchanged; with `exclusive` one raises `FileExistsError`. A killed
     process leaves the temporary file, of random name, for `remove_unfinished`."""
+    if path.exists() and not (path.is_file() or path.is_dir()):  # to be replaced by a file
+        raise OSError(errno.EINVAL, "a device or pipe, no file", str(path))
     temporary, descriptor = _beside(path), None
     try:  # begins before the file exists: an interruption may come between
         while (descriptor := _locked(temporary)) is None:

@@ -139,3 +139,14 @@ def test_interrupted_before_the_file_is_written(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt), complete_file(tmp_path / "one"):
         pass
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes have names on POSIX systems")
+def test_devices_and_pipes_are_not_replaced(tmp_path):
+    """A result saved to /dev/null by root took the place of the device."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(OSError, match="no file"), complete_file(pipe) as file:
+        file.write(b"1")
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]
