@@ -163,7 +163,7 @@ def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
 def kernel_of(source: str, **more: Any) -> Any:
     """Compile the last function of a source; `more` are additional names that it uses."""
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES} | more
-    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
+    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out, Sizes=Array)
     namespace.update(nan=math.nan, inf=math.inf, abs=abs, floor=math.floor)
     names = re.findall(r"^def (\w+)", source, re.MULTILINE)
     return generated(source, names, namespace, __name__)

@@ -18,7 +18,7 @@ Records = dict[str, dict[str, str]]
 
 _TYPES = {
     "Index": "index", "Real": "real", "Array": "const real* __restrict__",
-    "Out": "real* __restrict__", "Widths": "widths",
+    "Out": "real* __restrict__", "Sizes": "const index* __restrict__", "Widths": "widths",
 }  # fmt: skip
 _OPERATORS: dict[type, str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Lt: "<", ast.LtE: "<=",
@@ -223,7 +223,7 @@ class _Function:
         if isinstance(node, ast.Attribute):
             return self.records[self.kind(node.value)][node.attr]
         if isinstance(node, ast.Subscript):
-            return "real"
+            return "index" if self.kind(node.value) == _TYPES["Sizes"] else "real"
         if isinstance(node, ast.UnaryOp):
             return self.kind(node.operand)
         if isinstance(node, ast.BinOp):

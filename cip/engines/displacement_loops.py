@@ -17,7 +17,14 @@ from numpy import floor
 from cip.engines.cpu_loops import address
 from cip.engines.path_kernel import plain
 from cip.engines.snapshot_kernel import with_names
-from cip.formulas.expression import COORDINATES, Expression, ordered, statements, variable
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    apply,
+    ordered,
+    statements,
+    variable,
+)
 from skfem_adini.ground.jit import Array, Index, Out, Real, kernel, loop, room
 
 _BLOCK = 64
@@ -27,8 +34,22 @@ numbers = room(_BLOCK)
 flow: Any = None
 
 _HEAD = (
-    "def flow(p: Real, q: Real, r: Real, at: Index, box: Array, sizes: Array) -> tuple[Real, Real]:"
+    "def flow(p: Real, q: Real, r: Real, at: Index, box: Array, sizes: Sizes) -> tuple[Real, Real]:"
 )
+
+
+def of_half_angles(rates: Sequence[Expression]) -> list[Expression]:
+    """Rates with sines and cosines of a in place of those of 2 a, where both occur: a sine and a
+    cosine of the same angle cost as much as one of them."""
+    found = [node for node in ordered(list(rates)) if node.op in ("sin", "cos")]
+    angles = {node.args[0] for node in found}
+    names: dict[Expression, Expression] = {}
+    for node in found:
+        half = 0.5 * node.args[0]
+        if half in angles:
+            s, c = apply("sin", half), apply("cos", half)
+            names[node] = 2.0 * (s * c) if node.op == "sin" else 1.0 - 2.0 * (s * s)
+    return with_names(rates, names)
 
 
 def without_place(rates: Sequence[Expression]) -> tuple[list[Expression], list[Expression]]:
@@ -66,10 +87,11 @@ def formula_source(rates: Sequence[Expression], moving: Sequence[int], held: int
 
 
 @cache
-def spline_source(degree: int, axes: int) -> str:
+def spline_source(degree: int, axes: int, apart: bool = False) -> str:
     """Source of ``flow`` for uniform B-splines on lines or, with interleaved components, in planes.
     `sizes` holds for each direction the cells and whether they are periodic, and then the stride of
-    the coefficients on a line, or of their rows in a plane."""
+    the coefficients on a line, or of their rows in a plane. If `apart`, for devices, the components
+    of a plane are one after the other, at a distance that `sizes` ends with."""
     terms = range(degree + 1)
     lines = [_HEAD]
     for axis, place in enumerate("pq"[:axes]):
@@ -89,6 +111,16 @@ def spline_source(degree: int, axes: int) -> str:
         lines.append("    first = at + k0 * sizes[2]")
         total = " + ".join(f"w0_{j} * box[first + {j} * sizes[2]]" for j in terms)
         return "\n".join([*lines, f"    return -({total}), 0.0", ""])
+    if apart:
+        lines.append("    first = k0 * sizes[4] + k1")
+        for c, far in enumerate(("", " + sizes[6]")):
+            parts = [
+                " + ".join(f"w1_{j} * box[first{far} + {i} * sizes[4] + {j}]" for j in terms)
+                for i in terms
+            ]
+            total = " + ".join(f"w0_{i} * ({part})" for i, part in enumerate(parts))
+            lines.append(f"    o{c} = {total}")
+        return "\n".join([*lines, "    return -o0, -o1", ""])
     rows = [" + ".join(f"w1_{j} * box[first + {2 * j + c}]" for j in terms) for c in range(2)]
     lines += [
         "    weights = numbers(box)",

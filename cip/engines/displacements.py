@@ -54,19 +54,26 @@ class _FormulaFlow:
             fast_cos,
             fast_sin,
             formula_source,
+            of_half_angles,
             without_place,
         )
 
-        rates, self._held = without_place(stage.system.rates[: len(stage.moving)])
-        source = formula_source(rates, stage.moving, len(self._held))
-        self.kernel = kernel_of(source, sin=fast_sin, cos=fast_cos)
+        rates = of_half_angles(stage.system.rates[: len(stage.moving)])
+        rates, self._held = without_place(rates)
+        self.source = formula_source(rates, stage.moving, len(self._held))
+        self.kernel = kernel_of(self.source, sin=fast_sin, cos=fast_cos)
         self._values = numpy_function(self._held, ["t"])
         self.sizes, self.at = np.zeros(1, np.int64), np.zeros(stage.grid.size, np.int64)
         self.origin, self.unit = [0.0, 0.0], [1.0, 1.0]
 
     def box(self, t: float) -> Array:
+        return np.append(self.boxes([t])[0], 0.0)
+
+    def boxes(self, times: Sequence[float]) -> Array:
+        """The numbers at some times, shape (times, numbers)."""
         with np.errstate(all="ignore"):
-            return np.array([*self._values(np.float64(t)), 0.0], dtype=float)
+            found = self._values(np.array(times))
+        return np.array([np.broadcast_to(one, len(times)) for one in found], float).T
 
     def breaks(self, start: float, end: float) -> list[float]:
         return []
@@ -89,12 +96,13 @@ class _SplineFlow:
         self._tables: dict[int, Array] = {}
         counts = [matrix.shape[0] for matrix in self._matrices]
         self.at = np.zeros(stage.grid.size, np.int64)
-        row = 2 * counts[-1]
+        row, self.count = 2 * counts[-1], int(np.prod(counts))  # of coefficients of a component ..
         if stage.axis is not None:
             row = int(np.prod(counts[stage.axis + 1 :]))
+            self.count = counts[stage.axis] * row  # .. or of the lines of a block
             block_size = stage.grid.nodes[stage.axis] * row
             o = np.arange(stage.grid.size)
-            self.at = o // block_size * (counts[stage.axis] * row) + o % row
+            self.at = o // block_size * self.count + o % row
         flags = [(data.cells[axis], int(data.periodic[axis])) for axis in moving]
         self.sizes = np.array([*(n for pair in flags for n in pair), row, field.degrees[1] + 1])
 
@@ -150,6 +158,8 @@ _WEIGHTS *= 64.0 ** np.arange(3)[:, None]
 class Displacements:
     """The feet of a stage of an unsteady velocity; `serves` tells for which stages."""
 
+    xp: Any = np  # the module of the arrays of feet
+
     def __init__(self, stage: Stage) -> None:
         self.stage, self.grid = stage, stage.grid
         self._flows: dict[int, _Flow] = {}
@@ -175,31 +185,44 @@ class Displacements:
     def feet(self, t: float, dt: float, count: int) -> StageFeet:
         """The feet with `count` sub-steps, or more where the velocity has kinks in time. Raises
         `TooCoarse`."""
-        stage, size, field = self.stage, self.grid.size, snapshots_of(self.stage.velocity)
+        stage, xp = self.stage, self.xp
         times = t + stage.begin * dt, t + stage.end * dt
-        rows = np.empty((len(stage.blocks), len(stage.jets), size))
+        rows = xp.empty((len(stage.blocks), len(stage.jets), self.grid.size))
         exits: list[Exits | None] = []
         for row, block in zip(rows, stage.blocks, strict=True):
-            if block not in self._flows:
-                made: Any = (
-                    _FormulaFlow(stage) if field is None else _SplineFlow(field, stage, block)
-                )
-                self._flows[block] = made
-            flow = self._flows[block]
-            points = self._points(flow, block)
-            bounds, limit = self._bounds(flow), 0.5 * stage.foot_error + self._rounding
-            line = self.grid.nodes[-1]
-            d = self._follow(flow, points, bounds, line, times, count, limit)
-            row[: len(d)] = d
+            self._displace(row, block, times, count)
             flagged = self._differentiate(row)
-            outside = not np.isfinite(row[0].sum())
-            exits.append(None)
-            if flagged or outside:
-                bad = np.flatnonzero(np.isnan(row).any(axis=0))
-                near = [x[bad] for x in points]
-                row[:, bad] = self._closely(flow, near, times, count, np.isnan(row[0, bad]))
-                exits[-1] = self._to_walls(row, block, times, bad)
+            outside = not bool(xp.isfinite(row[0].sum()))
+            exits.append(self._mend(row, block, times, count) if flagged or outside else None)
         return StageFeet(rows.reshape(-1), exits, *times, (count,) * len(exits))
+
+    def _flow(self, block: int) -> Any:
+        if block not in self._flows:
+            field = snapshots_of(self.stage.velocity)
+            made = _SplineFlow(field, self.stage, block) if field else _FormulaFlow(self.stage)
+            self._flows[block] = made
+        return self._flows[block]
+
+    def _displace(self, row: Array, block: int, times: tuple[float, float], count: int) -> None:
+        """Write the displacements of a block to the first rows. Raises `TooCoarse`."""
+        flow = self._flow(block)
+        given = flow, self._points(flow, block), self._bounds(flow), self.grid.nodes[-1]
+        found = self._follow(*given, times, count, self._limit)
+        row[: len(found)] = found
+
+    def _mend(self, row: Array, block: int, times: tuple[float, float], count: int) -> Exits | None:
+        """Write the feet of the nodes that have none; the paths of them that begin on walls."""
+        flow = self._flow(block)
+        bad = self.xp.flatnonzero(self.xp.isnan(row).any(axis=0))
+        nodes, left = self._host(bad), np.isnan(self._host(row[0, bad]))
+        near = [x[nodes] for x in self._points(flow, block)]
+        part = self._closely(flow, near, times, count, left)
+        exits = self._to_walls(part, block, times, nodes)
+        row[:, bad] = self.xp.asarray(part)
+        return exits
+
+    def _host(self, a: Array) -> Array:
+        return a
 
     def _points(self, flow: _Flow, block: int) -> list[Array]:
         """Coordinates of the points, those that move first, in the units of the flow, and where
@@ -235,7 +258,7 @@ class Displacements:
         units = np.array(flow.unit[:moving]) / self._cells
         old, new, error = np.zeros(moving * size), np.empty(moving * size), 0.0
         begin, last = times[1], flow.box(times[1])
-        for step in _steps(*times, flow.breaks(*times), count):
+        for step in steps_between(*times, flow.breaks(*times), count):
             boxes = [last, *(flow.box(begin - q * step) for q in (0.5, 1.0))]
             chosen = np.full(size // row, -1)
             head = (row, size, moving, step, old, new, chosen)
@@ -261,6 +284,11 @@ class Displacements:
         return old.reshape(moving, -1) * units[:, None]
 
     @cached_property
+    def _limit(self) -> float:
+        """Largest estimate of the error of the feet, in cells."""
+        return 0.5 * self.stage.foot_error + self._rounding
+
+    @cached_property
     def _rounding(self) -> float:
         """Rounding error of feet, in cells."""
         bounds = [self.grid.bounds[axis] for axis in self.stage.moving]
@@ -275,7 +303,7 @@ class Displacements:
         for jet, row in zip(jets, rows, strict=True):
             if jet == LOG_DETERMINANT:
                 J = [[rows[place[foot(c, axis)]] for axis in (0, 1)] for c in (0, 1)]
-                np.multiply(J[0][0], J[1][1], out=row)
+                self.xp.multiply(J[0][0], J[1][1], out=row)
                 row -= J[0][1] * J[1][0]
             if not any(jet.orders):
                 continue
@@ -347,14 +375,15 @@ class Displacements:
         return rows
 
     def _to_walls(
-        self, rows: Array, block: int, times: tuple[float, float], nodes: Array
+        self, part: Array, block: int, times: tuple[float, float], nodes: Array
     ) -> Exits | None:
         """Replace what is not finite at some nodes by the solution of the equations of the
         derivatives up to the walls; the paths that begin there."""
         stage, grid = self.stage, self.grid
-        left = nodes[~np.isfinite(rows[:, nodes]).all(axis=0)]
-        if not left.size:
+        here = np.flatnonzero(~np.isfinite(part).all(axis=0))
+        if not here.size:
             return None
+        left = nodes[here]
         points, length = [x.ravel()[left] for x in stage.points(block)], times[1] - times[0]
         given = (points, times[1], length, stage.tolerance)
         found = integrate(grid, stage.velocity, stage.system, *given, places=left)
@@ -362,11 +391,11 @@ class Displacements:
         if exits is not None:
             exits = replace(exits, nodes=left[exits.nodes])
         check_inside(grid, exits, set(stage.walls), times[1])
-        rows[:, left] = stage.components(found.jets, points, left)
+        part[:, here] = stage.components(found.jets, points, left)
         return exits
 
 
-def _steps(start: float, end: float, breaks: Sequence[float], count: int) -> list[float]:
+def steps_between(start: float, end: float, breaks: Sequence[float], count: int) -> list[float]:
     """Lengths of the sub-steps from `end` back to `start`: equal ones, about `count`, between times
     at which the velocity is not smooth."""
     times = [end, *sorted(breaks, reverse=bool(end > start)), start]

@@ -220,7 +220,8 @@ class Engine:
         """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
         moved = self._displaced(stage)
         if moved is not None:
-            return self._displaced_feet(moved, t, dt)
+            by_steps: StageFeet = self._refined(moved, t, dt, moved.feet)
+            return by_steps
         large = self.grid.size > LIMITS.compiled or not self.setting.steady
         if large and stage.formula and (self.setting.steady or not self._memory.left):
             found = self._compiled_feet(stage, t, dt)
@@ -234,18 +235,24 @@ class Engine:
             # At coasts derivatives are not those of displacements.
             serves = not self.setting.steady and stage.coast is None
             serves = serves and Displacements.serves(stage, LIMITS.differences)
-            self._displacements[stage] = Displacements(stage) if serves else None
+            self._displacements[stage] = self._by_displacements(stage) if serves else None
         return self._displacements[stage]
 
-    def _displaced_feet(self, moved: Displacements, t: float, dt: float) -> StageFeet:
-        """Feet with the sub-steps of the last step, at intervals with fewer, or with more."""
+    def _by_displacements(self, stage: Stage) -> Displacements | None:
+        return Displacements(stage)
+
+    def _refined(
+        self, moved: Displacements, t: float, dt: float, attempt: Callable[..., Any]
+    ) -> Any:
+        """The result of attempt(t, dt, count) with the sub-steps of the last step, at intervals
+        with fewer, or with more."""
         key = ("displaced", *moved.stage.part(dt))
         first, count = self._counts.get(key, (t, 1))
         if abs(t - first) > LIMITS.renewal * abs(dt):
             first, count = t, max(1, count // 2)
         while count <= FEET.substeps:
             try:
-                found = moved.feet(t, dt, count)
+                found = attempt(t, dt, count)
             except TooCoarse:
                 count *= 2
             else:

@@ -28,12 +28,13 @@ import numpy as np
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 # Types of the kernel language: integers, numbers in the working precision, flat arrays of these.
-# An `Out` is written, an `Array` only read; `Widths` are the cell widths, an array that becomes a
-# constant on the device if the grid is uniform.
+# An `Out` is written, an `Array` only read; `Sizes` holds integers; `Widths` are the cell widths, an
+# array that becomes a constant on the device if the grid is uniform.
 Index = int
 Real = float
 Array = Any
 Out = Any
+Sizes = Any
 Widths = Any
 
 # Of kernels: allow fused multiply-add, as on the device, and no other change of operations.

@@ -10,7 +10,7 @@ from schemes import FAMILIES, solved
 from schemes import solver_of as solver_of_scheme
 
 from cip import Grid, InputError, MissingDependency, Solver, State, Velocity
-from cip.engines.cuda_engine import OPTIONS, device_source, feet_source
+from cip.engines.cuda_kernels import OPTIONS, device_source, feet_source
 from cip.profiles.catalogue import LIMITER_CODES
 from cip.sensitivities import path_tangent
 from cip.sensitivities.device_window import gather_all, pull_all, push_all, tangent_all, unwind_all
