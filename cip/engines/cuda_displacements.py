@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from cip.characteristics.feet import FEET
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT
 from cip.engines.cuda_kernels import (
     compiled,
     constants_of,
+    for_fields,
     kernel_text,
     modules_of,
     point_of,
@@ -30,8 +32,8 @@ from cip.formulas.snapshots import snapshots_of
 from cip.profiles.catalogue import moments
 
 Array = Any
-# Threads of a block that follow nodes; the number of one fits into the low bits of a float.
-_THREADS = 256
+_THREADS = 256  # of a block that follows nodes
+_GROUP = 2048  # nodes of which one is repeated: its number replaces the low bits of a float
 _TILE = (8, 32)  # threads of a block that updates a plane
 # Fractions of a sub-step at which the velocity is needed, the last ones by halved steps.
 _TIMES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -100,7 +102,7 @@ class DeviceDisplacements(Displacements):
         self._kernels: dict[Any, Any] = {}
         self._tables: dict[Any, Array] = {}
         self._boxes: dict[int, tuple[float, Array]] = {}
-        self._updates: Any = None
+        self._updates: dict[int, Any] = {}
         advects = LOG_DETERMINANT in stage.jets
         self.fused = (
             stage.axis is None and not advects and all(self.grid.periodic)
@@ -127,13 +129,14 @@ class DeviceDisplacements(Displacements):
         xp, size, flow = self.xp, self.grid.size, self._flow(block)
         if block not in self._lines:
             self._lines[block] = self._coordinates(flow, block)
-        blocks, whole = -(-size // _THREADS), self._engine.whole
+        blocks, groups = -(-size // _THREADS), -(-size // _GROUP)
+        whole = self._engine.whole
         begin, steps = times[1], list(steps_between(*times, flow.breaks(*times), count))
         said = xp.zeros(1 + len(steps), np.int32)
         old = new = xp.empty((len(self._cells), size))
         for q, step in enumerate(steps):
             new = xp.empty_like(old) if q else old
-            chosen = xp.zeros(blocks, np.uint32)
+            chosen = xp.zeros(groups, np.uint32)
             head = (old, new, chosen, *self._lines[block], float(step), whole(q == 0))
             three, five, tables = self._velocity(flow, block, begin, step)
             if (block, tables) not in self._kernels:
@@ -141,7 +144,7 @@ class DeviceDisplacements(Displacements):
                 self._kernels[block, tables] = (*map(compiled, sources),)
             follow, check = self._kernels[block, tables]
             follow((blocks,), (_THREADS,), (*head, *three))
-            check((-(-blocks // 64),), (64,), (*head, said[1 + q :], *five))
+            check((-(-groups // 32),), (32,), (*head, said[1 + q :], *five))
             begin, old = begin - step, new
         return new, said
 
@@ -217,12 +220,14 @@ class DeviceDisplacements(Displacements):
         `TooCoarse`."""
         engine, stage = self._engine, self.stage
         d, said = self.follow(0, (t + stage.begin * dt, t + stage.end * dt), count)
-        if self._updates is None:
+        fields = len(engine.fields(m))
+        if fields not in self._updates:
             types = engine.limiter, engine.real, engine.index
-            self._updates = compiled(update_source(self, engine.name(stage), *types))
+            source = update_source(self, engine.name(stage), *types, fields)
+            self._updates[fields] = compiled(source)
         (nx, ny), (rows, columns) = self.grid.nodes, _TILE
-        fields = engine.whole(len(engine.fields(m)))
-        self._updates((-(-ny // columns), -(-nx // rows)), _TILE[::-1], (m, out, d, said, fields))
+        blocks = -(-ny // columns), -(-nx // rows)
+        self._updates[fields](blocks, _TILE[::-1], (m, out, d, said))
         return not self.judge(said.get())
 
 
@@ -260,9 +265,15 @@ def follow_sources(
         if two else ["    const real d1 = 0, y0 = q;"]
     )  # fmt: skip
 
-    def outside(px: str, py: str) -> str:
-        found = f"{px} < {bounds[0]} || {px} > {bounds[1]}"
-        return found + (f" || {py} < {bounds[2]} || {py} > {bounds[3]}" if two else "")
+    places = ("x", "px", "u"), ("y", "py", "v")
+    walls, last = [], []
+    for q, (axis, (start, place_, change)) in enumerate(zip(moving, places, strict=False)):
+        low, high = bounds[2 * q : 2 * q + 2]
+        if grid.periodic[axis]:  # paths that are not finite go too far
+            last.append(f"fabs({change}) <= {FEET.cells * moved._cells[q] / flow.unit[q]!r}")
+        else:
+            walls.append(f"{place_} < {low} || {place_} > {high}")
+            last.append(f"{start}0 + {change} >= {low} && {start}0 + {change} <= {high}")
 
     body = [
         "    const index thread = blockIdx.x * blockDim.x + threadIdx.x;",
@@ -281,7 +292,7 @@ def follow_sources(
         body += [
             "    {",
             f"    const real px = x0 + {shift} * step * a, py = y0 + {shift} * step * b;",
-            f"    gone = gone || {outside('px', 'py')};",
+            f"    gone = gone || {' || '.join(walls) or 'false'};",
             f"    flow(px, py, r, at, box{(0, 1, 1, 2)[s]}, sizes, &u, &v);",
             *(["    inner = fabs(u - a) + fabs(v - b);"] if s == 2 else []),
             f"    sum_a += {(1, 2, 2, 1)[s]} * u; sum_b += {(1, 2, 2, 1)[s]} * v; a = u; b = v;",
@@ -289,19 +300,19 @@ def follow_sources(
         ]
     body += [
         "    u = step * (1.0 / 6.0) * sum_a; v = step * (1.0 / 6.0) * sum_b;",
-        f"    gone = gone || !(x0 + u >= {bounds[0]} && x0 + u <= {bounds[1]}"
-        + (f" && y0 + v >= {bounds[2]} && y0 + v <= {bounds[3]});" if two else ");"),
+        f"    gone = gone || !({' && '.join(last)});",
         "    unsigned key = 0;",
         "    if (thread < size_) {",
         f'        new_[o] = gone ? (real)nan("") : d0 + u * {units[0]!r};',
         *([f"        new_[size_ + o] = d1 + v * {units[1]!r};"] if two else []),
-        "        if (!gone) key = (__float_as_uint((float)inner) & ~255u) | threadIdx.x;",
+        "        if (!gone) key = "
+        f"(__float_as_uint((float)inner) & ~{_GROUP - 1}u) | (o % {_GROUP});",
         "    }",
         "#if __CUDA_ARCH__ >= 800",
         "    key = __reduce_max_sync(~0u, key);",
         "    if (threadIdx.x % 32 == 0)",
         "#endif",
-        "    atomicMax(chosen + blockIdx.x, key);",
+        f"    atomicMax(chosen + thread / {_GROUP}, key);",
     ]
     head = ["const real* old", "real* new_", "unsigned* chosen", *lines, "const real step",
             "const index fresh"]  # fmt: skip
@@ -329,10 +340,10 @@ def follow_sources(
         given = [f"    const real boxes[] = {{{_listed('b', 5 * held)}}};"]
     check = [
         "    const index thread = blockIdx.x * blockDim.x + threadIdx.x;",
-        f"    if (thread >= (size_ + {_THREADS - 1}) / {_THREADS}) return;",
+        f"    if (thread >= (size_ + {_GROUP - 1}) / {_GROUP}) return;",
         "    const unsigned key = chosen[thread];",
-        f"    if (key < {_THREADS}) return;",
-        f"    const index o = thread * {_THREADS} + (index)(key & 255u);",
+        f"    if (key < {_GROUP}) return;",
+        f"    const index o = thread * {_GROUP} + (index)(key % {_GROUP});",
         *place,
         *given,
         "    real u, v, x = x0, y = y0;",
@@ -443,10 +454,10 @@ def difference_source(index: str) -> str:
 
 
 def update_source(
-    moved: DeviceDisplacements, name: str, limiter: int, real: str, index: str
+    moved: DeviceDisplacements, name: str, limiter: int, real: str, index: str, fields: int = 1
 ) -> str:
-    """CUDA C of the kernel ``run(m, out, d, said, fields)`` that differences displacements and
-    updates a periodic plane by the node function `name`; `limiter` from `LIMITER_CODES`."""
+    """CUDA C of the kernel ``run(m, out, d, said)`` that differences displacements and updates
+    `fields` of a periodic plane by the node function `name`; `limiter` from `LIMITER_CODES`."""
     stage, grid = moved.stage, moved.grid
     (nx, ny), h = grid.nodes, grid.spacing
     rows, columns = _TILE
@@ -504,15 +515,11 @@ def update_source(
         "    const Update update = {size, 2, 0, 0, 0};",
         f"    const Limits limits = {{{limiter}, 0, 0, 0}};",
         "    const Foot foot = {room, 1, 0};",
-        "    #pragma unroll 1",
-        "    for (index f = 0; f < fields; f++) {",
-        f"        const long long far = f * (long long)({step} * size);",
-        f"        {name}(m + far, out + far, foot, x, y, update, o, i, j, limits);",
-        "    }",
+        *for_fields(f"{name}(m, out, foot, x, y, update, o, i, j, limits);", step, fields),
     ]
     arguments = [
         "const real* __restrict__ m", "real* __restrict__ out", "const double* __restrict__ d",
-        "int* said", "const index fields",
+        "int* said",
     ]  # fmt: skip
     code = _SLOPE + translate(modules_of(stage), name)
     return kernel_text(

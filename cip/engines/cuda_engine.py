@@ -108,8 +108,7 @@ class CudaEngine(Engine):
         if stage.conservative:
             limits = (*self.bounds(stage), self.setting.bounds_tolerance)
             arguments += [self.dtype.type(value) for value in limits]
-        fields = self.whole(len(self.fields(m)))
-        self._start(stage, False, [m, out, fields, *arguments], prefix)
+        self._start(stage, False, [m, out, *arguments], prefix)
 
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
@@ -119,8 +118,7 @@ class CudaEngine(Engine):
         real = self.dtype.type
         clock = [real(t_end), real(dt / count), self.whole(count), said]
         clock += [*self._table(stage), *(real(value) for value in stage.parameters)]
-        fields = self.whole(len(self.fields(m)))
-        self._start(stage, True, [m, out, fields, *self._lines, *clock, *self._widths])
+        self._start(stage, True, [m, out, *self._lines, *clock, *self._widths])
         part = (stage.axis, dt, count)
         if part in self._certain:
             return 0
@@ -165,10 +163,12 @@ class CudaEngine(Engine):
     def _start(
         self, stage: Stage, computed: bool, arguments: list[Any], prefix: str = "node_"
     ) -> None:
-        key = (stage.axis, computed, prefix)
+        fields = len(self.fields(arguments[0]))
+        key = (stage.axis, computed, prefix, fields)
         kernel = self._compiled.get(key)
         if kernel is None:
             name = self.name(stage, prefix)
-            source = device_source(stage, name, self.limiter, computed, self.real, self.index)
+            types = self.real, self.index
+            source = device_source(stage, name, self.limiter, computed, *types, fields)
             kernel = self._compiled[key] = compiled(source)
         launch(kernel, stage, *arguments)
