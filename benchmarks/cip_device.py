@@ -35,7 +35,7 @@ import numpy as np
 from machine import describe
 
 from cip import Grid, Solver, Velocity
-from cip.engines.cuda_displacements import follow_sources, update_source
+from cip.engines.displacement_source import FollowSource, update_source
 
 # About the centre, and periodic with its derivatives.
 ROTATION = ("x2*(1 - x2*x2)", "x1*(x1*x1 - 1)")
@@ -94,11 +94,10 @@ def snapshots(cells: int, degree: int = 5, drift: float = 0.0) -> Velocity:
     """Five snapshots of the swirl, at intervals longer than a step."""
     grid = Grid([(-1, 1)] * 2, (cells, cells), periodic=True)
     (x, y), times = grid.mesh(), np.linspace(0, 1, 5)
-    sx, sy = np.sin(np.pi * x), np.sin(np.pi * y)
-    still = [drift + sx**2 * np.sin(2 * np.pi * y), drift - sy**2 * np.sin(2 * np.pi * x)]
-    return Velocity.from_snapshots(
-        times, np.array([np.cos(np.pi * t) * still for t in times]), grid
-    )
+    u = drift + np.sin(np.pi * x) ** 2 * np.sin(2 * np.pi * y)
+    v = drift - np.sin(np.pi * y) ** 2 * np.sin(2 * np.pi * x)
+    arrays = np.cos(np.pi * times)[:, None, None, None] * np.array([u, v])
+    return Velocity.from_snapshots(times, arrays, grid, degree)
 
 
 def kernel_row(
@@ -194,7 +193,7 @@ def operations(source: str) -> int:
     """Instructions of float64 in the machine code of a kernel without loops."""
     with tempfile.TemporaryDirectory() as folder:
         text, code = Path(folder) / "kernel.cu", Path(folder) / "kernel.cubin"
-        text.write_text(f"namespace kernels {{ {source} }}")  # `index` is a name of the library
+        text.write_text(f"namespace kernels {{\n{source}\n}}")  # `index` is a name of the library
         make = ["nvcc", "-std=c++14", "-arch=sm_90", "-cubin", text, "-o", code]
         subprocess.run(make, check=True, capture_output=True)
         show = ["cuobjdump", "--dump-sass", code]
@@ -212,7 +211,7 @@ def floors(rate: float) -> list[dict[str, Any]]:
         )  # fmt: skip
         stage, run = solver._stages[0], solver._kernels
         moved = run._displaced(stage)
-        follow, _ = follow_sources(moved, moved._flow(0), 0, 0, "int")
+        follow = FollowSource(moved, moved._flow(0), 0, "int").every()
         update = update_source(moved, run.name(stage), 0, "double", "int")
         counts = operations(follow), operations(update)
         row = {"profile": profile, "follow": counts[0], "update": counts[1]}

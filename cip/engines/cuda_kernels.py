@@ -118,12 +118,13 @@ def _path_call(stage: Stage, splines: bool) -> list[str]:
 
 def kernel_text(
     constants: list[str], code: str, arguments: list[str], body: list[str], grid: Grid, index: str,
-    real: str = "double",
+    real: str = "double", bounds: str = "",
 ) -> str:  # fmt: skip
-    """The source of the kernel ``run``; `index` and `real` are the types of `prelude`."""
+    """The source of the kernel ``run``; `index` and `real` are the types of `prelude`, `bounds` of
+    threads and blocks limit its registers."""
     device = "#define DEVICE static __device__ __forceinline__\n"
     first = device + prelude(real, index, all(grid.uniform))
-    head = f'extern "C" __global__ void run({", ".join(arguments)}) {{'
+    head = f'extern "C" __global__ {bounds}void run({", ".join(arguments)}) {{'
     return "\n".join([first, *constants, code, head, *body, "}", ""])
 
 

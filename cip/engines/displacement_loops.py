@@ -263,8 +263,8 @@ def run_combine(
 def slope(one: Real, two: Real, three: Real, four: Real) -> tuple[Real, Real]:
     """Eighth-order difference from those of the neighbours at 1 to 4 cells on both sides, and its
     change from the sixth-order one."""
-    more = (1.0 / 280.0) * (14.0 * (one - two) + 6.0 * three - four)
-    return 0.75 * one - 0.15 * two + (1.0 / 60.0) * three + more, more
+    more = 0.05 * (one - two) + (6.0 / 280.0) * three - (1.0 / 280.0) * four
+    return more + 0.75 * one - 0.15 * two + (1.0 / 60.0) * three, more
 
 
 @loop

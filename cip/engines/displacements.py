@@ -59,10 +59,10 @@ class _FormulaFlow:
         )
 
         rates = of_half_angles(stage.system.rates[: len(stage.moving)])
-        rates, self._held = without_place(rates)
-        self.source = formula_source(rates, stage.moving, len(self._held))
+        rates, self.held = without_place(rates)
+        self.source = formula_source(rates, stage.moving, len(self.held))
         self.kernel = kernel_of(self.source, sin=fast_sin, cos=fast_cos)
-        self._values = numpy_function(self._held, ["t"])
+        self._values = numpy_function(self.held, ["t"])
         self.sizes, self.at = np.zeros(1, np.int64), np.zeros(stage.grid.size, np.int64)
         self.origin, self.unit = [0.0, 0.0], [1.0, 1.0]
 
@@ -105,6 +105,9 @@ class _SplineFlow:
             self.at = o // block_size * self.count + o % row
         flags = [(data.cells[axis], int(data.periodic[axis])) for axis in moving]
         self.sizes = np.array([*(n for pair in flags for n in pair), row, field.degrees[1] + 1])
+        # The same where the components of a plane are one after the other.
+        self.sizes_apart = [*self.sizes.tolist(), self.count]
+        self.sizes_apart[-3] = row // 2 if stage.axis is None else row
 
     def _table(self, m: int) -> Array:
         """The coefficients of the time's B-spline m as the kernel reads them."""
@@ -163,7 +166,7 @@ class Displacements:
     def __init__(self, stage: Stage) -> None:
         self.stage, self.grid = stage, stage.grid
         self._flows: dict[int, _Flow] = {}
-        self._cells = [self.grid.spacing[axis] for axis in stage.moving]
+        self.cells = [self.grid.spacing[axis] for axis in stage.moving]
         # A slope moves a value by a tenth of a cell or so, and data have no slopes of their own.
         given = snapshots_of(stage.velocity) is not None
         self._slopes = 100.0 * stage.foot_error if given else stage.limit
@@ -206,7 +209,7 @@ class Displacements:
     def _displace(self, row: Array, block: int, times: tuple[float, float], count: int) -> None:
         """Write the displacements of a block to the first rows. Raises `TooCoarse`."""
         flow = self._flow(block)
-        given = flow, self._points(flow, block), self._bounds(flow), self.grid.nodes[-1]
+        given = flow, self._points(flow, block), self.bounds(flow), self.grid.nodes[-1]
         found = self._follow(*given, times, count, self._limit)
         row[: len(found)] = found
 
@@ -234,13 +237,14 @@ class Displacements:
         others = [points[axis] for axis in range(3) if axis not in moving]
         return [np.ascontiguousarray(x) for x in (*found, *others, flow.at)]
 
-    def _bounds(self, flow: _Flow) -> Array:
+    def bounds(self, flow: _Flow) -> Array:
+        """Lowest and highest coordinates of paths in the units of the flow, by direction."""
         found = []
         for q, axis in enumerate(self.stage.moving):
-            margin = (FEET.cells if self.grid.periodic[axis] else FEET.wall) * self._cells[q]
+            margin = (FEET.cells if self.grid.periodic[axis] else FEET.wall) * self.cells[q]
             low, high = self.grid.bounds[axis]
             found += [low - margin - flow.origin[q], high + margin - flow.origin[q]]
-        return np.array(found) / np.repeat(flow.unit[: len(self._cells)], 2)
+        return np.array(found) / np.repeat(flow.unit[: len(self.cells)], 2)
 
     def _follow(
         self, flow: _Flow, points: list[Array], bounds: Array, row: int,
@@ -253,9 +257,9 @@ class Displacements:
         from cip.engines.cpu_loops import share
         from skfem_adini.ground.jit import loop_over
 
-        size, moving = points[0].size, len(self._cells)
+        size, moving = points[0].size, len(self.cells)
         run = loop_over(displacement_loops.run_substep, flow=flow.kernel)
-        units = np.array(flow.unit[:moving]) / self._cells
+        units = np.array(flow.unit[:moving]) / self.cells
         old, new, error = np.zeros(moving * size), np.empty(moving * size), 0.0
         begin, last = times[1], flow.box(times[1])
         for step in steps_between(*times, flow.breaks(*times), count):
@@ -292,7 +296,7 @@ class Displacements:
     def _rounding(self) -> float:
         """Rounding error of feet, in cells."""
         bounds = [self.grid.bounds[axis] for axis in self.stage.moving]
-        far = [max(map(abs, pair)) / h for pair, h in zip(bounds, self._cells, strict=True)]
+        far = [max(map(abs, pair)) / h for pair, h in zip(bounds, self.cells, strict=True)]
         return 256.0 * float(np.finfo(float).eps) * max(far)
 
     def _differentiate(self, rows: Array) -> bool:
@@ -343,7 +347,7 @@ class Displacements:
         for q, x in enumerate(points):
             spread = np.broadcast_to(x, (count_of, size))
             if q < len(moving):
-                spread = spread + offsets[q].reshape(-1, 1) * (self._cells[q] / flow.unit[q])
+                spread = spread + offsets[q].reshape(-1, 1) * (self.cells[q] / flow.unit[q])
             around.append(np.ascontiguousarray(spread).reshape(-1))
         bounds = np.tile([-np.inf, np.inf], 2)
         d = self._follow(flow, around, bounds, size, times, count)

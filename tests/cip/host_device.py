@@ -19,6 +19,7 @@ _HEAD = """
 #define __device__
 #define __forceinline__ inline
 #define __shared__ static
+#define __launch_bounds__(threads, blocks)
 #include <string.h>
 #include <functional>
 #include <ucontext.h>
