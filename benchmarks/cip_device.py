@@ -25,6 +25,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ import numpy as np
 from machine import describe
 
 from cip import Grid, Solver, Velocity
+from cip.engines.cuda_kernels import device_source
 from cip.engines.displacement_source import FollowSource, update_source
 
 # About the centre, and periodic with its derivatives.
@@ -79,17 +81,23 @@ def kernels(n: int, dtype: Any, bandwidth: float) -> list[dict[str, Any]]:
         for profile in DIRECT
         for stored in (True, False)
     ]
-    winds = {"swirl(t)": Velocity.from_expression(*SWIRL)}
-    for cells in (n // 4, n) if n <= 2048 else (n // 4,):
-        winds[f"snapshots of {cells}"] = snapshots(cells)
-    winds[f"cubic snapshots of {n // 4}"] = snapshots(n // 4, 3)
-    return rows + [
+    coarse = min(n // 4, 1024)
+    winds = {
+        "swirl(t)": Velocity.from_expression(*SWIRL),
+        "snapshots, coarse": snapshots(coarse),
+        "cubic snapshots, coarse": snapshots(coarse, 3),
+    }
+    rows += [
         step_row(grid, profile, name, velocity, dtype, bandwidth)
         for profile in (*DIRECT, "csl4")
         for name, velocity in winds.items()
     ]
+    if n == 2048:
+        rows.append(step_row(grid, "bicubic", "snapshots, equal", snapshots(n), dtype, bandwidth))
+    return rows
 
 
+@cache
 def snapshots(cells: int, degree: int = 5, drift: float = 0.0) -> Velocity:
     """Five snapshots of the swirl, at intervals longer than a step."""
     grid = Grid([(-1, 1)] * 2, (cells, cells), periodic=True)
@@ -190,7 +198,9 @@ def arithmetic_rate() -> float:
 
 
 def operations(source: str) -> int:
-    """Instructions of float64 in the machine code of a kernel without loops."""
+    """Instructions of float64 in the machine code of a kernel, whose loop of sub-steps takes two."""
+    loop = "for (n = 0; n < count; n++)"
+    source = source.replace(loop, f"#pragma unroll\n{loop.replace('count', '2')}")
     with tempfile.TemporaryDirectory() as folder:
         text, code = Path(folder) / "kernel.cu", Path(folder) / "kernel.cubin"
         text.write_text(f"namespace kernels {{\n{source}\n}}")  # `index` is a name of the library
@@ -202,20 +212,24 @@ def operations(source: str) -> int:
 
 
 def floors(rate: float) -> list[dict[str, Any]]:
-    """Operations a node of the two kernels of a step of an unsteady formula, and the least time."""
-    found = []
+    """For computed feet the operations of float64 a node, of both kernels where the velocity is not
+    steady, and the nodes a second that these allow."""
+    found, grid = [], Grid([(-1, 1)] * 2, (2048, 2048), periodic=True)
     for profile in DIRECT:
-        solver = Solver(
-            Grid([(-1, 1)] * 2, (2048, 2048), periodic=True), Velocity.from_expression(*SWIRL),
-            profile=profile, backend="cupy",
-        )  # fmt: skip
-        stage, run = solver._stages[0], solver._kernels
-        moved = run._displaced(stage)
-        follow = FollowSource(moved, moved._flow(0), 0, "int").every()
-        update = update_source(moved, run.name(stage), 0, "double", "int")
-        counts = operations(follow), operations(update)
-        row = {"profile": profile, "follow": counts[0], "update": counts[1]}
-        found.append(row | {"gnodes_per_s": rate / sum(counts) / 1e9})
+        for name, text in (("rotation", ROTATION), ("swirl(t)", SWIRL)):
+            field = Velocity.from_expression(*text)
+            solver = Solver(grid, field, profile=profile, backend="cupy", store_feet=False)
+            stage, run = solver._stages[0], solver._kernels
+            node, moved = run.name(stage), run._displaced(stage)
+            sources = [device_source(stage, node, 0, True, "double", "int")]
+            if moved is not None:
+                sources = [
+                    FollowSource(moved, moved._flow(0), 0, "int").every(),
+                    update_source(moved, node, 0, "double", "int"),
+                ]
+            counts = [operations(source) for source in sources]
+            row = {"profile": profile, "velocity": name, "operations": counts}
+            found.append(row | {"gnodes_per_s": rate / sum(counts) / 1e9})
     return found
 
 
@@ -338,11 +352,16 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     for n in options.cells:
         for dtype in (np.float64, np.float32):
             for row in kernels(n, dtype, 1e12 * results["copy_tb_per_s"]):
+                for floor in results["floors"]:
+                    same = all(row[key] == floor[key] for key in ("profile", "velocity"))
+                    if same and (row["feet"], row["dtype"]) == ("computed", "float64"):
+                        row["of_floor"] = row["gnodes_per_s"] / floor["gnodes_per_s"]
                 results["kernels"].append(row)
                 print(
                     f"{row['profile']:8s} {n:5d}^2 {row['dtype']} {row['feet']:8s} "
                     f"{row['velocity']:17s} ({row['substeps']:2d}) {row['gnodes_per_s']:7.2f} "
                     f"Gn/s {row['tb_per_s']:5.2f} TB/s, {100 * row['of_copy']:5.1f} % of copy"
+                    f", {100 * row.get('of_floor', np.nan):3.0f} % of the floor"
                     f", second {row.get('second', np.nan):.2f}"
                     f" ({100 * row.get('second_of_copy', np.nan):.0f} % of copy)",
                     flush=True,
