@@ -198,7 +198,7 @@ def arithmetic_rate() -> float:
 
 
 def operations(source: str) -> int:
-    """Instructions of float64 in the machine code of a kernel, whose loop of sub-steps takes two."""
+    """Instructions of float64 in the machine code of a kernel whose loop takes two sub-steps."""
     loop = "for (n = 0; n < count; n++)"
     source = source.replace(loop, f"#pragma unroll\n{loop.replace('count', '2')}")
     with tempfile.TemporaryDirectory() as folder:
