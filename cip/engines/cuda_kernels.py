@@ -27,11 +27,10 @@ def device_source(
     """
     modules = modules_of(stage)
     entries = [name]
-    grid = stage.grid
+    grid, field = stage.grid, snapshots_of(stage.velocity)
     if computed:
         rounding = float(np.finfo(np.float64 if real == "double" else np.float32).eps)
         box = box_of(grid, stage.system, stage.limit, rounding)
-        field = snapshots_of(stage.velocity)
         modules.append(path_source(stage.system, stage.jets, box, field=field))
         entries.append("path")
     parameters = ["const real* __restrict__ m", "real* __restrict__ out"]
@@ -64,7 +63,11 @@ def device_source(
     step = len(moments(stage.profile, grid.dim))
     body += for_fields(f"{name}(m, out, foot, {along}, limits);", step, fields)
     code = translate(modules, *entries)
-    return kernel_text(constants, code, parameters, body, grid, index, real)
+    bounds = ""
+    if computed and stage.axis is None and field is None:
+        # Of planes: without, the bicubic profile takes registers for two blocks at a time.
+        bounds = f"__launch_bounds__(256, {3 if stage.profile == 'bicubic' else 4}) "
+    return kernel_text(constants, code, parameters, body, grid, index, real, bounds)
 
 
 def for_fields(call: str, step: int, fields: int) -> list[str]:
