@@ -16,7 +16,6 @@ import numpy as np
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT
 from cip.engines.cuda_kernels import compiled
 from cip.engines.displacement_source import (
-    GROUP,
     THREADS,
     TILE,
     TIMES,
@@ -38,6 +37,9 @@ class DeviceDisplacements(Displacements):
         super().__init__(stage)
         self.xp, self._engine = engine.xp, engine
         self.field = snapshots_of(stage.velocity)
+        # Nodes of which one is repeated, about a row as on the host: its number replaces the low
+        # bits of a float.
+        self.group = min(max(1 << (self.grid.nodes[-1] - 1).bit_length(), 64), 2048)
         self._lines: dict[int, list[Array]] = {}  # coordinates of each block
         self._kernels: dict[Any, Any] = {}
         self._tables: dict[Any, Array] = {}
@@ -48,6 +50,12 @@ class DeviceDisplacements(Displacements):
             stage.axis is None and not advects and all(self.grid.periodic)
             and all(self.grid.uniform) and min(self.grid.nodes) >= max(TILE) + 4
         )  # fmt: skip
+
+    @property
+    def fits(self) -> bool:
+        """Whether a kernel has enough arguments, 4 KiB, for the numbers of a formula."""
+        held = [] if self.field else self._flow(self.stage.blocks[0]).held
+        return len(TIMES) * len(held) <= 400
 
     def _host(self, a: Array) -> Array:
         return a.get()
@@ -69,7 +77,7 @@ class DeviceDisplacements(Displacements):
         xp, size, flow = self.xp, self.grid.size, self._flow(block)
         if block not in self._lines:
             self._lines[block] = self._coordinates(flow, block)
-        blocks, groups = -(-size // THREADS), -(-size // GROUP)
+        blocks, groups = -(-size // THREADS), -(-size // self.group)
         whole = self._engine.whole
         begin, steps = times[1], list(steps_between(*times, flow.breaks(*times), count))
         said = xp.zeros(1 + len(steps), np.int32)

@@ -71,10 +71,11 @@ class CudaEngine(Engine):
             flat[where] = what
 
     def _by_displacements(self, stage: Stage) -> Displacements | None:
-        """Planes with walls have kernels that reach them."""
+        """Planes with walls have kernels that reach them; the same serve for very long formulas."""
         if not stage.conservative and not all(self.grid.periodic):
             return None
-        return DeviceDisplacements(stage, self)
+        made = DeviceDisplacements(stage, self)
+        return made if made.fits else None
 
     def apply(
         self,

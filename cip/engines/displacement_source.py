@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from cip.engines.cuda_displacements import DeviceDisplacements
 
 THREADS = 256  # of a block that follows nodes
-GROUP = 2048  # nodes of which one is repeated: its number replaces the low bits of a float
 TILE = (4, 64)  # threads of a block that updates a plane
 BLOCKS = 5  # at a time on a multiprocessor, by the measured speed
 # Fractions of a sub-step at which the velocity is needed; the second and fourth by halved steps.
@@ -110,7 +109,7 @@ class FollowSource:
     def every(self) -> str:
         """Writes the displacements, NaN where they leave the grid, and to ``chosen[group]`` the
         difference of the inner stages and the number of the node where it is largest."""
-        walls, last = self._walls()
+        (walls, last), group = self._walls(), self._moved.group
         boxes = [
             f"    const real box{k}[] = {{{_listed(f'b{k}_', self._held)}}};" for k in range(3)
         ]
@@ -143,13 +142,13 @@ class FollowSource:
             ),
             '        if (gone) new_[o] = nan("");',
             "        else key = __float_as_uint((float)inner)",
-            f"            / {GROUP}u * {GROUP}u + o % {GROUP};",
+            f"            / {group}u * {group}u + o % {group};",
             "    }",
             "#if __CUDA_ARCH__ >= 800",
             "    key = __reduce_max_sync(~0u, key);",
             "    if (threadIdx.x % 32 == 0)",
             "#endif",
-            f"    atomicMax(chosen + thread / {GROUP}, key);",
+            f"    atomicMax(chosen + thread / {group}, key);",
         ]
         velocity = [f"const real* __restrict__ box{k}" for k in range(3)]
         if not self._tables:
@@ -160,7 +159,7 @@ class FollowSource:
     def halved(self) -> str:
         """Repeats the chosen nodes with two half steps, and writes the largest change as the bits
         of a float32."""
-        count = self._tables
+        count, group = self._tables, self._moved.group
         velocity = [*_scalars("t", count, "const real* __restrict__"), *_scalars("w", 5 * count)]
         given = [f"    const real* tables[] = {{{_listed('t', count)}}};",
                  f"    const real weights[] = {{{_listed('w', 5 * count)}}};"]  # fmt: skip
@@ -180,10 +179,10 @@ class FollowSource:
             flow = [f"        flow(px, py, r, at, boxes + when * {self._held}, sizes, &u, &v);"]
         lines = [
             "    const index thread = blockIdx.x * blockDim.x + threadIdx.x;",
-            f"    if (thread >= (size_ + {GROUP - 1}) / {GROUP}) return;",
+            f"    if (thread >= (size_ + {group - 1}) / {group}) return;",
             "    const unsigned key = chosen[thread];",
-            f"    if (key < {GROUP}) return;",
-            f"    const index o = thread * {GROUP} + (index)(key % {GROUP});",
+            f"    if (key < {group}) return;",
+            f"    const index o = thread * {group} + (index)(key % {group});",
             *self._place(),
             *given,
             "    real u, v, x = x0, y = y0, worst = 0;",

@@ -193,6 +193,7 @@ def winds_of(kind, walls, dim=2):
     return Velocity.from_snapshots(times, arrays, grid, 3, time=kind)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("profile", "form", "winds", "walls", "fields"),
     [
@@ -235,6 +236,7 @@ def test_unsteady_feet_are_those_of_the_host(cupy, profile, form, winds, walls, 
     assert np.max(np.abs(ends[1] - ends[0]) / scale) < (1e-8 if winds == "kink" else 1e-11)
 
 
+@pytest.mark.turns(4)
 def test_a_third_direction_on_the_device(cupy):
     """Sweeps of means through coefficients on lines with two directions across."""
     grid, ends = Grid([(0, 1)] * 3, (12, 10, 9), periodic=True), []
@@ -244,6 +246,16 @@ def test_a_third_direction_on_the_device(cupy):
         ends.append(solver.run(solver.state(field), 0.1, dt=0.05).final.data)
     assert isinstance(solver._kernels._displacements[solver._stages[0]], DeviceDisplacements)
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-12)
+
+
+def test_formulas_with_too_many_numbers_have_the_other_kernel(cupy):
+    """A kernel takes few kilobytes of arguments."""
+    grid = Grid([(0, 1)] * 2, (130, 130), periodic=True)
+    for terms, serves in ((5, True), (41, False)):
+        parts = [f"sin(2*pi*x1 + {q}.5*t)*{q + 1}e-4" for q in range(terms)]
+        wind = Velocity.from_expression(" + ".join(parts), "0.1")
+        solver = Solver(grid, wind, profile="adini", backend="cupy")
+        assert (solver._kernels._displaced(solver._stages[0]) is not None) == serves
 
 
 class CUDARuntimeError(RuntimeError):
