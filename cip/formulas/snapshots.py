@@ -287,8 +287,8 @@ class LazySnapshots(Snapshots):
     def table(self) -> Array:
         """All numbers at once, which lazy data do not have."""
         raise NotSupported(
-            "winds: a profile whose feet kernels compute ('adini' and 'bicubic' on uneven grids, on "
-            "a device beside walls too, and one-dimensional ones) needs all times in memory; pass "
+            "winds: a profile whose feet kernels compute ('adini' and 'bicubic' on uneven grids, "
+            "on a device beside walls, and one-dimensional ones) needs all times in memory; pass "
             "lazy=False, or take 'bicubic', 'csl2' or 'csl4' on uniform grids in the plane or in "
             "space"
         )
