@@ -28,7 +28,7 @@ import numpy as np
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 # Types of the kernel language: integers, numbers in the working precision, flat arrays of these.
-# An `Out` is written, an `Array` only read; `Sizes` holds integers; `Widths` are the cell widths, an
+# An `Out` is written, an `Array` only read; `Sizes` are integers; `Widths` are the cell widths, an
 # array that becomes a constant on the device if the grid is uniform.
 Index = int
 Real = float
