@@ -18,7 +18,14 @@ from numpy import floor
 from cip.engines.cpu_loops import address, shifted
 from cip.engines.path_kernel import plain
 from cip.engines.snapshot_kernel import with_names
-from cip.formulas.expression import COORDINATES, Expression, ordered, statements, variable
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    apply,
+    ordered,
+    statements,
+    variable,
+)
 from skfem_adini.ground.jit import Array, Index, Out, Real, kernel, loop, room
 
 # Nodes of a block, and of the parts of it whose cells are compared.
@@ -33,6 +40,20 @@ _HEAD = (
     "def flow(count: Index, p: Array, q: Array, r: Array, at: Array, box: Array, sizes: Array, "
     "u: Out, v: Out) -> None:"
 )
+
+
+def of_half_angles(rates: Sequence[Expression]) -> list[Expression]:
+    """Rates with sines and cosines of a in place of those of 2 a, where both occur: a sine and a
+    cosine of the same angle cost as much as one of them."""
+    found = [node for node in ordered(list(rates)) if node.op in ("sin", "cos")]
+    angles = {node.args[0] for node in found}
+    names: dict[Expression, Expression] = {}
+    for node in found:
+        half = 0.5 * node.args[0]
+        if half in angles:
+            s, c = apply("sin", half), apply("cos", half)
+            names[node] = 2.0 * (s * c) if node.op == "sin" else 1.0 - 2.0 * (s * s)
+    return with_names(rates, names)
 
 
 def without_place(rates: Sequence[Expression]) -> tuple[list[Expression], list[Expression]]:
@@ -52,13 +73,16 @@ def without_place(rates: Sequence[Expression]) -> tuple[list[Expression], list[E
     return with_names(rates, held), list(held)
 
 
+def coordinates(moving: Sequence[int]) -> list[str]:
+    """Names of the coordinates, those that move first."""
+    return [COORDINATES[axis] for axis in (*moving, *(a for a in range(3) if a not in moving))]
+
+
 def formula_source(rates: Sequence[Expression], moving: Sequence[int], held: int) -> str:
     """Source of ``flow`` for backward velocities with `held` numbers from `without_place`."""
-    others = [axis for axis in range(3) if axis not in moving]
-    names = [COORDINATES[axis] for axis in (*moving, *others)]
     outputs = {f"o{q}": rate for q, rate in enumerate(rates)}
     inner = [
-        *(f"{name} = {place}[j]" for name, place in zip(names, "pqr", strict=True)),
+        *(f"{x} = {place}[j]" for x, place in zip(coordinates(moving), "pqr", strict=True)),
         *statements(outputs, ""),
         "u[j] = o0",
         f"v[j] = {'o1' if len(rates) > 1 else '0.0'}",
@@ -89,7 +113,7 @@ def spline_source(degree: int, axes: int) -> str:
             f"s{axis} = {place}[j] - k{axis} + (i{axis} - c{axis})",
             *(
                 f"w[{(axis * len(terms) + m) * _BLOCK} + j] = {code}"
-                for m, code in enumerate(_weights(degree, f"s{axis}"))
+                for m, code in enumerate(weights_of(degree, f"s{axis}"))
             ),
         ]
     inner += [f"cell[j] = {cell}", "u[j] = 0.0", "v[j] = 0.0"]
@@ -139,7 +163,7 @@ def spline_source(degree: int, axes: int) -> str:
     return _looped(head, inner) + tail
 
 
-def _weights(degree: int, s: str) -> list[str]:
+def weights_of(degree: int, s: str) -> list[str]:
     """Code of the uniform B-splines that are not zero in a cell, at s in [0, 1]."""
     from scipy.interpolate import BSpline, PPoly
 
@@ -378,8 +402,8 @@ def run_combine(
 def slope(one: Real, two: Real, three: Real, four: Real) -> tuple[Real, Real]:
     """Eighth-order difference from those of the neighbours at 1 to 4 cells on both sides, and its
     change from the sixth-order one."""
-    more = (1.0 / 280.0) * (14.0 * (one - two) + 6.0 * three - four)
-    return 0.75 * one - 0.15 * two + (1.0 / 60.0) * three + more, more
+    more = 0.05 * (one - two) + (6.0 / 280.0) * three - (1.0 / 280.0) * four
+    return more + 0.75 * one - 0.15 * two + (1.0 / 60.0) * three, more
 
 
 @loop

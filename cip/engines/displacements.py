@@ -97,13 +97,15 @@ class _FormulaFlow(Flow):
             fast_cos,
             fast_sin,
             formula_source,
+            of_half_angles,
             without_place,
         )
 
-        rates, self._held = without_place(stage.system.rates[: len(stage.moving)])
-        source = formula_source(rates, stage.moving, len(self._held))
+        rates = of_half_angles(stage.system.rates[: len(stage.moving)])
+        self.rates, self.held = without_place(rates)
+        source = formula_source(self.rates, stage.moving, len(self.held))
         self.kernel = kernel_of(source, sin=fast_sin, cos=fast_cos)
-        self._values = numpy_function(self._held, ["t"])
+        self._values = numpy_function(self.held, ["t"])
         self.sizes = np.zeros(1, np.int64)
         self.origin, self.unit = [0.0, 0.0], [1.0, 1.0]
         self._set_points(stage, block)
@@ -130,12 +132,13 @@ class _SplineFlow(Flow):
         self.unit = [float(data.widths[axis][0]) for axis in moving]
         counts = [matrix.shape[0] for matrix in self._matrices]
         self._set_points(stage, block)
-        row = 2 * counts[-1]
+        row, self.count = 2 * counts[-1], int(np.prod(counts))  # of coefficients of a component ..
         if stage.axis is not None:
             row = int(np.prod(counts[stage.axis + 1 :]))
+            self.count = counts[stage.axis] * row  # .. or of the lines of a block
             size = stage.grid.nodes[stage.axis] * row
             first = np.arange(0, stage.grid.size, stage.grid.nodes[-1])
-            self.points.arrays[3][:] = first // size * (counts[stage.axis] * row) + first % row
+            self.points.arrays[3][:] = first // size * self.count + first % row
             self.points.places[8] = stage.axis < stage.grid.dim - 1
         flags = [(data.cells[axis], int(data.periodic[axis])) for axis in moving]
         self.sizes = np.array([*(n for pair in flags for n in pair), row, field.degrees[1] + 1])
@@ -156,11 +159,11 @@ class _SplineFlow(Flow):
                 free = len(self._slots)
                 if free == len(self._store):
                     free = self._slots.pop(next(q for q in self._slots if q not in needed))
-                self._store[free] = self._table(m)
+                self._store[free] = self.table(m)
                 self._slots[m] = free
         return [self._slots[m] for m in needed], weights
 
-    def _table(self, m: int) -> Array:
+    def table(self, m: int) -> Array:
         """The coefficients of the time's B-spline m as the kernel reads them."""
         parts = []
         for axis, h in zip(self._components, self.unit, strict=True):
@@ -232,9 +235,11 @@ class Displacements:
     """The feet of a stage of an unsteady velocity; `serves` tells for which stages. Stages of a
     velocity in one thread share `flows`."""
 
+    xp: Any = np  # the module of the arrays of feet
+
     def __init__(self, stage: Stage, flows: dict[Any, Flow]) -> None:
         self.stage, self.grid, self._flows = stage, stage.grid, flows
-        self._cells = [self.grid.spacing[axis] for axis in stage.moving]
+        self.cells = [self.grid.spacing[axis] for axis in stage.moving]
         # A slope moves a value by a tenth of a cell or so, and data have no slopes of their own.
         given = snapshots_of(stage.velocity) is not None
         self._slopes = 100.0 * stage.foot_error if given else stage.limit
@@ -257,26 +262,18 @@ class Displacements:
     def feet(self, t: float, dt: float, count: int) -> StageFeet:
         """The feet with `count` sub-steps, 0 for one of order 3, or with more where the velocity
         has kinks in time. Raises `TooCoarse`."""
-        stage, size = self.stage, self.grid.size
+        stage, xp = self.stage, self.xp
         times = t + stage.begin * dt, t + stage.end * dt
-        rows = np.empty((len(stage.blocks), len(stage.jets), size))
+        rows = xp.empty((len(stage.blocks), len(stage.jets), self.grid.size))
         exits: list[Exits | None] = []
         for row, block in zip(rows, stage.blocks, strict=True):
-            flow = self._flow(block)
-            bounds, limit = self._bounds(flow), 0.5 * stage.foot_error + self._rounding
-            line, d = self.grid.nodes[-1], row[: len(stage.moving)]
-            self._follow(flow, flow.points, bounds, line, times, count, d, limit)
+            self._displace(row, block, times, count)
             flagged = self._differentiate(row)
-            outside = not np.isfinite(row[0].sum())
-            exits.append(None)
-            if flagged or outside:
-                bad = np.flatnonzero(np.isnan(row).any(axis=0))
-                near = flow.points.some(bad, line).arrays
-                row[:, bad] = self._closely(flow, near, times, count, np.isnan(row[0, bad]))
-                exits[-1] = self._to_walls(row, block, times, bad)
+            outside = not bool(xp.isfinite(row[0].sum()))
+            exits.append(self._mend(row, block, times, count) if flagged or outside else None)
         return StageFeet(rows.reshape(-1), exits, *times, (max(count, 1),) * len(exits))
 
-    def _flow(self, block: int) -> Flow:
+    def _flow(self, block: int) -> Any:
         key, field = (self.stage.moving, block), snapshots_of(self.stage.velocity)
         if key not in self._flows:
             self._flows[key] = (
@@ -286,13 +283,34 @@ class Displacements:
             )
         return self._flows[key]
 
-    def _bounds(self, flow: Flow) -> Array:
+    def _displace(self, row: Array, block: int, times: tuple[float, float], count: int) -> None:
+        """Write the displacements of a block to the first rows. Raises `TooCoarse`."""
+        flow, d = self._flow(block), row[: len(self.cells)]
+        given = flow, flow.points, self.bounds(flow), self.grid.nodes[-1], times, count
+        self._follow(*given, d, self._limit)
+
+    def _mend(self, row: Array, block: int, times: tuple[float, float], count: int) -> Exits | None:
+        """Write the feet of the nodes that have none; the paths of them that begin on walls."""
+        flow = self._flow(block)
+        bad = self.xp.flatnonzero(self.xp.isnan(row).any(axis=0))
+        nodes, left = self._host(bad), np.isnan(self._host(row[0, bad]))
+        near = flow.points.some(nodes, self.grid.nodes[-1]).arrays
+        part = self._closely(flow, near, times, count, left)
+        exits = self._to_walls(part, block, times, nodes)
+        row[:, bad] = self.xp.asarray(part)
+        return exits
+
+    def _host(self, a: Array) -> Array:
+        return a
+
+    def bounds(self, flow: Flow) -> Array:
+        """Lowest and highest coordinates of paths in the units of the flow, by direction."""
         found = []
         for q, axis in enumerate(self.stage.moving):
-            margin = (FEET.cells if self.grid.periodic[axis] else FEET.wall) * self._cells[q]
+            margin = (FEET.cells if self.grid.periodic[axis] else FEET.wall) * self.cells[q]
             low, high = self.grid.bounds[axis]
             found += [low - margin - flow.origin[q], high + margin - flow.origin[q]]
-        return np.array(found) / np.repeat(flow.unit[: len(self._cells)], 2)
+        return np.array(found) / np.repeat(flow.unit[: len(self.cells)], 2)
 
     def _follow(
         self, flow: Flow, points: Points, bounds: Array, row: int, times: tuple[float, float],
@@ -307,13 +325,13 @@ class Displacements:
 
         moving, size = out.shape
         run = loop_over(displacement_loops.run_substep, flow=flow.kernel)
-        units = np.array(flow.unit[:moving]) / self._cells
-        clock = _clock(*times, flow.breaks(*times), max(count, 1))
-        new, spare = out.reshape(-1), np.empty(out.size if len(clock) > 2 else 0)
-        if len(clock) % 2:  # the last sub-step writes to `out`
+        units = np.array(flow.unit[:moving]) / self.cells
+        marks = clock(*times, flow.breaks(*times), max(count, 1))
+        new, spare = out.reshape(-1), np.empty(out.size if len(marks) > 2 else 0)
+        if len(marks) % 2:  # the last sub-step writes to `out`
             new, spare = spare, new
         old, error = spare[:0], 0.0
-        for begin, end in pairwise(clock):
+        for begin, end in pairwise(marks):
             step, middle = begin - end, begin - 0.5 * (begin - end)
             boxes = flow.boxes(begin, middle, end)
             chosen = np.full(size // row, -1)
@@ -339,10 +357,15 @@ class Displacements:
         out *= units[:, None]
 
     @cached_property
+    def _limit(self) -> float:
+        """Largest estimate of the error of the feet, in cells."""
+        return 0.5 * self.stage.foot_error + self._rounding
+
+    @cached_property
     def _rounding(self) -> float:
         """Rounding error of feet, in cells."""
         bounds = [self.grid.bounds[axis] for axis in self.stage.moving]
-        far = [max(map(abs, pair)) / h for pair, h in zip(bounds, self._cells, strict=True)]
+        far = [max(map(abs, pair)) / h for pair, h in zip(bounds, self.cells, strict=True)]
         return 256.0 * float(np.finfo(float).eps) * max(far)
 
     def _differentiate(self, rows: Array) -> bool:
@@ -353,7 +376,7 @@ class Displacements:
         for jet, row in zip(jets, rows, strict=True):
             if jet == LOG_DETERMINANT:
                 J = [[rows[place[foot(c, axis)]] for axis in (0, 1)] for c in (0, 1)]
-                np.multiply(J[0][0], J[1][1], out=row)
+                self.xp.multiply(J[0][0], J[1][1], out=row)
                 row -= J[0][1] * J[1][0]
             if not any(jet.orders):
                 continue
@@ -393,7 +416,7 @@ class Displacements:
         for q, x in enumerate(points):
             spread = np.broadcast_to(x, (count_of, size))
             if q < len(moving):
-                spread = spread + offsets[q].reshape(-1, 1) * (self._cells[q] / flow.unit[q])
+                spread = spread + offsets[q].reshape(-1, 1) * (self.cells[q] / flow.unit[q])
             around.append(np.ascontiguousarray(spread).reshape(-1))
         bounds = np.tile([-np.inf, np.inf], 2)
         d = np.empty((len(moving), around[0].size))
@@ -426,14 +449,15 @@ class Displacements:
         return rows
 
     def _to_walls(
-        self, rows: Array, block: int, times: tuple[float, float], nodes: Array
+        self, part: Array, block: int, times: tuple[float, float], nodes: Array
     ) -> Exits | None:
         """Replace what is not finite at some nodes by the solution of the equations of the
         derivatives up to the walls; the paths that begin there."""
         stage, grid = self.stage, self.grid
-        left = nodes[~np.isfinite(rows[:, nodes]).all(axis=0)]
-        if not left.size:
+        here = np.flatnonzero(~np.isfinite(part).all(axis=0))
+        if not here.size:
             return None
+        left = nodes[here]
         points, length = [x.ravel()[left] for x in stage.points(block)], times[1] - times[0]
         given = (points, times[1], length, stage.tolerance)
         found = integrate(grid, stage.velocity, stage.system, *given, places=left)
@@ -441,11 +465,11 @@ class Displacements:
         if exits is not None:
             exits = replace(exits, nodes=left[exits.nodes])
         check_inside(grid, exits, set(stage.walls), times[1])
-        rows[:, left] = stage.components(found.jets, points, left)
+        part[:, here] = stage.components(found.jets, points, left)
         return exits
 
 
-def _clock(start: float, end: float, breaks: Sequence[float], count: int) -> list[float]:
+def clock(start: float, end: float, breaks: Sequence[float], count: int) -> list[float]:
     """Times of the sub-steps from `end` back to `start`: equal ones, about `count`, between times
     at which the velocity is not smooth."""
     times = [end, *sorted(breaks, reverse=bool(end > start)), start]

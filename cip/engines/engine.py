@@ -221,7 +221,8 @@ class Engine:
         """Feet of a stage: by compiled formulas where that saves time, else by NumPy."""
         moved = self._displaced(stage)
         if moved is not None:
-            return self._displaced_feet(moved, t, dt)
+            by_steps: StageFeet = self._refined(moved, t, dt, moved.feet)
+            return by_steps
         large = self.grid.size > LIMITS.compiled or not self.setting.steady
         if large and stage.formula and (self.setting.steady or not self._memory.left):
             found = self._compiled_feet(stage, t, dt)
@@ -236,18 +237,24 @@ class Engine:
             # At coasts derivatives are not those of displacements.
             serves = not self.setting.steady and stage.coast is None
             serves = serves and Displacements.serves(stage, LIMITS.differences)
-            found[stage] = Displacements(stage, self._memory.flows) if serves else None
+            found[stage] = self._by_displacements(stage) if serves else None
         return found[stage]
 
-    def _displaced_feet(self, moved: Displacements, t: float, dt: float) -> StageFeet:
-        """Feet with the sub-steps of the last step, at intervals with fewer, or with more."""
+    def _by_displacements(self, stage: Stage) -> Displacements | None:
+        return Displacements(stage, self._memory.flows)
+
+    def _refined(
+        self, moved: Displacements, t: float, dt: float, attempt: Callable[..., Any]
+    ) -> Any:
+        """The result of attempt(t, dt, count) with the sub-steps of the last step, at intervals
+        with fewer, or with more."""
         key = ("displaced", *moved.stage.part(dt))
         first, count = self._counts.get(key, (t, moved.least))
         if abs(t - first) > LIMITS.renewal * abs(dt):
             first, count = t, max(moved.least, count // 2)
         while count <= FEET.substeps:
             try:
-                found = moved.feet(t, dt, count)
+                found = attempt(t, dt, count)
             except TooCoarse:
                 count = max(1, 2 * count)
             else:

@@ -156,12 +156,21 @@ class Snapshots:
         return last[1][axis, order]
 
     def time_weights(self, t: float) -> tuple[int, Array]:
-        """The B-splines in time that are not zero at t: number of the first, and their values."""
-        from scipy.interpolate import BSpline
-
-        inside = np.clip([t], self.times[0], self.times[-1])
-        row = BSpline.design_matrix(inside, self.knots[0], self.degrees[0])
-        return int(row.indices[0]), np.asarray(row.data)
+        """The B-splines in time that are not zero at t: number of the first, and their values, by
+        de Boor's recursion (that of SciPy takes longer than a step on a device)."""
+        knots, k = self.knots[0], self.degrees[0]
+        t = min(max(t, float(self.times[0])), float(self.times[-1]))
+        left = int(np.searchsorted(knots[k + 1 : -k - 1], t, side="right")) + k
+        near, found = knots[left - k : left + k + 2].tolist(), [1.0]
+        for d in range(1, k + 1):
+            parts = [
+                weight / (near[k + 1 + j] - near[k + 1 + j - d]) for j, weight in enumerate(found)
+            ]
+            found = [0.0] * (d + 1)
+            for j, part in enumerate(parts):
+                found[j] += part * (near[k + 1 + j] - t)
+                found[j + 1] += part * (t - near[k + 1 + j - d])
+        return left - k, np.array(found)
 
     def values_at(self, axis: int, points: Array) -> Any:
         """The sparse matrix that takes coefficients of a direction to values at these points."""
@@ -279,8 +288,9 @@ class LazySnapshots(Snapshots):
         """All numbers at once, which lazy data do not have."""
         raise NotSupported(
             "winds: a profile whose feet kernels compute ('adini' and 'bicubic' on uneven grids, "
-            "one-dimensional ones) needs all times in memory; pass lazy=False, or take 'bicubic', "
-            "'csl2' or 'csl4' on uniform grids in the plane or in space"
+            "on a device beside walls, and one-dimensional ones) needs all times in memory; pass "
+            "lazy=False, or take 'bicubic', 'csl2' or 'csl4' on uniform grids in the plane or in "
+            "space"
         )
 
 

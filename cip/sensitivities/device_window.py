@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cip.engines.cuda_engine import compiled, kernel_text, launch, node_place, point_of, widths_of
+from cip.engines.cuda_kernels import compiled, kernel_text, launch, node_place, point_of, widths_of
 from cip.engines.cuda_source import translate
 from cip.engines.path_kernel import PATH
 from cip.formulas.snapshots import snapshots_of
@@ -118,7 +118,7 @@ class DevicePush:
 
     def __init__(self, engine: Any, stage: Stage) -> None:
         self._engine, self._stage = engine, stage
-        self._push = compiled(push_all(stage, engine._index))
+        self._push = compiled(push_all(stage, engine.index))
 
     def forward(self, blocks: list[Block], z: Array, feet: Array, changes: Array) -> Array:
         """As `cip.sensitivities.node_derivatives.push_forward`, with arrays on the device."""
@@ -144,11 +144,11 @@ class DevicePathTangent(PathTangent):
         self.xp, self._engine = engine.xp, engine
 
     def _by_kernel(self, block: Block, feet: StageFeet, values: Array, out: Array) -> None:
-        stage, xp, index = self._stage, self.xp, self._engine._index
+        stage, xp, index = self._stage, self.xp, self._engine.index
         kernel = compiled(tangent_all(stage, self.source, index))
         lines = [xp.asarray(line) for line in stage.lines(block.bits)]
         step, count = self._step(block, feet)
-        arguments = [*lines, feet.t_end, step, self._engine._whole(count), xp.asarray(values), out]
+        arguments = [*lines, feet.t_end, step, self._engine.whole(count), xp.asarray(values), out]
         kernel((-(-stage.grid.size // 256),), (256,), tuple(arguments))
 
 
@@ -326,8 +326,8 @@ class DeviceAdjoint:
         import cupy
 
         self._xp, self._engine, self._stage = cupy, engine, stage
-        grid, index = stage.grid, engine._index
-        self._size, self._whole = grid.size, engine._whole
+        grid, index = stage.grid, engine.index
+        self._size, self.whole = grid.size, engine.whole
         self._parts, self._blocks = len(update_of(stage).reads), blocks_of(stage, cupy)
         self._pull = compiled(pull_all(stage, index))
         self._gather = compiled(gather_all(stage, index))
@@ -356,7 +356,7 @@ class DeviceAdjoint:
         xp, size, stage = self._xp, self._size, self._stage
         read, axis = xp.ascontiguousarray(block.read(z)), stage.axis or 0
         parts = xp.empty(self._parts * size)
-        cells = xp.empty(size, self._whole)
+        cells = xp.empty(size, self.whole)
         out, weights, shares = xp.empty_like(read), weight, []
         if stage.conservative:
             shares = [per_width(stage.grid, axis, weight[-1], xp)]
@@ -377,13 +377,13 @@ class DeviceAdjoint:
         xp, size = self._xp, self._size
         keys = xp.sort(cells.astype(np.int64) * size + xp.arange(size))
         starts = xp.searchsorted(keys, xp.arange(size + 1, dtype=np.int64) * size)
-        found = (keys % size).astype(self._whole), starts.astype(self._whole)
+        found = (keys % size).astype(self.whole), starts.astype(self.whole)
         if not self._stage.conservative:
             return found
         owner, whole = whole_cells(self._stage.grid, self._stage.axis or 0, feet[0], xp)
         pairs = xp.sort(whole * size + owner)
         wholes = xp.searchsorted(pairs, xp.arange(size + 1, dtype=np.int64) * size)
-        return *found, (pairs % size).astype(self._whole), wholes.astype(self._whole)
+        return *found, (pairs % size).astype(self.whole), wholes.astype(self.whole)
 
     def parameter_gradient(self, feet: StageFeet, g: Array) -> Any:
         """As `cip.sensitivities.path_adjoint.parameter_gradient`, of `g` on the device."""
@@ -403,15 +403,15 @@ class DeviceAdjoint:
             g = xp.where(xp.asarray(inside), g, 0.0)
         most = 1 << (count - 1).bit_length()  # one kernel serves all counts up to this
         if most not in self._unwind:
-            self._unwind[most] = compiled(unwind_all(stage, most, engine._index))
+            self._unwind[most] = compiled(unwind_all(stage, most, engine.index))
         values = xp.asarray(np.array(stage.parameters, dtype=float))
         # Threads that differentiate characteristics: all gradients have at most 2^28 numbers.
         threads = max(1, min(self._size, 2**17, 2**28 // len(values)))
         gradients = xp.empty((len(values), threads))
         lines = [xp.asarray(line) for line in stage.lines(block.bits)]
         step = (feet.t_end - feet.t_start) / count
-        arguments = [g, *lines, feet.t_end, step, self._whole(count)]
-        arguments += [values, gradients, self._whole(threads)]
+        arguments = [g, *lines, feet.t_end, step, self.whole(count)]
+        arguments += [values, gradients, self.whole(threads)]
         self._unwind[most]((-(-threads // 128),), (128,), tuple(arguments))
         return gradients.sum(axis=1).get()
 

@@ -18,20 +18,59 @@ _HEAD = """
 #define __global__
 #define __device__
 #define __forceinline__ inline
+#define __shared__ static
+#define __launch_bounds__(threads, blocks)
+#include <string.h>
+#include <functional>
+#include <ucontext.h>
 struct Three { int x, y; };
 static Three blockIdx, threadIdx, blockDim;
+static int __double2loint(double x) { int parts[2]; memcpy(parts, &x, 8); return parts[0]; }
+static int __float_as_int(float x) { int whole; memcpy(&whole, &x, 4); return whole; }
+static unsigned __float_as_uint(float x) { return __float_as_int(x); }
+template <class T> void atomicMax(T* place, T value) { if (value > *place) *place = value; }
+// Threads of a block that wait for each other take turns.
+static ucontext_t scheduler, fibers[1024];
+static char stacks[1024][32768];
+static bool ended[1024];
+static int turn;
+static std::function<void()> body;
+static void __syncthreads() { swapcontext(&fibers[turn], &scheduler); }
+static void begin() { body(); ended[turn] = true; }
+namespace kernels {
 """
 # All threads one after another, in one order or in the opposite one.
 _LAUNCH = """
 extern "C" void launch(int gx, int gy, int bx, int by, int backward, %s) {
     const long long all = (long long)gx * gy * bx * by;
     blockDim = {bx, by};
-    for (long long q = 0; q < all; q++) {
+    body = [&] { run(%s); };
+    for (int q = 0; WAITS && q < gx * gy; q++) {
+        blockIdx = {q %% gx, q / gx};
+        for (int n = 0; n < bx * by; n++) {
+            getcontext(&fibers[n]);
+            fibers[n].uc_stack.ss_sp = stacks[n];
+            fibers[n].uc_stack.ss_size = sizeof stacks[n];
+            fibers[n].uc_link = &scheduler;
+            makecontext(&fibers[n], begin, 0);
+            ended[n] = false;
+        }
+        for (int left = bx * by; left > 0;)
+            for (int n = 0; n < bx * by; n++) {
+                turn = backward ? bx * by - 1 - n : n;
+                if (ended[turn]) continue;
+                threadIdx = {turn %% bx, turn / bx};
+                swapcontext(&scheduler, &fibers[turn]);
+                left -= ended[turn];
+            }
+    }
+    for (long long q = 0; !WAITS && q < all; q++) {
         const long long p = backward ? all - 1 - q : q, block = p / (bx * by);
         threadIdx = {(int)(p %% bx), (int)(p / bx %% by)};
         blockIdx = {(int)(block %% gx), (int)(block / gx)};
-        run(%s);
+        body();
     }
+}
 }
 """
 
@@ -182,7 +221,8 @@ def _library(source):
         text = folder / "kernels.cpp"
         (parameters,) = re.findall(r"void run\((.*?)\) \{", source)
         names = ", ".join(part.split()[-1].lstrip("*") for part in parameters.split(","))
-        text.write_text(_HEAD + source + _LAUNCH % (parameters, names))
+        waits = f"\n#define WAITS {int('__syncthreads' in source)}\n"
+        text.write_text(_HEAD + source + waits + _LAUNCH % (parameters, names))
         made = folder / "kernels.so"
         command = ["g++", "-std=c++14", "-O1", "-w", "-shared", "-fPIC", text, "-o", made]
         subprocess.run(command, check=True)
@@ -194,7 +234,7 @@ def _library(source):
 @pytest.fixture(params=["host", pytest.param("cuda", marks=pytest.mark.gpu)])
 def cupy(request, monkeypatch):
     """CuPy where there is a device; on every machine the host in its place."""
-    from cip.engines.cuda_engine import compiled
+    from cip.engines.cuda_kernels import compiled
 
     if request.param == "cuda":
         yield pytest.importorskip("cupy")

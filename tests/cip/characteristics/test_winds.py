@@ -9,10 +9,15 @@ from convergence import order
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.interpolate import BSpline
 
 from cip import Grid, LeftDomain, NotConverged, Solver, Velocity
 from cip.characteristics.feet import integrate
 from cip.engines import displacements, engine
+from cip.engines.displacement_loops import of_half_angles
+from cip.formulas.expression import numpy_function, ordered
+from cip.formulas.parsing import parse
+from cip.formulas.snapshots import Snapshots
 from skfem_adini.ground.jit import loop
 
 SLOW = pytest.mark.slow
@@ -347,3 +352,35 @@ def test_steps_back_in_time(form):
     exact = reference(solver, stage, 0, TIMES[2] - 0.05, -0.1, 40)
     assert displaced
     np.testing.assert_allclose(feet.data[: 2 * grid.size], np.ravel(exact), rtol=0, atol=1e-7)
+
+
+def test_half_angles_are_used_where_they_occur():
+    """Fewer angles, the same values."""
+    text = "sin(pi*x1)**2*sin(2*pi*x2) + cos(2*pi*x1)*cos(x2)", "cos(2*x2)*sin(pi*x2) + sin(3*x1)"
+    rates = [parse(part, "") for part in text]
+    made = of_half_angles(rates)
+    angles = [
+        {node.args[0] for node in ordered(one) if node.op in ("sin", "cos")}
+        for one in (rates, made)
+    ]
+    assert (len(angles[0]), len(angles[1])) == (7, 4)
+    x = np.random.default_rng(5).uniform(-3, 3, (2, 50))
+    old, new = (numpy_function(one, ["x1", "x2"])(*x) for one in (rates, made))
+    np.testing.assert_allclose(new, old, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("times", "kind"), [(2, "linear"), (3, "cubic"), (4, "cubic"), (9, "cubic")]
+)
+def test_weights_in_time_are_those_of_scipy(times, kind):
+    times = np.sort(np.random.default_rng(times).uniform(size=times))
+    data = Snapshots(
+        times, np.zeros((times.size, 1, 8)), Grid((0, 1), 8, periodic=True), 3, time=kind
+    )
+    for t in [*np.linspace(times[0] - 0.1, times[-1] + 0.1, 29), *times]:
+        first, weights = data.time_weights(t)
+        at = np.clip([t], times[0], times[-1])
+        expected = BSpline.design_matrix(at, data.knots[0], data.degrees[0]).toarray()[0]
+        found = np.zeros(expected.size)
+        found[first : first + weights.size] = weights
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)

@@ -2,6 +2,7 @@
 
 import sys
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -10,7 +11,15 @@ from schemes import FAMILIES, solved
 from schemes import solver_of as solver_of_scheme
 
 from cip import Grid, InputError, MissingDependency, Solver, State, Velocity
-from cip.engines.cuda_engine import OPTIONS, device_source, feet_source
+from cip.engines import engine
+from cip.engines.cuda_displacements import DeviceDisplacements
+from cip.engines.cuda_kernels import OPTIONS, device_source, feet_source
+from cip.engines.displacement_source import (
+    FollowSource,
+    combine_source,
+    difference_source,
+    update_source,
+)
 from cip.profiles.catalogue import LIMITER_CODES
 from cip.sensitivities import path_tangent
 from cip.sensitivities.device_window import gather_all, pull_all, push_all, tangent_all, unwind_all
@@ -162,6 +171,94 @@ def test_snapshots_and_parameters_on_the_device(cupy, profile, dim, degree):
     assert len(sources) == 2  # parameters are arguments of one kernel
 
 
+DRIFTING = (
+    "0.2*cos(t) + sin(pi*x1)**2*sin(2*pi*x2)*cos(pi*t)", "0.1 - sin(pi*x2)**2*sin(2*pi*x1)"
+)  # fmt: skip
+
+
+def winds_of(kind, walls, dim=2):
+    """A velocity by a formula, one with a kink in a cell, or snapshots of the first, some linear in
+    time."""
+    if kind == "kink":
+        return Velocity.from_expression("0.5*abs(sin(pi*x1 - 0.01))*cos(t)", DRIFTING[1])
+    parts = [*DRIFTING, "0.1*cos(2*pi*x2)"][:dim]
+    if kind == "formula":
+        return Velocity.from_expression(*parts)
+    grid = Grid([(0, 1)] * dim, (20, 18, 9)[:dim], periodic=not walls)
+    at = [*grid.mesh(), *[0.0] * (3 - dim)]
+    made = Velocity.from_expression(*parts).on(grid)
+    values = [c.derivative((0,) * 4, (1.0,) * 4) for c in made]
+    times = np.linspace(0, 1, 7)
+    arrays = np.array([[value(*at, t) for value in values] for t in times])
+    return Velocity.from_snapshots(times, arrays, grid, 3, time=kind)
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize(
+    ("profile", "form", "winds", "walls", "fields"),
+    [
+        ("bicubic", "transport", "formula", False, 2),
+        ("adini", "transport", "cubic", False, 1),
+        ("csl4", "advection", "linear", True, 1),
+        ("bicubic", "transport", "kink", False, 1),
+        pytest.param("bicubic", "advection", "cubic", False, 2, marks=SLOW),
+        pytest.param("adini", "advection", "kink", False, 2, marks=SLOW),
+        pytest.param("csl2", "advection", "formula", True, 2, marks=SLOW),
+        pytest.param("csl4", "advection", "cubic", False, 2, marks=SLOW),
+    ],
+)
+def test_unsteady_feet_are_those_of_the_host(cupy, profile, form, winds, walls, fields):
+    """Displacements of as many sub-steps, and their differences, also for several fields; to a
+    tolerance for which the host takes classical steps too."""
+    grid = Grid([(0, 1)] * 2, (80, 72), periodic=not walls)
+    names = [f"u{q}x" for q in range(fields)]
+    start = {name: f"{q} + sin(2*pi*x1)*cos(2*pi*x2)" for q, name in enumerate(names)}
+    ends, counts = [], []
+    with mock.patch.object(engine, "LIMITS", engine.LIMITS._replace(differences=1)):
+        for backend in ("cpu", "cupy"):
+            solver = Solver(
+                grid, winds_of(winds, walls), form, profile, backend=backend,
+                splitting="strang" if form == "advection" and profile[0] == "c" else None,
+                boundary=1.0 if walls else None, foot_tolerance=1e-7,
+            )  # fmt: skip
+            run = solver.run(solver.state(start), 0.1, dt=0.03)
+            ends.append(run.final.data)
+            counts.append(solver._kernels.substep_counts)
+    (stage, moved), *_ = solver._kernels._memory.displaced.items()
+    assert isinstance(moved, DeviceDisplacements)
+    assert moved.fused == (stage.axis is None and form == "transport")
+    kinks = counts[1].pop(("kinks", *stage.part(0.03)), None)
+    assert (kinks is not None) == (winds == "kink" and moved.fused)
+    assert {key: n for key, (_, n) in counts[1].items() if key[0] == "displaced"} == {
+        key: n for key, (_, n) in counts[0].items()
+    }
+    scale = np.abs(ends[0]).max(axis=(-2, -1), keepdims=True)
+    # Differences over a sixty-fourth of a cell, around kinks, lose three digits twice.
+    assert np.max(np.abs(ends[1] - ends[0]) / scale) < (1e-8 if winds == "kink" else 1e-11)
+
+
+@pytest.mark.turns(4)
+def test_a_third_direction_on_the_device(cupy):
+    """Sweeps of means through coefficients on lines with two directions across."""
+    grid, ends = Grid([(0, 1)] * 3, (12, 10, 9), periodic=True), []
+    for backend in ("cpu", "cupy"):
+        velocity = winds_of("cubic", False, 3)
+        solver = Solver(grid, velocity, "advection", "csl2", backend=backend, splitting="strang")
+        ends.append(solver.run(solver.state(field), 0.1, dt=0.05).final.data)
+    assert isinstance(solver._kernels._displaced(solver._stages[0]), DeviceDisplacements)
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-12)
+
+
+def test_formulas_with_too_many_numbers_have_the_other_kernel(cupy):
+    """A kernel takes few kilobytes of arguments."""
+    grid = Grid([(0, 1)] * 2, (130, 130), periodic=True)
+    for terms, serves in ((5, True), (41, False)):
+        parts = [f"sin(2*pi*x1 + {q}.5*t)*{q + 1}e-4" for q in range(terms)]
+        wind = Velocity.from_expression(" + ".join(parts), "0.1")
+        solver = Solver(grid, wind, profile="adini", backend="cupy")
+        assert (solver._kernels._displaced(solver._stages[0]) is not None) == serves
+
+
 class CUDARuntimeError(RuntimeError):
     """As CuPy's, which is no ValueError either."""
 
@@ -249,6 +346,30 @@ def test_snapshots_compile(compile_cuda, dim, profile, degree):
     (stage,) = Solver(grid, winds, profile=profile)._stages
     source = device_source(stage, f"node_{profile}", 0, True, "double", "int")
     assert b".text.run" in compile_cuda(source, ENDS[1], OPTIONS)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("winds", ["formula", "cubic"])
+@pytest.mark.parametrize("profile", ["bicubic", "csl4"])
+def test_feet_by_displacements_compile(cupy, compile_cuda, profile, winds):
+    """Every kernel of them, with indices of both lengths, for the oldest or newest architecture."""
+    means = profile == "csl4"
+    form, split = ("advection", "strang") if means else ("transport", None)
+    grid = Grid([(0, 1)] * 2, (72, 70), periodic=not means)
+    solver = Solver(
+        grid, winds_of(winds, means), form, profile, splitting=split, backend="cupy",
+        boundary=0.0 if means else None,
+    )  # fmt: skip
+    stage = solver._stages[0]
+    moved = DeviceDisplacements(stage, {}, solver._kernels)
+    tables = 4 * (winds != "formula")
+    made = FollowSource(moved, moved._flow(stage.blocks[-1]), tables, "long long")
+    sources = [made.every(), made.halved(), difference_source("int"), combine_source(5)]
+    if not means:
+        name = solver._kernels.name(stage)
+        sources += [update_source(moved, name, 0, real, "int", 2) for real in ("float", "double")]
+    for q, source in enumerate(sources):
+        assert b".text.run" in compile_cuda(source, ENDS[q % 2], OPTIONS)
 
 
 def test_feet_without_parameters_compile_and_wrong_source_is_refused(compile_cuda):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import cip
 from cip import Grid, InputError, PeriodicityWarning, Solver, Source, State, Velocity
-from cip.engines.cuda_engine import OPTIONS, device_source
+from cip.engines.cuda_kernels import OPTIONS, device_source
 from cip.formulas.expression import ordered
 
 TEXTS = [
