@@ -52,6 +52,13 @@ def gridded_arrays(
                 f"winds: {name!r} has the dimensions {tuple(data[name].dims)}, expected {time} and "
                 f"{', '.join(axes)}; select one level by .sel or .isel before"
             )
+        speed = str(data[name].attrs.get("units", ""))
+        for along in axes:
+            if str(data[along].attrs.get("units", "")).startswith("deg") and speed[:1] == "m":
+                raise InputError(
+                    f"winds: {along!r} is in degrees, {name!r} in {speed}; convert the axis to "
+                    "metres, or take SphereSolver"
+                )
     closed = _closed(periodic, len(axes))
     lines: list[Any] = []
     falling = []

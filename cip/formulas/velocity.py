@@ -276,7 +276,8 @@ class Velocity(Parametrised):
         Raises
         ------
         InputError
-            A name that the dataset does not have, other dimensions, or as for `from_snapshots`.
+            A name that the dataset does not have, other dimensions, m/s over degrees, or as for
+            `from_snapshots`.
 
         Examples
         --------

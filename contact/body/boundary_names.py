@@ -60,7 +60,11 @@ def select_components(dim: int, components: str | int | Sequence[int] | None) ->
         raise InputError(
             f"components={components!r}: expected letters of {'xyz'[:dim]!r} or numbers below {dim}"
         )
-    return sorted(set(numbers))
+    if len(set(numbers)) < len(numbers):
+        raise InputError(
+            f"components={components!r}: names one twice; the displacement is the next argument"
+        )
+    return sorted(numbers)
 
 
 def read_mesh(path: str | Path) -> Mesh:
@@ -72,15 +76,17 @@ def read_mesh(path: str | Path) -> Mesh:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"mesh file {path} does not exist")
+    quiet = io.StringIO()  # meshio's readers print empty lines, and errors before they exit
     try:
-        quiet = io.StringIO()  # meshio's Gmsh reader prints empty lines and errors
         with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
             if path.suffix == ".msh":
                 _check_gmsh_nodes(path.read_bytes())
             file = _named(_abaqus(path) if path.suffix.lower() == ".inp" else meshio.read(path))
         mesh = _with_node_sets(from_meshio(file, ignore_orientation=True), file.point_sets)
     except (Exception, SystemExit) as error:  # meshio's readers raise errors of any type
-        raise InputError(f"mesh file {path} cannot be read: {error or 'bad format'}") from error
+        printed = quiet.getvalue().strip().partition("\n")[0]
+        said = (printed if isinstance(error, SystemExit) else error) or "bad format"
+        raise InputError(f"mesh file {path} cannot be read: {said}") from error
     if mesh.dim() not in (2, 3):
         raise InputError(f"mesh file {path}: expected a mesh of dimension 2 or 3")
     if not np.all(np.isfinite(mesh.doflocs)):

@@ -190,6 +190,8 @@ class CutBody(ElasticBody):
             No boundary there, or a spacing that is not positive.
         """
         positive_number("spacing", spacing)
+        if callable(parts):
+            raise InputError("parts: expected numbers; a function of the points is where=")
         if where is not None:
             where = function_of_places("where", where)
         listed: Any = None if parts is None else array_of("parts", parts)

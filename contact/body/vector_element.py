@@ -44,7 +44,9 @@ def vector_element(element: Any, mesh: Mesh) -> ElementVector:
     if not isinstance(element, ElementVector):
         element = ElementVector(element)
     if element.refdom is not mesh.elem.refdom:
+        fits = DEFAULT_ELEMENT.get(type(mesh).__name__)
         raise InputError(
             f"element: {type(element.elem).__name__} does not live on {type(mesh).__name__}"
+            + (f"; take for instance {fits.__name__}" if fits else "")
         )
     return without_functions(element)

@@ -475,7 +475,8 @@ class CondensedContact(CondensedBodies):
             where = "away from" if ties[i] else "beyond"
             raise Infeasible(
                 f"obstacle: contact point {i} at {self.rows.x_nominal[:, i]} is fixed at normal "
-                f"displacement {fixed_n[i]:.6g}, {where} its gap {gap[i]:.6g}"
+                f"displacement {fixed_n[i]:.6g}, {where} its gap {gap[i]:.6g}; "
+                "let the support end where the contact begins, or hold fewer components there"
             )
         return fixed_n, fixed_t
 

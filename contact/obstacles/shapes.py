@@ -516,6 +516,8 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
         raise InputError(
             f"obstacle: {obstacle.__name__} is a class; give one, {obstacle.__name__}(...)"
         )
+    if hasattr(obstacle, "surface"):
+        raise InputError("obstacle: a body touches by a boundary; give body.surface(name)")
     shapes = (Plane, Cylinder, Sphere, Parabola, Cone, SurfaceMesh, Rough)
     if isinstance(obstacle, (*shapes, SignedDistance, ClosestPoint, Moved)):
         gap = obstacle(x, n)

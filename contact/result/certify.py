@@ -76,6 +76,12 @@ def refuse_residuals(state: ContactState, kkt: dict[str, float], tol: float, sla
                 "; the displacements hold too few digits for the reactions of cells as slender as "
                 "these: make them squarer, or let tol be larger"
             )
+        motion = state.system.motion
+        if "penetration" in missed and not remedy and motion is not None and np.any(motion.free):
+            remedy = (
+                "; supports may hold contact points in the way of the obstacle that a force "
+                "drives: let them end where the contact begins, or hold fewer components there"
+            )
         if any(isinstance(body.trace.element, skfem.ElementQuadBFS) for body in bodies):
             remedy = (
                 "; take skfem_adini's ElementQuadBFS, scikit-fem's own loses digits in small cells"

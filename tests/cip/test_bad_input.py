@@ -667,6 +667,9 @@ DATASETS = [
      lambda: blown(lambda d: d.drop_vars("lat").assign_coords(lat=(("lat", "lon"), PLACES)))),
     ("winds: 'time' holds object, expected numbers, datetime64 or timedelta64",
      lambda: blown(lambda d: d.assign_coords(time=[date(2020, 1, n) for n in (1, 2, 3, 4)]))),
+    ("winds: 'lat' is in degrees, 'u10' in m/s",
+     lambda: blown(lambda d: d.assign(u10=d.u10.assign_attrs(units="m/s")).assign_coords(
+         lat=d.lat.assign_attrs(units="degrees_north")))),
     ("periodic: expected True or False, or one for each of",
      lambda: blown(periodic=(True, True, False))),
     ("periodic: expected True or False, .* got 'no'", lambda: blown(periodic="no")),

@@ -38,6 +38,7 @@ from contact import (
     NotConverged,
     Pair,
     Plane,
+    Rigid,
     ThermalContact,
     Tie,
     Unbounded,
@@ -54,6 +55,12 @@ FLOOR = Plane((0, 0, 0), (0, 0, 1))
 def problem(make, obstacle=None, friction=0.0, boundary="bottom", **options):
     obstacle = make.foundation[2] if obstacle is None else obstacle
     return ContactProblem(make.block(4), boundary, obstacle, friction, **options)
+
+
+def held_beside(_):
+    body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), **MATERIAL).fix("left")
+    stamp = Rigid(Plane((0, 0), (0, 1)), force=(None, 0.01))
+    return ContactProblem(body, "bottom", stamp)
 
 
 def in_time(make, density=1.0, dt=0.1, **options):
@@ -207,7 +214,9 @@ INPUT = [
     (lambda m: m.block(4).fix("roof"), "'roof' is unknown"),
     (lambda m: m.block(4).fix("top", "xw"), "components='xw'"),
     (lambda m: m.block(4).fix("top", 2), "components=2"),
+    (lambda m: ContactProblem(m.block(4), "bottom", m.block(4)), r"give body\.surface"),
     (lambda m: m.block(4).fix("top", ""), "components=''"),
+    (lambda m: m.block(4).fix("top", (0, 0)), r"components=\(0, 0\): names one twice"),
     (lambda m: m.block(4).fix("top", "y", NAN), "value=nan"),
     (lambda m: m.block(4).fix("top", "y", (1, 2)), "value="),
     (lambda m: m.block(4).fix("top", "y", lambda x: x[0] * NAN).constraint, "NaN"),
@@ -308,6 +317,7 @@ OTHERS = [
     (lambda m: loaded(cube(m), (0, 0, 1.0)), Unbounded, "the body is not held: a translation"),
     (lambda m: loaded(cube(m), (0.5, 0, -1.0), FLOOR, 0.3), Unbounded, "not held: a translation"),
     (lambda m: problem(m, friction=0.3).solve(tol=1e-25), NotConverged, "e-2"),
+    (lambda m: held_beside(m).solve(), NotConverged, "supports may hold contact points in the way"),
     (lambda m: two_steps(problem(m, friction=0.9)), NotConverged, "after 2 steps"),
 ]
 

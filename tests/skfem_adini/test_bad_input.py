@@ -385,6 +385,7 @@ TABLE = [
     ("half planes", lambda: LevelSet(lambda x: x[0]) - SQUARE),
     ("gradient: a polygon has none", lambda: cut_quadrature(SQUARE, *UNIT, gradient=slope)),
     ("level_set: expected a function", lambda: cut_quadrature(3.0, *UNIT)),
+    ("level_set: .* one argument", lambda: cut_quadrature(lambda x, y: x + y, *UNIT)),
     ("level_set: the function returned NaN", lambda: cut_quadrature(nan, *UNIT)),
     ("level_set: the function returned shape", lambda: cut_quadrature(lambda x: x, *UNIT)),
     ("level_set: expected real numbers", lambda: cut_quadrature(lambda x: x[0] * 1j, *UNIT)),

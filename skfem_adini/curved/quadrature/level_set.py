@@ -14,7 +14,7 @@ from skfem.assembly.basis.abstract_basis import AbstractBasis
 from skfem_adini.curved.quadrature.polygon import Polygon
 from skfem_adini.elements.straight_cells import reference_points
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import finite_numbers
+from skfem_adini.ground.arguments import finite_numbers, function_of_places
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,7 @@ class LevelSet:
                 f"level_set: expected a function of points (2, cells, points), a LevelSet or a "
                 f"Polygon, got {type(function).__name__}"
             )
+        function_of_places("level_set", function)
         if gradient is not None and not callable(gradient):
             raise InputError(f"gradient: expected a function, got {type(gradient).__name__}")
         self.function = function

@@ -182,6 +182,7 @@ LINKS = {
 }
 CUT = {
     "spacing": (lambda: disk().arc(spacing=0.0), "spacing"),
+    "parts, a function": (lambda: disk().arc(lambda x: x[0] > 0), "parts: .* is where="),
     "empty": (lambda: disk().arc(where=lambda x: x[0] > 5), "where: holds on no point"),
     "not booleans": (lambda: disk().arc(where=lambda x: x[0]), "booleans"),
     "parts": (lambda: disk().arc(parts=7), "parts"),
