@@ -292,12 +292,23 @@ def curved(record: Record) -> str:
     return f"{table}\n\n{source('curved', record, 'scikit-fem', 'ngsolve', 'xfem')}"
 
 
+def first_result(record: Record) -> str:
+    """Seconds of a fresh process to its first results, with and without machine code on disk."""
+    lines = []
+    for row in record["rows"]:
+        (imports, first, again), cold = row["warm"], row["cold"][1]
+        times = (f"{seconds:.2f} s" for seconds in (imports, cold, first))
+        lines.append((row["case"], *times, f"{1e3 * again:.1f} ms"))
+    table = rows_of("first | import | nothing on disk | later processes | the same again", lines)
+    return f"{table}\n\n{source('first_result', record, 'numba', 'scikit-fem')}"
+
+
 # The tables, and the file that each is read from where its name is another.
 TABLES: dict[str, Callable[[Record], str]] = {
     table.__name__: table
     for table in (
         summary_table.summary,
-        *(assembly, elements, sparse_solving, curved),
+        *(assembly, elements, sparse_solving, curved, first_result),
         *(contact_block, mkl, contact_scaling, contact_layers, contact_peers, contact_far),
         *(body_tables.contact_pair, body_tables.distributed, body_tables.rough_layers),
         *(body_tables.contact_dynamics, body_tables.rough_peers, body_tables.contact_device),

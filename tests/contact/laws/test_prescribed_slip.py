@@ -1,5 +1,7 @@
 """Friction where supports and given motions prescribe the slip: F p against it, in every sum."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from families import PLANE_AND_BFS, STRAIGHT
@@ -142,10 +144,10 @@ def test_the_certificate_misses_the_shear() -> None:
     system = result.system
     assert system.kkt(result.u, result.mu, forged)["slip"] > 1e-2
     with pytest.raises(NotConverged, match="slip"):
-        certify(type(result)(**{**vars(result), "t": forged}), 1e-10, 0.0)
+        certify(replace(result, t=forged), 1e-10, 0.0)
     turned = np.where(result.x_nominal[0, :, None] < 1e-9, -result.t, result.t)
     with pytest.raises(NotConverged, match="slip"):
-        recheck(type(result)(**{**vars(result), "t": turned}))
+        recheck(replace(result, t=turned))
 
 
 @pytest.mark.parametrize("push", [0.0, 0.1])
