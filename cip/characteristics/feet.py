@@ -28,6 +28,7 @@ class _Feet(NamedTuple):  # limits of characteristics
     cells: float = 2.0**30  # largest displacement: kernels count cells in 32-bit integers
     substeps: int = 8192  # of a step: with more the velocity is not smooth, or dt far too long
     sample: int = 1024  # nodes on which the first number of sub-steps is found
+    few: int = 4096  # nodes below which estimates of errors leave more room
 
 
 FEET = _Feet()

@@ -359,7 +359,9 @@ class Displacements:
     @cached_property
     def _limit(self) -> float:
         """Largest estimate of the error of the feet, in cells."""
-        return 0.5 * self.stage.foot_error + self._rounding
+        # Where nodes are few, the worst of a row has no neighbours that are nearly as bad.
+        part = 0.5 if self.grid.size >= FEET.few else 0.05
+        return part * self.stage.foot_error + self._rounding
 
     @cached_property
     def _rounding(self) -> float:
