@@ -239,7 +239,7 @@ class FollowerPressure(Forces):
         if value.shape not in ((), x.shape[1:]) or not np.all(np.isfinite(value)):
             raise InputError(
                 f"pressure: expected a finite number, or one for each of the points "
-                f"{x.shape[1:]}, got shape {value.shape}"
+                f"{x.shape[1:]}, got {f'shape {value.shape}' if value.ndim else value}"
             )
         values, self._slope = functions_of(self.basis)
         self._hoop = values / x[0] if body.is_ring else None

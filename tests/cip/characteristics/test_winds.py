@@ -142,6 +142,12 @@ def test_every_foot_is_within_the_tolerance(**choices):
     check_feet(**choices)
 
 
+def test_feet_beyond_a_kink_in_time():
+    """Halved sub-steps change them by h^2, not by h^4; on uneven grids paths run through kinks."""
+    wind = Velocity.from_expression(*WIND)
+    check_feet(wind, "linear", 3, "bicubic", True, 1e-6, 1.0, "uneven")
+
+
 @SLOW
 @settings(max_examples=100, deadline=None)
 @given(**CHOICES)

@@ -212,7 +212,7 @@ def plain(law=RUBBER, **more):
 
 BAD = {
     "pressure: expected a finite number": lambda: plain().pressure("right", (1.0, 2.0)),
-    "pressure: expected": lambda: plain().pressure("right", np.nan),
+    ", got nan": lambda: plain().pressure("right", np.nan),
     "no load varies": lambda: plain().follow(0.1, 1),
     "length=": lambda: plain().follow(0.0, 1),
     "control=": lambda: plain().pressure("right", 1.0).follow(0.1, 1, control="right"),

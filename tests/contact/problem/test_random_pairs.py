@@ -9,7 +9,16 @@ from scipy.spatial.transform import Rotation
 from skfem import ElementQuad1
 from two_blocks import facing, graded
 
-from contact import ContactError, ContactProblem, ElasticBody, Pair, Tie, Unbounded, cross_check
+from contact import (
+    ContactError,
+    ContactProblem,
+    ElasticBody,
+    InputError,
+    Pair,
+    Tie,
+    Unbounded,
+    cross_check,
+)
 from skfem_adini import ElementQuadBFS
 
 pytestmark = pytest.mark.filterwarnings("ignore::contact.ContactWarning")
@@ -64,6 +73,10 @@ def check(seed, dim, make, second_opinion):
         result = problem.solve()
     except Unbounded:  # of a body that friction alone may hold, or nothing
         assert kind >= 2
+        return
+    except InputError as refused:  # a load that moves a soft body beyond the theory
+        if kind == 0 or "times the size of the body, in a theory of small" not in str(refused):
+            raise
         return
     assert max(result.kkt.values()) <= 1e-10
     size = np.abs(result.mu).sum() + np.abs(result.t).sum() + 1e-300
