@@ -103,8 +103,10 @@ class PairedResiduals:
         rows = self.system.rows
         self.rows, self.free = rows, ~rows.ties
         contact = rows_times(rows.G.T, self.mu) + rows_times(rows.T.T, self.t.ravel())
+        load, moduli = self.system.load, self.system.moduli
+        terms = np.abs(load) if moduli is None else moduli
         self.parts = [
-            _BodyForces(body, self.u[own], contact[own], self.system.load[own])
+            _BodyForces(body, self.u[own], contact[own], load[own], terms[own])
             for body, own in zip(bodies, self.system.body.slices, strict=True)
         ]
         give = max(part.body.host.local_displacement(part.contact.rounded) for part in self.parts)
@@ -198,23 +200,26 @@ class PairedResiduals:
 
 
 class _BodyForces:
-    """Forces on one of the bodies."""
+    """Forces on one of the bodies; `terms` are the sums of moduli that the load consists of."""
 
-    def __init__(self, body: PairedBody, u: Array, contact: Pairs, load: Array) -> None:
-        self.body, self.u, self.contact, self.load = body, u, contact, load
+    def __init__(
+        self, body: PairedBody, u: Array, contact: Pairs, load: Array, terms: Array
+    ) -> None:
+        self.body, self.u, self.contact, self.load, self.terms = body, u, contact, load, terms
         self.reach = float(body.host.largest_displacement(u))
         self.left = body.internal(u) + contact - load  # reactions, and the residual at free dofs
 
     def equilibrium(self) -> tuple[float, float]:
         """Largest residual force, and the largest sum of moduli of the forces there."""
-        size = self.body.host.equilibrium(self.u, self.contact.rounded, self.load)[1]
+        forces = self.contact.rounded, self.load, self.terms
+        size = self.body.host.equilibrium(self.u, *forces)[1]
         return self.body.unbalanced(self.left), size
 
     def balance(self) -> float:
         """The sum of all forces relative to that of their moduli."""
         body, load = self.body, self.load
         reactions = body.at_supports(self.left)
-        loads = body.total(Pairs.of(np.abs(load))).rounded
+        loads = body.total(Pairs.of(self.terms)).rounded
         given = loads + body.total(abs(self.contact)).rounded
         if not np.any(given):  # only support reactions, which balance each other
             return 0.0
