@@ -16,7 +16,7 @@ from contact.body.axisymmetry import check_shift
 from contact.body.deferred_basis import dofs_on_facets
 from contact.body.rigid_modes import dof_kinds, dof_lengths, rigid_field
 from contact.errors import InputError
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import finite_number
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -257,12 +257,7 @@ def tied_equations(
 
 def jump_of(value: Any) -> float | None:
     """The jump of a component; None if it is not linked."""
-    if value is None:
-        return None
-    number = numbers("jump", value)
-    if number.shape != () or not np.isfinite(number):
-        raise InputError(f"jump={value!r}: expected finite numbers, or None")
-    return float(number)
+    return None if value is None else finite_number("jump", value)
 
 
 def words_of(boundary: Any) -> str:

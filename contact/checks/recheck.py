@@ -12,11 +12,10 @@ from contact.arrays.pairs import Pairs
 from contact.checks.paired_bodies import PairedBody, paired_body
 from contact.errors import InputError
 from contact.laws.newton import LIMITS
-from contact.laws.options import default_tolerance
+from contact.laws.options import checked_tolerance, default_tolerance
 from contact.result.certify import refuse_residuals
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactState, beside_travel
-from skfem_adini.ground.arguments import numbers
 
 
 def recheck(result: ContactResult, tol: float | None = None) -> dict[str, float]:
@@ -81,8 +80,8 @@ def recheck(result: ContactResult, tol: float | None = None) -> dict[str, float]
         raise InputError(f"result: expected a ContactResult, got {type(result).__name__}")
     if tol is None:
         tol = default_tolerance(result.method) if result.tol is None else result.tol
-    elif numbers("tol", tol).shape != () or not 0 < tol < 1:
-        raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
+    else:
+        tol = checked_tolerance(tol)
     bodies = [paired_body(body) for body in result.system.body.bodies]
     kkt = PairedResiduals(result, bodies).all()
     if any(np.isnan(value) for value in kkt.values()):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
 from contact.histories.history_folder import HistoryFolder, fingerprint
-from contact.histories.load_history import as_path
+from contact.histories.step_history import as_path
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
 from skfem_adini.ground.arguments import numbers

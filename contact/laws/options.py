@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -45,20 +45,17 @@ class Options:
             )
         if peer and law is not None and dim == 3:
             raise InputError(f"method={method!r}: friction in 3-D is no QP; use 'newton' or 'pdas'")
-        if tol is None:
-            tol = default_tolerance(method)
-        for name, value in (("tol", tol), ("max_iterations", max_iterations), ("eps", eps)):
+        tol = checked_tolerance(default_tolerance(method) if tol is None else tol)
+        for name, value in (("max_iterations", max_iterations), ("eps", eps)):
             if value is not None and numbers(name, value).shape != ():
                 raise InputError(f"{name}={value!r}: expected one number")
-        if not 0 < tol < 1:
-            raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
         if max_iterations is None:
             max_iterations = 2000 if method == "fixed_point" else 100
         if not 1 <= max_iterations < np.inf or max_iterations != int(max_iterations):
             raise InputError(f"max_iterations={max_iterations!r}: expected a whole number from 1")
         if eps is not None and (method != "fixed_point" or not 0 < eps < np.inf):
             raise InputError(f"eps={eps!r}: a positive number, for method 'fixed_point' only")
-        return cls(method, float(tol), int(max_iterations), eps)
+        return cls(method, tol, int(max_iterations), eps)
 
     @property
     def peer(self) -> str | None:
@@ -69,3 +66,10 @@ class Options:
 def default_tolerance(method: str) -> float:
     """Default tolerance of the certificate for a method."""
     return 1e-6 if method == "fixed_point" else 1e-7 if method.startswith("qp:") else 1e-10
+
+
+def checked_tolerance(tol: Any) -> float:
+    """The tolerance of a certificate."""
+    if numbers("tol", tol).shape != () or not 0 < tol < 1:
+        raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
+    return float(tol)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import numbers, positive_number
 
 Array = NDArray[np.float64]
 
@@ -135,11 +135,8 @@ class Exponential(PressureOverclosure):
     """The law of `PressureOverclosure.exponential`."""
 
     def __init__(self, pressure: float, clearance: float) -> None:
-        for name, value in (("pressure", pressure), ("clearance", clearance)):
-            given = numbers(name, value)
-            if given.shape != () or not 0 < given < np.inf:
-                raise InputError(f"{name}={value!r}: expected a positive number")
-        self._p0, self._c0 = float(pressure), float(clearance)
+        self._p0 = positive_number("pressure", pressure)
+        self._c0 = positive_number("clearance", clearance)
 
     def __repr__(self) -> str:
         return f"PressureOverclosure.exponential({self._p0}, {self._c0})"

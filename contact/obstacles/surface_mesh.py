@@ -28,7 +28,7 @@ from contact.obstacles.facets import (
 )
 from contact.obstacles.rigid_motion import RigidMotion, fitted
 from contact.obstacles.surface_files import polydata, read_surface
-from skfem_adini.ground.arguments import flag, numbers
+from skfem_adini.ground.arguments import flag, numbers, positive_number
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -166,11 +166,9 @@ class SurfaceMesh:
         ...     SurfaceMesh.from_file(folder + "/cube.stl", scale=1e-3).points.max().round(9)
         np.float64(0.0005)
         """
-        size = numbers("scale", scale)
-        if size.shape != () or not 0 < size < np.inf:
-            raise InputError(f"scale={scale!r}: expected a positive number")
+        size = positive_number("scale", scale)
         points, facets = read_surface(path)
-        return cls(float(size) * points, facets, hollow, sheet)
+        return cls(size * points, facets, hollow, sheet)
 
     def __repr__(self) -> str:
         """Return the class with the numbers of points and facets."""

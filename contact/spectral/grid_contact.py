@@ -16,6 +16,7 @@ from contact.laws.adhesion import Adhesion
 from contact.laws.friction import Friction, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.newton import LIMITS, followed, newton, proximal_point
+from contact.laws.options import checked_tolerance
 from contact.laws.status import Status
 from contact.laws.surface_checks import jump_between, warn_of_coarse, warn_of_jump, warn_of_wear
 from contact.laws.surface_law import SurfaceLaw, SurfaceState
@@ -37,7 +38,7 @@ from contact.spectral.grid_case import GridCase
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem, NormalRows
 from contact.spectral.grid_result import GridResult, certified
-from skfem_adini.ground.arguments import evaluated, numbers
+from skfem_adini.ground.arguments import choice, evaluated
 from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
@@ -102,8 +103,7 @@ class GridContact:
     wear: Any = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.law, str) or self.law not in ("coulomb", "tresca"):
-            raise InputError(f"law={self.law!r}: expected 'coulomb' or 'tresca'")
+        choice("law", self.law, ("coulomb", "tresca"))
         if not all(hasattr(self.compliance, name) for name in ("shape", "constant", "initial")):
             raise InputError(
                 f"compliance: expected HalfSpace(...), PeriodicLayers(...) or another "
@@ -113,7 +113,7 @@ class GridContact:
         if rigid.rotation is not None or rigid.moment is not None:
             raise InputError("obstacle: a periodic one does not turn; leave rotation and moment")
         motion = self._controls()[0]
-        rubs = bool(np.any(self._friction() > 0)) or self.wear is not None
+        rubs = bool(np.any(self._friction > 0)) or self.wear is not None
         for i in np.flatnonzero(np.asarray(self.compliance.constant)):
             across = np.asarray(self.compliance.normal)[i] == 0
             if not np.isnan(motion[i]) and (rubs or not across):
@@ -191,11 +191,8 @@ class GridContact:
     def _surface(self) -> SurfaceState | None:
         return SurfaceState.of(self.adhesion, self.hardness, self.wear, self.points())
 
-    def _friction(self) -> Array:
-        return self._given_friction
-
     @cached_property
-    def _given_friction(self) -> Array:
+    def _friction(self) -> Array:
         places = self.points() if callable(self.friction) else np.zeros((0,))
         value = evaluated("friction", self.friction, places)
         shape = self.compliance.shape
@@ -264,7 +261,7 @@ class GridContact:
             if verbose:
                 print(iteration)
 
-        friction = self._friction()
+        friction = self._friction
         _check_forces(case, problem)
         inner, surface = LIMITS.inner * tol, case.surface_law(problem)
         law, xp, before = case.friction_law(problem.xp), problem.xp, None
@@ -370,7 +367,7 @@ class GridContact:
             known = along_normal(last.obstacle, now, first)
             if last.obstacle is not None or gap_tells_place(now):
                 known = known or bool(np.all(same_gaps(last.gap, self._gap)))
-            if not known and (np.any(self._friction() > 0) or self.wear is not None):
+            if not known and (np.any(self._friction > 0) or self.wear is not None):
                 raise unknown_motion(last.obstacle, now)
             return last.travel
         if motion.still:
@@ -383,7 +380,7 @@ class GridContact:
         since, surface = None if after is None else after.slip, self._surface
         if surface is not None and after is not None:
             surface = surface.after(after.indentation, after.worn)
-        friction = self._friction()
+        friction = self._friction
         obstacle = self._rigid.obstacle
         return GridCase(
             self.compliance, self._gap, friction, self.law, motion, force, since, None, obstacle,
@@ -391,8 +388,7 @@ class GridContact:
         )  # fmt: skip
 
     def _check(self, tol: Any, after: Any = None) -> None:
-        if numbers("tol", tol).shape != () or not 0 < tol < 1:
-            raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
+        checked_tolerance(tol)
         expected = (len(self.compliance.shape) + 1, *self.compliance.shape)
         if after is not None and not isinstance(after, GridResult):
             raise InputError(f"after: expected a GridResult, got {type(after).__name__}")

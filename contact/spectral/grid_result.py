@@ -36,7 +36,7 @@ from contact.spectral.periodic_layers import PeriodicLayers
 from contact.spectral.slices import FieldsInside, image_data
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 from skfem_adini.ground.archives import read_arrays, reading, words, write_arrays
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import integer, numbers
 from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
@@ -325,12 +325,11 @@ class GridResult(FieldsInside):
         InputError
             `bins` is not a whole number from 1.
         """
-        if isinstance(bins, bool) or not isinstance(bins, int | np.integer) or bins < 1:
-            raise InputError(f"bins={bins!r}: expected a whole number from 1")
+        count = integer("bins", bins, 1)
         loaded, weights = self.pressure > 0, self._weights
         top = float(self.pressure[loaded].max(initial=0.0)) or 1.0
         area, edges = np.histogram(
-            self.pressure[loaded], bins=int(bins), range=(0.0, top), weights=weights[loaded]
+            self.pressure[loaded], bins=count, range=(0.0, top), weights=weights[loaded]
         )
         return area / (np.diff(edges) * weights.sum()), edges
 

@@ -11,7 +11,13 @@ import scipy
 from contact.errors import InputError
 from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.real_symbol import RealSymbol
-from skfem_adini.ground.arguments import array_of, keywords_named, numbers
+from skfem_adini.ground.arguments import (
+    array_of,
+    finite_number,
+    keywords_named,
+    numbers,
+    positive_number,
+)
 
 
 class HalfSpace(FilteredCompliance):
@@ -93,10 +99,8 @@ class HalfSpace(FilteredCompliance):
             raise InputError(f"lengths={lengths!r}: expected one or two positive numbers")
         if points.dtype.kind not in "iu" or points.shape != sides.shape or np.any(points < 2):
             raise InputError(f"shape={shape!r}: expected {sides.size} numbers of points")
-        young, ratio = numbers("E", E), numbers("nu", nu)
-        if young.shape != () or not 0 < young < np.inf:
-            raise InputError(f"E={E!r}: expected a positive number")
-        if ratio.shape != () or not -1 < ratio < 0.5:
+        young, ratio = positive_number("E", E), finite_number("nu", nu)
+        if not -1 < ratio < 0.5:
             raise InputError(f"nu={nu!r}: expected a number between -1 and .5")
         dim = sides.size + 1
         given = numbers("normal", -np.eye(dim)[-1] if normal is None else normal)
@@ -104,13 +108,13 @@ class HalfSpace(FilteredCompliance):
             raise InputError(f"normal={normal!r}: expected a direction along one of {dim} axes")
         self.shape: tuple[int, ...] = tuple(int(m) for m in points)
         self.spacing: tuple[float, ...] = tuple((sides / points).tolist())
-        self.lengths, self.E, self.nu = tuple(sides.tolist()), float(young), float(ratio)
+        self.lengths, self.E, self.nu = tuple(sides.tolist()), young, ratio
         self.normal = np.sign(given)
-        self.contact_modulus = float(young / (1 - ratio**2))
+        self.contact_modulus = young / (1 - ratio**2)
         self.constant = np.zeros(dim, dtype=bool)
         self.initial = xp.zeros((dim, *self.shape))
-        _check_range(E, float(young), self.spacing, max(sides))
-        symbol = _symbol(self.shape, self.spacing, float(young), float(ratio), self.normal)
+        _check_range(E, young, self.spacing, max(sides))
+        symbol = _symbol(self.shape, self.spacing, young, ratio, self.normal)
         turns = (self.normal == 0).astype(int).tolist()
         compliance = RealSymbol.of(xp.asarray(symbol), turns)
         stiffness = compliance.inverse()

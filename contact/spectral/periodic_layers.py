@@ -31,7 +31,7 @@ from contact.spectral.layer_arguments import (
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import cell
 from contact.spectral.wave_cells import parities
-from skfem_adini.ground.arguments import keywords_named, numbers
+from skfem_adini.ground.arguments import choice, integer, keywords_named, numbers
 from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
@@ -166,9 +166,8 @@ class PeriodicLayers(FilteredCompliance):
             self.held[select_components(self.dim, top)] = True
         self.normal = -np.eye(self.dim)[-1]
         self.constant = unsupported(self._sides, self.held | (base is not None))
-        self._xp, self.interfaces = xp, interfaces
-        if not isinstance(interfaces, str) or interfaces not in ("smooth", "kinked"):
-            raise InputError(f"interfaces={interfaces!r}: expected 'smooth' or 'kinked'")
+        self._xp = xp
+        self.interfaces = choice("interfaces", interfaces, ("smooth", "kinked"))
         self._condense()
         moved = np.zeros(self.dim) if motion is None else numbers("motion", motion)
         if moved.shape != (self.dim,) or not np.all(np.isfinite(moved)):
@@ -213,10 +212,8 @@ class PeriodicLayers(FilteredCompliance):
         InputError
             A level that the body does not have.
         """
-        rows = sum(layer.cells for layer in self.layers)
-        if not isinstance(row, int | np.integer) or isinstance(row, bool) or not 0 <= row <= rows:
-            raise InputError(f"row={row!r}: expected a whole number from 0 to {rows}")
-        return self._plane(self._load(forces), int(row))[: self.dim] + self.initial
+        row = integer("row", row, 0, sum(layer.cells for layer in self.layers))
+        return self._plane(self._load(forces), row)[: self.dim] + self.initial
 
     def sample(self, forces: Any, points: ArrayLike) -> Array:
         """Displacement at points inside, by the element's own interpolation, on the host.

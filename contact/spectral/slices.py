@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, MissingDependency
+from contact.errors import InputError
 from contact.spectral.grid_compliance import GridCompliance
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import finite_number, integer
+from skfem_adini.ground.errors import optional
 
 Array = NDArray[np.float64]
 
@@ -140,7 +141,7 @@ class FieldsInside:
         >>> print(middle.points.shape, middle.stress[2, 2].mean().round(12))
         (3, 8, 8) -0.01
         """
-        return self._slice([*self._lateral(), np.array([_coordinate("z", z)])])
+        return self._slice([*self._lateral(), np.array([finite_number("z", z)])])
 
     def section(self, y: float | None = None, levels: int = 65) -> Slice:
         """Fields on an upright section: across y in space, the whole body in the plane.
@@ -165,12 +166,11 @@ class FieldsInside:
         layers, lateral = self._layers(), self._lateral()
         if (y is None) != (len(lateral) == 1):
             raise InputError(f"y={y!r}: expected a number in space, and none in the plane")
-        if isinstance(levels, bool) or not isinstance(levels, int | np.integer) or levels < 2:
-            raise InputError(f"levels={levels!r}: expected a whole number from 2")
+        count = integer("levels", levels, 2)
         if y is not None:
-            lateral[1] = np.array([_coordinate("y", y)])
+            lateral[1] = np.array([finite_number("y", y)])
         last = layers.layers[-1]
-        return self._slice([*lateral, np.linspace(0.0, last.bottom + last.height, int(levels))])
+        return self._slice([*lateral, np.linspace(0.0, last.bottom + last.height, count)])
 
     def _slice(self, axes: list[Array]) -> Slice:
         grid = np.array(np.meshgrid(*axes, indexing="ij"))
@@ -200,19 +200,9 @@ class FieldsInside:
         return np.concatenate((-self.forces[1:], self.forces[:1]))
 
 
-def _coordinate(name: str, value: Any) -> float:
-    given = numbers(name, value)
-    if given.shape != () or not np.isfinite(given):
-        raise InputError(f"{name}={value!r}: expected one finite number")
-    return float(given)
-
-
 def image_data(axes: Sequence[Array]) -> Any:
     """Points of equidistant axes as pyvista image data without fields; two axes make a plane."""
-    try:
-        import pyvista
-    except ImportError as error:
-        raise MissingDependency("image data need pyvista: pip install 'pyvista>=0.47'") from error
+    pyvista = optional("pyvista", "image data need pyvista: pip install 'pyvista>=0.47'")
     all_axes = [*axes, *[np.zeros(1)] * (3 - len(axes))]
     return pyvista.ImageData(
         dimensions=tuple(x.size for x in all_axes),

@@ -13,7 +13,7 @@ from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.elasticity import lame
 from contact.body.material import checked_plane
 from contact.errors import InputError
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import finite_number, numbers
 
 Array = NDArray[np.float64]
 PER_NODE = 6  # u, v, u_x, v_x, u_y, v_y
@@ -47,7 +47,7 @@ def read_layers(layers: Any) -> list[Layer]:
         if not isinstance(entry, list | tuple) or len(entry) != 4:
             raise InputError(f"layers[{k}]={entry!r}: expected (height, cells, E, nu)")
         height, cells, E, nu = (
-            _number(f"layers[{k}]: {name}", value)
+            finite_number(f"layers[{k}]: {name}", value)
             for name, value in zip(("height", "cells", "E", "nu"), entry, strict=True)
         )
         if not height > 0:
@@ -84,7 +84,7 @@ def read_columns(columns: Any, width: float, layer: Layer) -> int:
     """Number of cells in a row; None makes the layer's cells as square as can be."""
     if columns is None:
         return max(1, round(width * layer.cells / layer.height))
-    count = _number("columns", columns)
+    count = finite_number("columns", columns)
     if count < 1 or count != int(count):
         raise InputError(f"columns={columns!r}: expected a whole number from 1")
     return int(count)
@@ -114,13 +114,6 @@ def read_sides(sides: Any) -> tuple[Any, Any]:
     if not isinstance(sides, list | tuple) or len(sides) != 2:
         raise InputError(f"sides={sides!r}: expected components, None, or a pair of these")
     return sides[0], sides[1]
-
-
-def _number(name: str, value: Any) -> float:
-    number = numbers(name, value)
-    if number.shape != () or not np.isfinite(number):
-        raise InputError(f"{name}={value!r}: expected one finite number")
-    return float(number)
 
 
 def grid(x: Array, y: Array) -> MeshQuad:

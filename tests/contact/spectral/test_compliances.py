@@ -356,7 +356,7 @@ SPACE = {"lengths": (1.0, 1.0), "cells": (4, 4)}
         ({"element": ADINI, "base": (1.0, 0.3)}, "base: the half space is joined"),
         ({"base": (1.0, 0.5)}, "nu"),
         ({"base": (1.0, 0.3), "plane": "stress"}, "base: a top"),
-        ({"interfaces": np.array(["smooth", "kinked"])}, "interfaces=array"),
+        ({"interfaces": np.array(["smooth", "kinked"])}, "interfaces=ndarray"),
         ({"sides": "xy"}, "sides='xy': transforms diagonalise sides across x that are"),
         ({"sides": ("x", "y")}, "expected 'periodic' or 1 entries"),
         ({"sides": "x", "motion": (0.1, 0.0)}, r"motion=.*the sides hold x at zero"),

@@ -312,9 +312,9 @@ def test_image_data_of_slices(pressed):
     [
         ("periodic", lambda r: r.plane(0.6), "points: .* lies below or above the layers"),
         ("periodic", lambda r: r.plane("low"), "z='low': expected real numbers"),
-        ("periodic", lambda r: r.plane([0.1, 0.2]), "z=.*: expected one finite number"),
+        ("periodic", lambda r: r.plane([0.1, 0.2]), "z=.*: expected a finite number"),
         ("periodic", lambda r: r.section(), "y=None: expected a number in space"),
-        ("periodic", lambda r: r.section(np.nan), "y=nan: expected one finite number"),
+        ("periodic", lambda r: r.section(np.nan), "y=nan: expected a finite number"),
         ("profile", lambda r: r.section(0.5), "y=0.5: expected a number in space, and none"),
         ("mixed", lambda r: r.section(1.3), "points: .* lies beyond a side"),
         ("periodic", lambda r: r.section(0.5, levels=1), "levels=1: expected a whole number"),
