@@ -35,11 +35,10 @@ class SurfaceSlacks:
     def of(cls, system: ContactSystem) -> Self:
         """The slacks of all points with a law; none for hard contact."""
         rows = system.rows
-        part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
         soft = np.isfinite(rows.gap) & ~rows.ties
         found: list[tuple[Array, ...]] = []
         for k, law in enumerate(system.overclosure):
-            points = np.flatnonzero(soft & (part == k))
+            points = np.flatnonzero(soft & (rows.boundary == k))
             if law is None or points.size == 0:
                 continue
             p, c = (np.asarray(values) for values in law.stored().values())

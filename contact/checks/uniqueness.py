@@ -38,6 +38,7 @@ from contact.condensation.boundary_problem import BoundaryProblem
 from contact.errors import InputError, NotConverged, Unbounded
 from contact.laws.options import Options
 from contact.problem.contact_problem import ContactProblem
+from contact.problem.solve_system import solve_system
 from contact.result.contact_result import ContactResult
 from skfem_adini.ground.arguments import integer
 
@@ -153,7 +154,7 @@ def uniqueness(
         scale = condensed.point_scale
         start = replace(result, mu=mu / scale, t=t / scale[:, None])
         with suppress(NotConverged, Unbounded):
-            other = problem.solve_system(system, condensed, options, start)
+            other = solve_system(system, condensed, options, start)
             if all(_apart(other, one) for one in found):
                 found.append(other)
     return Uniqueness(False, least, tuple(found[1:]))

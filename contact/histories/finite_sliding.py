@@ -44,6 +44,7 @@ from contact.obstacles.rigid_motion import (
 )
 from contact.obstacles.tool import Pose, Tool, WornTools, is_tool, moved_frame
 from contact.portable import Origin
+from contact.problem.solve_system import solve_system
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
@@ -144,7 +145,7 @@ class FiniteSliding:
                 change = self._change(system, found, u, label)
             if found is None or not change <= 10.0 * before:  # a Newton step may go too far
                 found = None
-                result = self._problem.solve_system(system, condensed, options, result)
+                result = solve_system(system, condensed, options, result)
                 change = self._change(system, result, u, label)
             else:
                 result = found
@@ -183,7 +184,7 @@ class FiniteSliding:
         """Contact points (m,) whose rows are those at the displacement, not at rest."""
         sides = zip(self._interfaces.sides, self._each(obstacle), strict=True)
         follow = [isinstance(side, Interface) or is_tool(o) for side, o in sides]
-        return np.asarray(np.array(follow)[self._part(result.system.rows)])
+        return np.asarray(np.array(follow)[result.system.rows.boundary])
 
     def system_at(
         self, body: Any, last: ContactResult | None, result: ContactResult, moving: dict[str, Any]
@@ -245,7 +246,7 @@ class FiniteSliding:
             return RigidMotion.at_rest()  # it starts where it is
         ring = self._interfaces.bodies.plane == AXISYMMETRIC
         if found is None or (ring and not is_axial(found)):
-            felt = self._problem.friction[self._part(self._problem.rows) == i] > 0
+            felt = self._problem.friction[self._problem.rows.boundary == i] > 0
             if np.any(felt) or self._problem.wear is not None:
                 raise unknown_motion(was, now)
             return RigidMotion.at_rest()
@@ -450,20 +451,17 @@ class FiniteSliding:
             if isinstance(found, ToolRows):  # total and increment of the slip are the true ones
                 until = np.zeros((own.size, slips))
                 if last is not None and from_last is not None:
-                    mine = np.flatnonzero(self._part(last.system.rows) == k)
+                    mine = np.flatnonzero(last.system.rows.boundary == k)
                     until = from_last[own] = last.slip[mine]
                 travel[own] = slip[own] - until - found.slip
         if np.any(travel):
             motion = ObstacleMotion.with_travel(motion, travel)
         return motion, from_last
 
-    def _part(self, rows: ContactRows) -> NDArray[np.int64]:
-        return rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
-
     def rigid_points(self, rows: ContactRows) -> NDArray[np.int64]:
         """Contact points opposite rigid obstacles, in their order."""
         rigid = [isinstance(side, ContactBoundaries) for side in self._interfaces.sides]
-        return np.flatnonzero(np.array(rigid)[self._part(rows)])
+        return np.flatnonzero(np.array(rigid)[rows.boundary])
 
     def _check_tools(self, result: ContactResult, here: Interfaces) -> None:
         """Raise if a tool has passed through a boundary, or overlaps the body beside it."""

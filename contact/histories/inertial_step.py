@@ -237,7 +237,7 @@ class Integrator(Portable):
             motion,
             physical=_Middle(self, program, now, end, around, (u_n, u_t), impact),
         )
-        found = solve_system(system, condensed, self.options, now.middle, lambda line: None)
+        found = solve_system(system, condensed, self.options, now.middle)
         middle = system.at_middle(found.u, found.mu, found.t, found.motion)
         middle = replace(middle, history=found.history, slack=found.slack)
         check_motion(middle, self.problem.boundaries, end.obstacle)
@@ -269,7 +269,7 @@ class Integrator(Portable):
         rows = replace(_free(end.rows), gap=left)
         system = ContactSystem(condensed.body, rows, nothing, None, np.zeros(left.size))
         options = Options.checked(None, end.body.dim, "newton", self.options.tol, None, None)
-        found = solve_system(system, condensed, options, None, lambda line: None)
+        found = solve_system(system, condensed, options, None)
         return _Impact(found.u, found.mu, found.contact_forces)
 
     def _ledger(

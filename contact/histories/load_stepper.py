@@ -25,6 +25,7 @@ from contact.laws.options import Options
 from contact.portable import Origin
 from contact.problem.large_motion import check_motion, with_jump
 from contact.problem.sagitta import warn_of_sagitta
+from contact.problem.solve_system import solve_system
 from contact.result.contact_result import ContactResult
 from contact.settled import settled
 from skfem_adini.ground.arguments import choice, finite_number, integer, keywords_named
@@ -442,7 +443,7 @@ class LoadStepper(LoadProgram):
             moving = {"since": problem.opposite}
         system = problem.system_of(body, last, **moving)
         condensed = problem.condense().under(system.body)
-        return problem.solve_system(system, condensed, self.options, start)
+        return solve_system(system, condensed, self.options, start)
 
     def _check(self, result: ContactResult) -> None:
         """Warn, or raise, where a result of small sliding moved too far along its obstacles."""

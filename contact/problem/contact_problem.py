@@ -480,7 +480,7 @@ class ContactProblem(Portable):
         start = after if start is None else start
         condensed = self.condense()
         system = self.system_of(self.body.snapshot(), after, said=motion)
-        result = self.solve_system(system, condensed, options, start, report)
+        result = solve_system(system, condensed, options, start, report)
         result = with_jump(result, after)
         check_motion(result, self.boundaries, self.opposite)
         warn_of_sagitta(result, self.boundaries.rise(self.opposite), condensed, options)
@@ -488,17 +488,6 @@ class ContactProblem(Portable):
             warn_of_coarse_facets(result, self.boundaries.facet_ratio)
         vars(result)["origin"] = Origin(self)
         return result
-
-    def solve_system(
-        self,
-        system: ContactSystem,
-        condensed: CondensedContact,
-        options: Options,
-        start: ContactResult | None,
-        report: Callable[[Iteration], None] = lambda line: None,
-    ) -> ContactResult:
-        """Solve and certify one discrete system on a condensation of its body; see `solve`."""
-        return solve_system(system, condensed, options, start, report)
 
 
 def _same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:

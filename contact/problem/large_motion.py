@@ -187,7 +187,7 @@ def _projected(
     of_owner[own] = result.u[own]
     n, t = (rows.G @ of_owner)[points], (rows.T @ of_owner).reshape(rows.gap.size, -1)[points]
     moved = rows.normals[:, points] * n + np.einsum("cjm,mj->cm", rows.tangents[:, :, points], t)
-    there = np.flatnonzero(now.part == k) if now.part.size else np.arange(now.gap.size)
+    there = np.flatnonzero(now.boundary == k)
     tree = scipy.spatial.KDTree(now.x_nominal[:, there].T)
     near = scipy.spatial.KDTree(rows.x_nominal.T[result.part == k])
     size = np.asarray(near.query(rows.x_nominal[:, points].T, 2)[0])[:, 1]

@@ -56,7 +56,7 @@ def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, 
     rows, theirs = system.rows, result.system.rows
     shear = np.einsum("djm,mj->dm", theirs.tangents, result.shear + result.tie_shear)
     traction = np.vstack((result.pressure + result.tie_pressure, shear))
-    part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
+    part = rows.boundary
     if part.max() != result.part.max():  # other boundaries: match points by position only
         pairs = [(np.full(part.size, True), np.full(result.part.size, True))]
     else:

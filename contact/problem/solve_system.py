@@ -37,7 +37,7 @@ def solve_system(
     condensed: CondensedContact,
     options: Options,
     start: ContactResult | None,
-    report: Report,
+    report: Report = lambda line: None,
 ) -> ContactResult:
     """Solve one system on a condensation of its body and certify it.
     `report` takes each `Iteration`; errors as of `ContactProblem.solve`."""

@@ -94,8 +94,7 @@ class ContactFields:
     @property
     def part(self) -> NDArray[np.int64]:
         """Number of the contact boundary of each contact point, shape (m,)."""
-        part = self.system.rows.part
-        return part if part.size else np.zeros(self.mu.size, dtype=np.int64)
+        return np.asarray(self.system.rows.boundary)
 
     @property
     def zone(self) -> Array:

@@ -113,8 +113,7 @@ class ContactSystem:
 
     def _laws(self, area: Array, unit: Array, along: Any) -> SurfaceLaw:
         rows = self.rows
-        part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
-        number = np.where(rows.ties, -1, part)
+        number = np.where(rows.ties, -1, rows.boundary)
         return SurfaceLaw(area, unit, along, self.surface, self.overclosure, number, rows.ties)
 
     def left(self, u: Array, mu: Array, w: Array | None) -> tuple[Array, Array]:

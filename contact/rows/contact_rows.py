@@ -42,14 +42,18 @@ class ContactRows:
         """The mask `bonded`, all False if it is empty, shape (m,)."""
         return self.bonded if self.bonded.size else np.zeros(self.gap.size, dtype=bool)
 
+    @property
+    def boundary(self) -> NDArray[np.int64]:
+        """The numbers `part`, all zero if it is empty, shape (m,)."""
+        return self.part if self.part.size else np.zeros(self.gap.size, dtype=np.int64)
+
     @cached_property
     def spacing(self) -> Array:
         """Distance of each point to the nearest one of its boundary, ``inf`` if it is the only
         one."""
         found = np.full(self.gap.size, np.inf)
-        part = self.part if self.part.size else np.zeros(self.gap.size, dtype=np.int64)
-        for k in np.unique(part):
-            own = np.flatnonzero(part == k)
+        for k in np.unique(self.boundary):
+            own = np.flatnonzero(self.boundary == k)
             places = self.x_nominal[:, own].T
             if own.size > 1:
                 found[own] = np.asarray(scipy.spatial.KDTree(places).query(places, 2)[0])[:, 1]
