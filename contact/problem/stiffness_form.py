@@ -40,13 +40,11 @@ class StiffnessForm:
             raise NotConverged(f"stiffness form: more than {DENSE_ORDER} unknowns")
         self._condensed, self._system = condensed, system
         S, B, N = condensed.stiffness, condensed.B.toarray(), condensed.N
+        self._unit = unit = N / np.linalg.norm(N, axis=0)
+        B_z = B - (B @ unit) @ unit.T
         if N.shape[1]:  # rigid motions have only rounding stiffness in S_b: project them out
-            unit = N / np.linalg.norm(N, axis=0)
-            B_z = B - (B @ unit) @ unit.T
             S = S - unit @ (unit.T @ S)
             S = S - (S @ unit) @ unit.T + S.diagonal().mean() * unit @ unit.T
-        else:
-            B_z = B
         # Each point is scaled by its own compliance with all other unknowns fixed.
         points = condensed.points
         scale = points.lengths((B**2) @ (1.0 / S.diagonal()))
@@ -125,10 +123,7 @@ class StiffnessForm:
         """The problem for the change of a displacement u, and the load minus the forces of u."""
         system, condensed = self._system, self._condensed
         left = system.load - system.body.internal(u)
-        reduced = condensed.carried(left)
-        if self._N.shape[1]:
-            unit = self._N / np.linalg.norm(self._N, axis=0)
-            reduced = reduced - unit @ (unit.T @ reduced)
+        reduced = self._without_rigid(condensed.carried(left))
         u_n, u_t = system.relative(u, w)
         v0 = condensed.points.stacked(u_n, system.slip_increment(u_t))
         s = np.concatenate((reduced, self._resting))
@@ -145,13 +140,11 @@ class StiffnessForm:
 
     def _of_boundary(self, a: Array) -> Array:
         """The boundary's unknowns z of the motions a, elastic and rigid."""
-        z = a[: self._elastic]
-        if self._N.shape[1]:
-            unit = self._N / np.linalg.norm(self._N, axis=0)
-            z = z - unit @ (unit.T @ z)
-            rigid = a[self._elastic : self._elastic + self._N.shape[1]]
-            z = z + self._N @ (self._turn * rigid)
-        return z
+        rigid = a[self._elastic : self._elastic + self._N.shape[1]]
+        return self._without_rigid(a[: self._elastic]) + self._N @ (self._turn * rigid)
+
+    def _without_rigid(self, z: Array) -> Array:
+        return z - self._unit @ (self._unit.T @ z)
 
     def _motions(self, problem: BoundaryProblem, mu: Array, t: Array) -> Array:
         """Motions a under given forces; rigid ones such that loaded points touch."""
