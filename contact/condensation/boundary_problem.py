@@ -3,36 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-
-class Compliance(Protocol):
-    """Normal laws of surfaces, in scaled units: a `contact.laws.surface_law.SurfaceLaw`."""
-
-    def at(self, mu: Array, through: Array, slip: Array) -> Any:
-        """The law at forces, penetrations and slips of shape (m,), and its tangent."""
-
-    @property
-    def start(self) -> Array:
-        """h(0), shape (m,)."""
-
-    @property
-    def softens(self) -> bool:
-        """Whether the points adhere: several equilibria may exist."""
-
-    @property
-    def pull(self) -> float:
-        """Largest adhesive force of a point."""
-
-    @property
-    def capped(self) -> bool:
-        """Whether a hardness bounds the forces."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +28,7 @@ class BoundaryProblem:
     prescribed_slip: Array  # tangential displacement where prescribed, (m, dim - 1)
     K: Array | None = None  # stiffness of motions that are not rigid, C^T l + K a = s, (k, k)
     bonded: NDArray[np.bool_] | None = None  # u_n = d, u_t = 0 for any forces, shape (m,)
-    compliance: Compliance | None = None  # a `SurfaceLaw` replaces u_n = d
+    compliance: Any = None  # a `contact.laws.surface_law.SurfaceLaw` replaces u_n = d
     swept: NDArray[np.bool_] | None = None  # one of two slips is prescribed: cannot stick, (m,)
     systems: list[Any] | None = None  # the last linear systems of Newton's method, factored
     D: Array | None = None  # replaces C in the balance, if forces follow the motions, (n, k)

@@ -61,7 +61,9 @@ class CondensedBody:
 
     def _prescribe(self, body: Any) -> None:
         """Store the body with its prescribed displacements."""
-        raise NotImplementedError
+        u0 = body.constraint[1]
+        self.body, self._u0 = body, u0
+        self._lifted = body.internal(u0) if u0.any() else None
 
     def under(self, body: Any) -> CondensedBody:
         """The same factorisation for a body that `ElasticBody.under` made of this one."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -320,7 +320,7 @@ class CondensedContact(CondensedBodies):
         self._fixed_normal = rows.G @ u0
         self._fixed_tangent = (rows.T @ u0).reshape(rows.gap.size, body.dim - 1)
 
-    def under(self, body: Any) -> CondensedContact:
+    def under(self, body: Any) -> Self:
         """The same factorisation for a body that `ElasticBody.under` made of this one."""
         other = copy(self)
         other.parts = tuple(

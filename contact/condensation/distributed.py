@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.body.distributed_body import DistributedBody
-from contact.body.free_motions import RIGID, not_held, unseen_motion
+from contact.body.free_motions import RIGID, unseen_motion
 from contact.body.multipoint import picked_by
 from contact.body.rigid_modes import describe_motion, reduced_echelon
 from contact.condensation.condensed_body import BodyRows, CondensedBody
@@ -136,10 +136,6 @@ class CondensedDistributed(CondensedBody):
         u = self._of_own(self._unit * motion)
         strip = u[: self._strip]
         return describe_motion(self.body.trace, strip), u
-
-    def _refuse(self, motion: Array | None) -> None:
-        if motion is not None:
-            raise not_held(self.body, *self.motion_of(motion))
 
 
 def _banded(S: sparse.csr_array) -> NDArray[np.int64]:

@@ -123,8 +123,7 @@ class CondensedLayers(CondensedBody):
 
     def restrict(self, rows: Any) -> Array:
         """Rows on all dofs, expressed in the contact boundary's unknowns, shape (nrows, nb)."""
-        own: Array = (rows[:, : self.body.row_size] @ self._P)[:, self._boundary].toarray()
-        return own
+        return super().restrict(rows[:, : self.body.row_size])
 
     def placed(self, v: Any) -> Any:
         """Move a vector to the device, on which the body computes from now on."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -158,15 +157,6 @@ class PrimalContact(CondensedContact):
         scale = self.point_scale
         u0 = part.prescribed()
         return u + u0, forces.mu / scale, forces.t / scale[:, None]
-
-    def under(self, body: Any) -> PrimalContact:
-        """The same matrices for a body under other loads."""
-        other = copy(self)
-        other.parts = tuple(
-            part.under(one) for part, one in zip(self.parts, body.bodies, strict=True)
-        )
-        other._prescribe(body)
-        return other
 
 
 def _diagonal(S: sparse.csr_array, z: Any) -> Array:

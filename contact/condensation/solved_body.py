@@ -55,7 +55,7 @@ class SolvedBody(SparseBody):
         here = None if k or not self._on_device else restricted(system)
         if here is not None:
             tree = background.tree(np.zeros(0, dtype=np.int64))
-            self._solver: Any = DeviceFactor(here, self._devices, self._deterministic, tree)
+            self._solver: Any = _on_devices(here, self._devices, self._deterministic, tree)
             return
         held = system.matrix()
         if k:
@@ -64,7 +64,7 @@ class SolvedBody(SparseBody):
             springs[touched[qr(of_touched.T, mode="economic", pivoting=True)[2][:k]]] = 1.0
             held = sparse.csr_array(held + sparse.diags_array(springs))
         self._solver = (
-            DeviceFactor(held, self._devices, self._deterministic)
+            _on_devices(held, self._devices, self._deterministic)
             if self._on_device
             else _on_host(held, solver)
         )
@@ -87,7 +87,7 @@ class SolvedBody(SparseBody):
         return self.B.shape[0]
 
     def statistics(self) -> dict[str, Any]:
-        """Entries and bytes of the factors on devices, see `DeviceFactor`; empty on the host."""
+        """Entries and bytes of the factors on devices, see `CudssMatrix`; empty on the host."""
         found: dict[str, Any] = getattr(self._solver, "statistics", dict)()
         return found
 
@@ -174,38 +174,15 @@ class _Whole:
 Index = NDArray[np.int64]
 
 
-class DeviceFactor:
+def _on_devices(
+    stiffness: Any, devices: tuple[int, ...] | None, deterministic: bool, tree: Tree = None
+) -> Cudss:
     """Factors of a symmetric positive definite matrix on devices, for solutions.
     One device is bitwise reproducible if the factors fit; otherwise they are stored on the host, or
     `deterministic` refuses. `tree` as for `DeviceSchur` (one device); raises as `on_device`."""
 
-    def __init__(
-        self, stiffness: Any, devices: tuple[int, ...] | None, deterministic: bool = False,
-        tree: Tree = None,
-    ) -> None:  # fmt: skip
-        def factored(hybrid: bool) -> Cudss:
-            repeats = devices is None and not hybrid
-            order = tree if devices is None else None
-            return Cudss(stiffness, True, repeats, order, hybrid, devices)
+    def factored(hybrid: bool) -> Cudss:
+        repeats = devices is None and not hybrid
+        return Cudss(stiffness, True, repeats, tree if devices is None else None, hybrid, devices)
 
-        self._cudss = on_device(factored, hybrid=not deterministic)
-
-    def solve(self, loads: Array) -> Array:
-        """Solutions for loads (n,) or (n, count), each corrected by its residual."""
-        return self._cudss.solve(loads)
-
-    def at(self, places: Index, loads: Array, corrected: bool) -> Array:
-        """Solutions at some unknowns (k,) for loads on them, (k,) or (k, count)."""
-        return self._cudss.at(places, loads, corrected)
-
-    def once(self, loads: Array) -> Array:
-        """Solutions without refinement, one or two digits less accurate than `solve`."""
-        return self._cudss.once(loads)
-
-    def congruence(self, rows: sparse.csr_array) -> Any:
-        """``R A^-1 R^T`` on the device for sparse rows R; see `skfem_adini.solvers.cudss.Cudss`."""
-        return self._cudss.congruence(rows)
-
-    def statistics(self) -> dict[str, Any]:
-        """See `skfem_adini.solvers.cudss.CudssMatrix.statistics`."""
-        return self._cudss.statistics()
+    return on_device(factored, hybrid=not deterministic)

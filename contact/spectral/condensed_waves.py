@@ -64,19 +64,10 @@ class CondensedWaves(CondensedBody):
         with one_blas_thread(max(self.B.shape)):
             self._hold(modes[self._boundary], modes)
 
-    def _prescribe(self, body: Any) -> None:
-        u0 = body.constraint[1]
-        self.body, self._u0 = body, u0
-        self._lifted = body.internal(u0) if u0.any() else None
-
     def unbalanced(self, rest: Array, u: Array) -> Array:
         """Residual forces on free dofs, for one step of iterative refinement."""
         left: Array = rest - self.body.internal(u)
         return left
-
-    def scaled_schur(self) -> Any:
-        """S_b on the device, a copy."""
-        return self.arrays.put(self._factor.schur)
 
 
 @condense.register(MeshedBlock)
