@@ -70,21 +70,20 @@ class GridProblem:
         return self.turned(self.compliance.precondition(self.turned_back(displacements)))
 
     def W_normal(self, mu: Grid) -> Grid:
-        """Normal displacements under normal forces, by the body's `apply_normal` if it exists."""
-        if hasattr(self.compliance, "apply_normal"):
-            return self.compliance.apply_normal(mu)
-        return self.W(self._along_normal(mu))[0]
+        """Normal displacements under normal forces."""
+        return self._normal("apply_normal", self.compliance.apply, mu)
 
     def S_normal(self, u: Grid) -> Grid:
         """Approximate normal forces that cause normal displacements."""
-        if hasattr(self.compliance, "precondition_normal"):
-            return self.compliance.precondition_normal(u)
-        return self.S(self._along_normal(u))[0]
+        return self._normal("precondition_normal", self.compliance.precondition, u)
 
-    def _along_normal(self, values: Grid) -> Grid:
-        local = self.xp.zeros_like(self.v0)
+    def _normal(self, name: str, product: Any, values: Grid) -> Grid:
+        """A product of normal components, by the body's method of that name if it exists."""
+        if hasattr(self.compliance, name):
+            return getattr(self.compliance, name)(values)
+        local = self.xp.zeros((len(self.order[0]), *self.gap.shape))
         local[0] = values
-        return local
+        return self.turned(product(self.turned_back(local)))[0]
 
     @property
     def scale(self) -> tuple[float, float]:
@@ -187,22 +186,11 @@ class NormalRows(GridProblem):
 
     def W(self, forces: Grid) -> Grid:
         """Compliance times normal forces."""
-        return self._filtered("apply_normal", self.compliance.apply, forces)
+        return self.W_normal(forces[0])[None]
 
     def S(self, displacements: Grid) -> Grid:
         """The preconditioner, an approximate inverse of W."""
-        return self._filtered("precondition_normal", self.compliance.precondition, displacements)
-
-    def _filtered(self, name: str, product: Any, values: Grid) -> Grid:
-        if hasattr(self.compliance, name):
-            return getattr(self.compliance, name)(values[0])[None]
-        local = self.xp.zeros((len(self.order[0]), *self.gap.shape))
-        local[0] = values[0]
-        return self.turned(product(self.turned_back(local)))[:1]
-
-    def W_normal(self, mu: Grid) -> Grid:
-        """Normal displacements under normal forces."""
-        return self.W(mu[None])[0]
+        return self.S_normal(displacements[0])[None]
 
 
 def residuals(
