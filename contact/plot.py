@@ -240,10 +240,7 @@ def plot_field(
     >>> ax.get_aspect()
     1.0
     """
-    bodies = drawn_bodies(result)
-    if bodies[0].body.dim != 2:
-        raise InputError("plot: fields are drawn for bodies in 2-D; use to_pyvista in 3-D")
-    ax = axes_of(ax)
+    bodies, ax = _in_plane(result, "fields"), axes_of(ax)
     drawn = [triangulated(one, per_cell, nodal) for one in bodies]
     parts = []
     for points, u, triangles in drawn:
@@ -289,10 +286,7 @@ def plot_cells(
     """
     from matplotlib.collections import PolyCollection
 
-    bodies = drawn_bodies(result)
-    if bodies[0].body.dim != 2:
-        raise InputError("plot: cells are drawn for bodies in 2-D; use to_pyvista in 3-D")
-    ax = axes_of(ax)
+    bodies, ax = _in_plane(result, "cells"), axes_of(ax)
     drawn = [deformed_cells(one, magnification) for one in bodies]
     parts = [PolyCollection(outlines, array=of_cells, lw=0.3) for outlines, of_cells in drawn]
     for cells in parts:
@@ -348,6 +342,14 @@ def draw_edges(
     )
     ax.autoscale_view()
     return ax
+
+
+def _in_plane(result: DrawnBody, what: str) -> list[Any]:
+    """The parts of a result in its bodies, in 2-D."""
+    bodies = drawn_bodies(result)
+    if bodies[0].body.dim != 2:
+        raise InputError(f"plot: {what} are drawn for bodies in 2-D; use to_pyvista in 3-D")
+    return bodies
 
 
 def _name_parts(ax: Any, result: Drawn, s: Array) -> None:

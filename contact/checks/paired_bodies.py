@@ -79,7 +79,7 @@ class PairedBasisBody(PairedBody):
     def unbalanced(self, forces: Pairs) -> float:
         """Largest force at a free unknown; those of derivatives are divided by their length."""
         at_free = rows_times(self._transposed, forces).rounded
-        return _largest(at_free / self.host.lengths[1])
+        return largest(at_free / self.host.lengths[1])
 
     def at_supports(self, forces: Pairs) -> Pairs:
         """The part of forces that acts where a displacement is prescribed."""
@@ -95,7 +95,7 @@ class PairedBasisBody(PairedBody):
         """Largest deviation from a prescribed displacement; of derivatives times their length."""
         off = Pairs.of(u) - self._u0
         off = off - rows_times(self._P, rows_times(self.host.picked.T, off))
-        return _largest(self.host.lengths[0] * off.rounded)
+        return largest(self.host.lengths[0] * off.rounded)
 
 
 class PairedBlock(PairedBody):
@@ -126,7 +126,7 @@ class PairedBlock(PairedBody):
         """Largest force at a free dof; those of derivatives are divided by the cell size."""
         left = forces.rounded / self._length
         left[self._held] = 0.0
-        return _largest(left)
+        return largest(left)
 
     def at_supports(self, forces: Pairs) -> Pairs:
         """The part of forces that acts where a displacement is prescribed."""
@@ -140,10 +140,11 @@ class PairedBlock(PairedBody):
 
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement; of derivatives times the cell size."""
-        return _largest(self._length[self._held] * (Pairs.of(u)[self._held] - self._values).rounded)
+        return largest(self._length[self._held] * (Pairs.of(u)[self._held] - self._values).rounded)
 
 
-def _largest(x: Array) -> float:
+def largest(x: Array) -> float:
+    """The largest modulus, zero of nothing."""
     return float(np.abs(x).max(initial=0.0))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact.arrays.paired_rows import rows_times
 from contact.arrays.pairs import Pairs
-from contact.checks.paired_bodies import PairedBody, paired_body
+from contact.checks.paired_bodies import PairedBody, largest, paired_body
 from contact.errors import InputError
 from contact.laws.newton import LIMITS
 from contact.laws.options import checked_tolerance, default_tolerance
@@ -114,7 +114,7 @@ class PairedResiduals:
             (part.equilibrium() for part in self.parts), key=lambda pair: pair[0] / (pair[1] or 1.0)
         )
         self.noise = LIMITS.noise * self.cancelling
-        self.size = max(_largest(self.mu), _largest(self.t), self.noise) or 1.0
+        self.size = max(largest(self.mu), largest(self.t), self.noise) or 1.0
 
     def all(self) -> dict[str, float]:
         """The residuals, as `ContactSystem.kkt` names them."""
@@ -131,7 +131,7 @@ class PairedResiduals:
             **self._friction(u_t),
         }
         if ties.any():
-            opened = max(_largest(off[ties]), _largest(u_t.rounded[ties]))
+            opened = max(largest(off[ties]), largest(u_t.rounded[ties]))
             kkt["tie"] = opened / self.length
         motion = self.system.motion
         if motion is not None and np.any(motion.free):
@@ -158,9 +158,9 @@ class PairedResiduals:
         mu, size, length, free = self.mu, self.size, self.length, self.free
         force = np.maximum(np.abs(mu) - self.noise, 0.0) / size
         found = {
-            "penetration": _largest(np.maximum(through, 0.0)) / length,
+            "penetration": largest(np.maximum(through, 0.0)) / length,
             "sign": _beyond(-mu[free], self.noise) / size,
-            "complementarity": _largest(np.minimum(force, np.abs(through) / length)[free]),
+            "complementarity": largest(np.minimum(force, np.abs(through) / length)[free]),
         }
         if self.system.lawful:
             slip = np.linalg.norm(self._relative()[1].rounded, axis=1)
@@ -195,7 +195,7 @@ class PairedResiduals:
             np.abs(normal).max(axis=0, initial=0.0), np.abs(tangent).max(axis=0, initial=0.0)
         )
         size = arms * (np.abs(self.mu).sum() + np.abs(self.t).sum()) + np.abs(force)
-        return _largest((left.rounded / np.where(size > 0, size, 1.0))[motion.free])
+        return largest((left.rounded / np.where(size > 0, size, 1.0))[motion.free])
 
 
 class _BodyForces:
@@ -222,14 +222,10 @@ class _BodyForces:
         given = loads + body.total(abs(self.contact)).rounded
         if not np.any(given):  # only support reactions, which balance each other
             return 0.0
-        size = _largest(given + body.total(abs(reactions)).rounded)
-        left = _largest(body.total(reactions - self.contact + load).rounded) / size
+        size = largest(given + body.total(abs(reactions)).rounded)
+        left = largest(body.total(reactions - self.contact + load).rounded) / size
         return beside_travel(left, loads, body.host, self.u)
 
 
 def _beyond(x: Array, bound: float) -> float:
     return float((x - bound).max(initial=0.0))
-
-
-def _largest(x: Array) -> float:
-    return float(np.abs(x).max(initial=0.0))
