@@ -29,20 +29,9 @@ def facet_basis(
     intorder: int | None = None,
     dofs: Any = None,
 ) -> FacetBasis:
-    """A `skfem.FacetBasis` on the first cell of each facet, for cells of any shape.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    element : Element
-    facets : ndarray of int, shape (nfacets,)
-    quadrature : (points, weights), optional
-        Points of shape (dim - 1, n) on the reference facet.
-    intorder : int, optional
-        Degree of polynomials to be integrated exactly; default twice the element's.
-    dofs : skfem.assembly.Dofs, optional
-        The element's numbering, where it is known.
-    """
+    """A `skfem.FacetBasis` on the first cell of each facet, for cells of any shape, at `quadrature`
+    (points (dim - 1, n), weights), or exact for `intorder`, by default twice the element's degree.
+    `dofs` is the element's numbering, where it is known."""
     order = 2 * element.maxdeg if intorder is None else intorder
     points, weights = quadrature or get_quadrature(mesh.brefdom, order)
     mapping = copy(mesh.mapping())
@@ -59,16 +48,8 @@ def facet_basis(
 
 
 def places_on_facets(mesh: Mesh, facets: NDArray[np.int64], points: Array, side: int = 0) -> Array:
-    """Reference coordinates in the first or second cell of each facet, shape (dim, nfacets, n).
-
-    Parameters
-    ----------
-    mesh : Mesh
-    facets : ndarray of int, shape (nfacets,)
-    points : ndarray, shape (dim - 1, n)
-        On the reference facet.
-    side : {0, 1}
-    """
+    """Reference coordinates of points (dim - 1, n) of the reference facet in the first or second
+    cell (`side`) of each facet, shape (dim, nfacets, n)."""
     corners, cells = mesh.facets[:, facets], mesh.t[:, mesh.f2t[side, facets]]
     first, *others = (
         mesh.elem.refdom.p[:, np.argmax(cells == corner, axis=0)]

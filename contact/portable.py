@@ -14,10 +14,8 @@ from contact.errors import InputError
 
 
 class Portable:
-    """Base of classes that pickle without cached values and unpicklable functions.
-
-    A copy shares everything with the original; a deep copy shares functions only.
-    """
+    """Base of classes that pickle without cached values and unpicklable functions. A copy shares
+    everything with the original; a deep copy shares functions only."""
 
     _ANEW: ClassVar[tuple[str, ...]] = ()  # attributes that are computed if missing
     _KEPT: ClassVar[tuple[str, ...]] = ()  # values of functions that may be dropped
@@ -44,12 +42,7 @@ class Portable:
 
 @dataclass(frozen=True)
 class LostFunction:
-    """Placeholder of an unpicklable function; calling it raises an `InputError`.
-
-    Attributes
-    ----------
-    name : str
-    """
+    """Placeholder of an unpicklable function, its `name`; calling it raises an `InputError`."""
 
     name: str
 
@@ -97,10 +90,8 @@ def carried(value: Any) -> Any:
 
 
 class PortableBasis:
-    """A Basis for pickle: its arguments instead of its much larger tables.
-
-    Bodies that share one Basis share one of these, and so one Basis after unpickling.
-    """
+    """A Basis for pickle: its arguments instead of its much larger tables. Bodies that share one
+    Basis share one of these, and so one Basis after unpickling."""
 
     def __init__(self, basis: Any) -> None:
         self.basis = basis

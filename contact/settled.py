@@ -9,28 +9,9 @@ Kind = TypeVar("Kind", bound=type)
 
 
 def settled(remedy: str, *names: str) -> Callable[[Kind], Kind]:
-    """Class decorator: setting one of the attributes a second time raises an AttributeError.
-
-    Values computed from the attribute would not follow such an assignment. The class itself may
-    change the value, through ``self.__dict__``.
-
-    Parameters
-    ----------
-    remedy : str
-        What to do instead.
-    *names : str
-
-    Examples
-    --------
-    >>> @settled("make a new Body", "mesh")
-    ... class Body:
-    ...     def __init__(self, mesh):
-    ...         self.mesh = mesh
-    >>> body = Body(1)
-    >>> body.mesh = 2
-    Traceback (most recent call last):
-    AttributeError: Body.mesh cannot be changed: make a new Body
-    """
+    """Class decorator: setting one of the attributes `names` a second time raises an AttributeError
+    with the remedy, as values computed from it would not follow. The class itself may change it,
+    through ``self.__dict__``."""
 
     def decorate(kind: Kind) -> Kind:
         for name in names:

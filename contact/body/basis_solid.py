@@ -124,16 +124,8 @@ class BasisSolid(Solid):
     def compute_with(
         self, arrays: HostArrays, beside: int = 0, stiffness: SparseRows | None = None
     ) -> Space:
-        """Compute on the device of the arrays, if it fits, while the returned object is kept.
-
-        Parameters
-        ----------
-        arrays : HostArrays
-        beside : int
-            Bytes that must stay free on the device.
-        stiffness : SparseRows, optional
-            Stiffness of the body, if it is on the device.
-        """
+        """Compute on the device of the arrays while the returned object is kept, if it fits with
+        `beside` bytes free; `stiffness` is that of the body, if it is on the device."""
         return self._kept.on(arrays, self, beside, stiffness)
 
     def on_host(self) -> Self:
@@ -199,13 +191,8 @@ class BasisSolid(Solid):
         return self._slender
 
     def take_strains(self) -> bool:
-        """Compute forces from strains from now on, which is more accurate in a slender body.
-
-        Returns
-        -------
-        bool
-            False if they are already, or if the body has no such computation.
-        """
+        """Compute forces from strains from now on, which is more accurate in a slender body; False
+        if they are already, or if the body has no such computation."""
         if self.slender or type(self)._slender is False:
             return False
         self._slender = self.takes_strains = True
@@ -232,22 +219,14 @@ class BasisSolid(Solid):
         return dx * self.depth(np.asarray(self.basis.global_coordinates())) if self.is_ring else dx
 
     def gradients(self, u: Array) -> Array:
-        """Gradient of the displacement in the quadrature points, (dim, dim, ncells, npoints).
-
-        In an axisymmetric body its axes are r, z, theta and its shape is (3, 3, ncells, npoints).
-        """
+        """Gradient of the displacement in the quadrature points, (dim, dim, ncells, npoints); of an
+        axisymmetric body in the axes r, z, theta, (3, 3, ncells, npoints)."""
         field = self.basis.interpolate(u)
         return self.in_space(field, np.asarray(self.basis.global_coordinates()))
 
     def in_space(self, field: Any, x: Array) -> Array:
-        """Gradient of a displacement field at points x, with the hoop strain if axisymmetric.
-
-        Parameters
-        ----------
-        field : skfem DiscreteField
-            Displacement of shape (dim, ...) with its gradient.
-        x : ndarray, shape (dim, ...)
-        """
+        """Gradient of a displacement field (dim, ...) at points x (dim, ...), with the hoop strain
+        if axisymmetric."""
         gradient = np.asarray(field.grad)
         return with_hoop(gradient, np.asarray(field)[0], x[0]) if self.is_ring else gradient
 
@@ -265,10 +244,8 @@ class BasisSolid(Solid):
         )
 
     def gradient(self, u: Array, points: Array) -> Array:
-        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints).
-
-        In an axisymmetric body its axes are r, z, theta and its shape is (3, 3, npoints).
-        """
+        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints); of an
+        axisymmetric body in the axes r, z, theta, (3, 3, npoints)."""
         cells = self.cells_of(points)
         gradient = sum(
             (field.grad[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),

@@ -131,10 +131,8 @@ class CutBody(ElasticBody):
         super().__init__(Basis(domain.mesh, element), E, nu, plane)
 
     def stored(self) -> dict[str, Any]:
-        """The arrays of the cut that a file stores: its quadrature, and the level set on lattices.
-
-        The lattices serve only to clip pictures.
-        """
+        """The arrays of the cut that a file stores: its quadrature, and the level set on lattices,
+        which serve only to clip pictures."""
         rule = self.domain.quadrature
         lattice = np.moveaxis(_lattice(rule.lower, rule.upper), 0, -1)
         level = self.level_at(lattice.reshape(-1, 2).T).reshape(lattice.shape[:-1])
@@ -271,13 +269,8 @@ class CutBody(ElasticBody):
         raise InputError("heat: a CutBody takes no thermal strains; make an ElasticBody")
 
     def whole_facets(self, boundary: Any) -> NDArray[np.int64]:
-        """Facet numbers of a boundary that no cut cell touches.
-
-        Raises
-        ------
-        InputError
-            A facet that may lie partly outside the body.
-        """
+        """Facet numbers of a boundary that no cut cell touches; else InputError, as a facet may lie
+        partly outside the body."""
         facets = self.facets(boundary)
         cells = self.mesh.f2t[0, facets]
         beside = facets[~self.domain.quadrature.full[cells]]
@@ -312,13 +305,8 @@ class CutBody(ElasticBody):
         return self
 
     def clipped(self, grid: Any) -> Any:
-        """The part of a pyvista grid inside the body, with a straight boundary in each grid cell.
-
-        Parameters
-        ----------
-        grid : pyvista.UnstructuredGrid
-            Grid of linear cells, fine enough to resolve the curve.
-        """
+        """The part of a pyvista grid of linear cells inside the body, with a straight boundary in
+        each of them: fine ones resolve the curve."""
         grid.point_data["level_set"] = self.level_at(np.asarray(grid.points, dtype=float).T[:2])
         return grid.clip_scalar(scalars="level_set", value=0.0)
 

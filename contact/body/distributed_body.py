@@ -177,13 +177,8 @@ class DistributedBody(Solid):
         return self.space.gather(self.to_local(u))
 
     def chosen_backend(self, rows: int) -> str:
-        """The back end for a number of contact rows; the choice of "auto" is logged.
-
-        Parameters
-        ----------
-        rows : int
-            Contact rows, of all components.
-        """
+        """The back end for a number of contact rows, of all components; the choice of "auto" is
+        logged."""
         if self.backend != "auto":
             return self.backend
         found, why = choose_backend(self.space.N, rows, self.dim, self.comm.size)
@@ -353,13 +348,8 @@ class DistributedBody(Solid):
         return own
 
     def places(self) -> dict[str, Index]:
-        """For each owned dof, a cell of the whole mesh and the dof's number in that cell.
-
-        Returns
-        -------
-        dict
-            ``cell`` and ``slot``, shape (owned dofs,).
-        """
+        """For each owned dof, a cell of the whole mesh and the dof's number in that cell: ``cell``
+        and ``slot``, shape (owned dofs,)."""
         space = self.space
         cells = space.own_cells
         dofs = space.basis.element_dofs[:, cells]
@@ -371,19 +361,8 @@ class DistributedBody(Solid):
     def from_places(
         self, parts: Iterable[dict[str, Any]], names: Sequence[str]
     ) -> dict[str, Array]:
-        """Vectors of this body from values keyed as in `places` by any number of processes.
-
-        Parameters
-        ----------
-        parts : iterable of dict
-            ``cell`` and ``slot`` with the values of each name.
-        names : sequence of str
-
-        Raises
-        ------
-        InputError
-            A dof has no value.
-        """
+        """Vectors `names` of this body from `parts`, values keyed as in `places` by any number of
+        processes; InputError if a dof has no value."""
         space, cells = self.space, self.space.piece.cells
         local = np.zeros((len(names), space.basis.N))
         known = np.zeros(space.basis.N, dtype=bool)
@@ -511,13 +490,8 @@ class DistributedBody(Solid):
         return self._at(points, lambda p: self.local.stress_at(x, p), (self.dim, self.dim))
 
     def law_at(self, points: Array) -> StressLaw:
-        """`StressLaw` at points, shape (dim, npoints), of a uniform body.
-
-        Raises
-        ------
-        InputError
-            E or nu differ from cell to cell.
-        """
+        """`StressLaw` at points, shape (dim, npoints), of a uniform body; InputError where E or nu
+        differ from cell to cell."""
         if np.ndim(self.local.E) or np.ndim(self.local.nu):
             raise InputError(
                 "points: E or nu differ from cell to cell, so that the stress out of the plane "

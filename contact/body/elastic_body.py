@@ -239,10 +239,8 @@ class ElasticBody(BasisSolid):
         return select_facets(self.mesh, boundary)
 
     def whole_facets(self, boundary: Boundary) -> NDArray[np.int64]:
-        """Facet numbers of a boundary; refuses facets of cut cells (`CutBody`).
-
-        Facets on the axis of an axisymmetric body are refused too: they have no area.
-        """
+        """Facet numbers of a boundary; refuses facets of cut cells (`CutBody`), and facets on the
+        axis of an axisymmetric body, which have no area."""
         facets = self.facets(boundary)
         if self.is_ring:
             refuse_axis(self.mesh, facets)
@@ -563,16 +561,8 @@ class ElasticBody(BasisSolid):
         return self
 
     def thermal_strain_in(self, X: Array) -> Array | None:
-        """Thermal strain at reference points, common to all cells or given for each.
-
-        Parameters
-        ----------
-        X : ndarray, shape (dim, npoints) or (dim, ncells, npoints)
-
-        Returns
-        -------
-        ndarray, shape (3, 3, ncells, npoints), or None
-        """
+        """Thermal strain, (3, 3, ncells, npoints) or None, at reference points (dim, npoints),
+        common to all cells, or (dim, ncells, npoints)."""
         return None if self.thermal is None else interpolated(self, self.thermal, X)
 
     def thermal_strain_at(self, points: Array) -> Array | None:
@@ -609,18 +599,9 @@ class ElasticBody(BasisSolid):
 
     @cached_property
     def constraint(self) -> tuple[sparse.csr_array, Array]:
-        """All prescribed displacements as ``u = P z + u0`` with free unknowns z.
-
-        Returns
-        -------
-        P : csr_array, shape (ndofs, nfree)
-        u0 : ndarray, shape (ndofs,)
-
-        Raises
-        ------
-        InputError
-            Two prescriptions contradict each other.
-        """
+        """All prescribed displacements as ``u = P z + u0`` with free unknowns z: P, csr_array of
+        shape (ndofs, nfree), and u0, (ndofs,). InputError if two prescriptions contradict each
+        other."""
         P, u0 = self._supported()
         return coupled(P, u0, self._couplings, dof_lengths(self)) if self._couplings else (P, u0)
 
@@ -656,13 +637,8 @@ class ElasticBody(BasisSolid):
         return sparse.csr_array(unit[:, free]), np.where(free, 0.0, u0)
 
     def under(self, f: Array, u0: Array, thermal: Any = None) -> Self:
-        """The same body, sharing its matrices, with other loads and prescribed displacements.
-
-        Parameters
-        ----------
-        f, u0 : ndarray, shape (ndofs,)
-            u0 takes the place of ``constraint[1]``; the supported dofs are the same.
-        """
+        """The same body, sharing its matrices, with other loads f and prescribed displacements u0,
+        (ndofs,), in place of ``constraint[1]``; the supported dofs are the same."""
         _ = self.vectors
         other = copy(self)
         other.f, other.constraint = f, (self.constraint[0], u0)

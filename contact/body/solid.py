@@ -107,17 +107,8 @@ class Solid(Portable, ABC):
         return np.arange(self.dim) == 1 if self.is_ring else np.ones(self.dim, dtype=bool)
 
     def depth(self, x: Array) -> Array | float:
-        """Factor that turns integrals over the mesh into integrals over the body.
-
-        Parameters
-        ----------
-        x : ndarray, shape (dim, ...)
-
-        Returns
-        -------
-        ndarray, shape (...), or float
-            2 pi r for an axisymmetric body, else 1.
-        """
+        """Factor that turns integrals over the mesh at x (dim, ...) into integrals over the body: 2
+        pi r, shape (...), for an axisymmetric body, else 1."""
         return circumference(x) if self.is_ring else 1.0
 
     @property
@@ -250,13 +241,8 @@ class Solid(Portable, ABC):
         return float(np.ptp(self.trace.mesh.p, axis=1).max())
 
     def number_of(self, body: Any) -> int:
-        """Position among the `bodies` of one given as object, copy, number or name.
-
-        Raises
-        ------
-        InputError
-            No such body, or several.
-        """
+        """Position among the `bodies` of one given as object, copy, number or name; InputError for
+        none, or several."""
         if isinstance(body, Solid) and body.is_same_body(self):
             return 0
         if isinstance(body, int) and body == 0:
@@ -307,15 +293,9 @@ class Solid(Portable, ABC):
     def equilibrium(
         self, u: Any, contact: Any, load: Any, moduli: Any = None
     ) -> tuple[float, float]:
-        """Largest residual force at a free dof, and the largest sum of the terms' moduli there.
-
-        Parameters
-        ----------
-        u, contact, load : ndarray, shape (ndofs,)
-            Displacement; contact forces with the opposite sign; applied loads.
-        moduli : ndarray, shape (ndofs,), optional
-            See `ContactSystem`; default: those of the load.
-        """
+        """Largest residual force at a free dof, and the largest sum of the terms' moduli there, of
+        vectors (ndofs,). `contact` has the opposite sign; `moduli` are by default those of the
+        load, see `ContactSystem`."""
         space, u = self.vectors, self.placed(u)
         load = space.own(load)
         forces = self.forces_on(u) + space.own(contact) - load
@@ -388,10 +368,8 @@ class Solid(Portable, ABC):
 
     @abstractmethod
     def gradient(self, u: Array, points: Array) -> Array:
-        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints).
-
-        In an axisymmetric body its axes are r, z, theta and its shape is (3, 3, npoints).
-        """
+        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints); of an
+        axisymmetric body in the axes r, z, theta, (3, 3, npoints)."""
 
     @abstractmethod
     def law_at(self, points: Array) -> StressLaw:
@@ -408,13 +386,8 @@ class Solid(Portable, ABC):
         return None
 
     def support_motion(self, boundary: Any, components: Any, value: Any) -> Array:
-        """Displacement of all dofs prescribed by one support, with the others zero.
-
-        Raises
-        ------
-        InputError
-            There is no such support, or its motion contradicts another one.
-        """
+        """Displacement of all dofs prescribed by one support, with the others zero; InputError if
+        there is none, or its motion contradicts another one."""
         return motion_of_support(self, boundary, components, value)
 
     def mean_dilatation(self, u: Array) -> Array | None:

@@ -38,10 +38,8 @@ class CondensedBodies:
         return any(part.always_refined for part in self.parts)
 
     def unbalanced(self, load: Any, u: Any, mu: Array, t: Array) -> Any:
-        """Residual forces on free dofs, or None if refinement gains nothing.
-
-        Loads and displacements of all dofs are on the device of the body, see `Solid.placed`.
-        """
+        """Residual forces on free dofs, or None if refinement gains nothing. Loads and
+        displacements of all dofs are on the device of the body, see `Solid.placed`."""
         rest = load - self.body.contact_forces(self.rows, mu, t)
         each = [
             part.unbalanced(r, v)
@@ -103,16 +101,8 @@ class CondensedBodies:
         return np.hstack([part.restrict(rows[:, own]) for part, own in pairs])
 
     def restricted_columns(self, matrix: sparse.csr_array) -> sparse.csr_array:
-        """Transposed force vectors on all dofs, restricted to the boundary's unknowns.
-
-        Parameters
-        ----------
-        matrix : csr_array, shape (ndofs, n)
-
-        Returns
-        -------
-        csr_array, shape (nb, n)
-        """
+        """Transposed force vectors on all dofs, (ndofs, n), restricted to the boundary's unknowns,
+        (nb, n)."""
         parts = [
             part.boundary_columns.T @ matrix[own]
             for part, own in zip(self.parts, self.body.slices, strict=True)
@@ -130,10 +120,8 @@ class CondensedBodies:
         return together([part.moved(own, z) for part, own, z in trios])
 
     def rigid_motion(self, a: Array) -> tuple[str, Array]:
-        """Name, and displacement of all dofs, of the bodies' part of a motion a.
-
-        If several bodies move, the name is that of the largest motion.
-        """
+        """Name, and displacement of all dofs, of the bodies' part of a motion a; the name is that
+        of the largest motion if several bodies move."""
         found = []
         for part, own in zip(self.parts, self._of_motion(a), strict=True):
             if own.size and own.any():
@@ -252,14 +240,8 @@ class CondensedContact(CondensedBodies):
         self._finish(body)
 
     def touched_by(self, body: Any, rows: ContactRows) -> CondensedContact:
-        """The same factorisations for other rows, on dofs that were kept.
-
-        Parameters
-        ----------
-        body : Solid
-            This body, perhaps under other loads.
-        rows : ContactRows
-        """
+        """The same factorisations for other rows on dofs that were kept, of this body, perhaps
+        under other loads."""
         other = copy(self)
         other.parts = tuple(
             part.under(one).touched_by(own)
@@ -481,18 +463,9 @@ class CondensedContact(CondensedBodies):
         return fixed_n, fixed_t
 
     def rubbing(self, fixed_t: Array, motion: ObstacleMotion | None) -> NDArray[np.int64]:
-        """Rows of tangents whose forces are unknowns, -1 for the others, shape (m, dim - 1).
-
-        If the whole slip is prescribed, friction follows from the normal force and acts on supports
-        only, see `ContactSystem.with_held_points`; along a component without slip it cannot be
-        distinguished from their reactions.
-
-        Parameters
-        ----------
-        fixed_t : ndarray, shape (m, dim - 1)
-            The prescribed part of the slip.
-        motion : ObstacleMotion or None
-        """
+        """Rows of tangents whose forces are unknowns, -1 for the others, (m, dim - 1), of slips
+        `fixed_t`. Where the whole slip is prescribed, friction follows from the normal force and
+        acts on supports only, see `ContactSystem.with_held_points`."""
         known = self._stiff.copy()
         if motion is not None and np.any(motion.free):
             known &= ~motion.drags
@@ -568,11 +541,8 @@ class CondensedContact(CondensedBodies):
         return ", ".join(part.path for part in self.parts)
 
     def blas_threads(self) -> AbstractContextManager[None]:
-        """BLAS threads while a problem is solved, recovered and certified.
-
-        Matrices are small: a second thread gains nothing and would compete with PARDISO's for
-        cores.
-        """
+        """BLAS threads while a problem is solved, recovered and certified. Matrices are small: a
+        second thread gains nothing and would compete with PARDISO's for cores."""
         serial = any(part.serial for part in self.parts)
         return one_blas_thread(self.size) if serial else nullcontext()
 

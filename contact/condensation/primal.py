@@ -61,9 +61,7 @@ class PrimalBody(CondensedDistributed):
 class PrimalContact(CondensedContact):
     """`CondensedContact` for a body that is not condensed: the rows ``B z = v`` are unknowns.
     Newton's methods prescribe those in contact and solve for the others by multigrid, see
-    `contact.laws.primal_newton`. Points with one moved and one free tangential component are
-    refused.
-    """
+    `contact.laws.primal_newton`. Points with one moved and one free tangent are refused."""
 
     _keeps_stiff = False
 

@@ -364,10 +364,8 @@ class LoadStepper(LoadProgram):
     def _travels_so(
         self, last: ContactResult | None, result: ContactResult, begin: float, end: float
     ) -> bool:
-        """Whether obstacles travel along the boundary as in a step from a file.
-
-        Halved steps followed a curved path, whose length bounds the difference.
-        """
+        """Whether obstacles travel along the boundary as in a step from a file; halved steps
+        followed a curved path, whose length bounds the difference."""
         if not self._obstacle:
             return True
         rows = self.problem.rows

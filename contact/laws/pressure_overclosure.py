@@ -106,13 +106,8 @@ class PressureOverclosure:
         return np.where(c > self.start, p, 0.0), slopes[at]
 
     def resolved(self, q: Array, a: Array, b: Array) -> Array:
-        """The overclosure c with ``a p(c) + b c = q``; `start` where the pressure is zero.
-
-        Parameters
-        ----------
-        q, a, b : ndarray, shape (k,)
-            a and b are positive.
-        """
+        """The overclosure c with ``a p(c) + b c = q``, all (k,), for positive a and b; `start`
+        where the pressure is zero."""
         ends = a[:, None] * self._p + b[:, None] * self._c
         at = np.clip(np.sum(ends <= q[:, None], axis=1) - 1, 0, self._p.size - 2)
         slope = (np.diff(self._p) / np.diff(self._c))[at]

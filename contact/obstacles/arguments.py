@@ -31,10 +31,8 @@ def direction(name: str, value: ArrayLike) -> Array:
 
 
 def keep_vectors(obstacle: Any, *names: str) -> None:
-    """Copy given vectors, so that later edits of the caller's array have no effect.
-
-    Masked values, of other attributes too, are refused.
-    """
+    """Copy given vectors, so that later edits of the caller's array have no effect; masked values,
+    of other attributes too, are refused."""
     for name, value in vars(obstacle).items():
         if holds_masked(value):
             raise InputError(f"{name}={value!r}: masked values have no number; fill them")

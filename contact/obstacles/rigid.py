@@ -69,17 +69,8 @@ class Rigid:
     centre: Sequence[float] | None = None
 
     def components(self, dim: int) -> tuple[Array, Array]:
-        """Prescribed motions and given forces, translations first; NaN for what is not given.
-
-        Parameters
-        ----------
-        dim : int
-
-        Returns
-        -------
-        motion, force : ndarray, shape (3,) in 2-D and (6,) in 3-D
-            For each component exactly one of the two is NaN.
-        """
+        """Prescribed motions and given forces, translations first, shape (3,) in 2-D and (6,) in
+        3-D; for each component exactly one of the two is NaN."""
         turns = dim * (dim - 1) // 2
         motion = np.concatenate(
             (_read("displacement", self.displacement, dim), _read("rotation", self.rotation, turns))

@@ -276,10 +276,8 @@ class ContactProblem(Portable):
         said: Any = None,
     ) -> ContactSystem:
         """The discrete system of a body under other loads, with another obstacle, after a step.
-
         `since` is the obstacle of the last step, by default that of `after`; `said` is its
-        displacement, if the caller knows it. The obstacles of pairs are lists, one entry per pair.
-        """
+        displacement, if the caller knows it. Of pairs obstacles are lists, one entry a pair."""
         self._follow_body()
         rows, motion, now, surface = self.rows, self.motion, obstacle, self.surface
         if obstacle is not _SAME:

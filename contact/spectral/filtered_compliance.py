@@ -13,13 +13,8 @@ from skfem_adini.ground.arrays import namespace
 
 
 class FilteredCompliance:
-    """Displacements under forces on a grid, by a symbol for each wave of a real transform.
-
-    Attributes
-    ----------
-    normal_filter : NormalFilter
-        Only the normal component, also on coarser grids.
-    """
+    """Displacements under forces on a grid, by a symbol for each wave of a real transform;
+    `normal_filter` has only the normal component, also on coarser grids."""
 
     normal_filter: NormalFilter
     shape: tuple[int, ...]
@@ -70,42 +65,16 @@ class FilteredCompliance:
         return self._lateral.filtered(self._compliance, self._lateral.doubled(forces))
 
     def precondition(self, displacements: Any) -> Any:
-        """Forces that cause given displacements; approximate for free means.
-
-        Parameters
-        ----------
-        displacements : array, shape (dim, nx[, ny])
-
-        Returns
-        -------
-        array, shape (dim, nx[, ny])
-        """
+        """Forces that cause given displacements, both (dim, nx[, ny]); approximate for free
+        means."""
         if self._lateral is None:
             return filtered(self._stiffness, displacements)
         return self._lateral.halved(self._lateral.filtered(self._stiffness, displacements))
 
     def apply_normal(self, forces: Any) -> Any:
-        """Normal displacements under normal forces only.
-
-        Parameters
-        ----------
-        forces : array, shape (nx[, ny])
-
-        Returns
-        -------
-        array, shape (nx[, ny])
-        """
+        """Normal displacements under normal forces only, both (nx[, ny])."""
         return self.normal_filter.apply_normal(forces)
 
     def precondition_normal(self, displacements: Any) -> Any:
-        """Normal forces that, acting alone, cause given normal displacements.
-
-        Parameters
-        ----------
-        displacements : array, shape (nx[, ny])
-
-        Returns
-        -------
-        array, shape (nx[, ny])
-        """
+        """Normal forces that, acting alone, cause given normal displacements, both (nx[, ny])."""
         return self.normal_filter.precondition_normal(displacements)

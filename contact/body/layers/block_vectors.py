@@ -84,10 +84,8 @@ class BlockVectors(Solid):
         return other
 
     def placed(self, v: Any) -> Any:
-        """Move a vector of all dofs to the device that applies the stiffness.
-
-        Only the nonzeros of the block's own load are copied.
-        """
+        """Move a vector of all dofs to the device that applies the stiffness; only the nonzeros of
+        the block's own load are copied."""
         xp = self.arrays.xp
         if v is not self._f or self._acting is None or xp is np:
             return xp.asarray(v)
@@ -118,10 +116,8 @@ class BlockVectors(Solid):
         return CellStencil(self.columns, self.cell_rows, self.arrays)
 
     def contact_forces(self, rows: Any, mu: Array, t: Array) -> Any:
-        """``G^T mu + T^T t`` on all dofs, from `ContactRows`, on the device of the body.
-
-        Only the lowest row of cells is copied; all other forces are zero.
-        """
+        """``G^T mu + T^T t`` on all dofs, from `ContactRows`, on the device of the body. Only the
+        lowest row of cells is copied; all other forces are zero."""
         xp, own = self.arrays.xp, self.trace.ndofs
         lowest = rows.G[:, :own].T @ mu + rows.T[:, :own].T @ t.ravel()
         forces = xp.zeros(self.ndofs)

@@ -315,13 +315,8 @@ class LayeredBlock(BlockVectors):
 
     @cached_property
     def prescribed(self) -> tuple[NDArray[np.int64], Array]:
-        """Dofs with a prescribed displacement, ascending, and its values.
-
-        Raises
-        ------
-        InputError
-            Two prescriptions contradict each other.
-        """
+        """Dofs with a prescribed displacement, ascending, and its values; InputError if two
+        prescriptions contradict each other."""
         return prescribed_on_edges(self)
 
     @property
