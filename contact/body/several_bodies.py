@@ -103,28 +103,9 @@ class Bodies(Solid):
     def _couplings(self) -> tuple[Any, ...]:  # type: ignore[override]
         return tuple(link for body in self._bodies for link in body._couplings)
 
-    def number_of(self, body: Any) -> int:
-        """Position of a body given as object, copy, number or name."""
-        found = [k for k, own in enumerate(self._bodies) if own is body]
-        if not found and isinstance(body, Solid):
-            found = [k for k, own in enumerate(self._bodies) if own.is_same_body(body)]
-        elif isinstance(body, str):
-            found = [k for k, own in enumerate(self._bodies) if own.name == body]
-        elif isinstance(body, int | np.integer) and not isinstance(body, bool):
-            found = [int(body)] if 0 <= body < len(self._bodies) else []
-        if len(found) != 1:
-            known = ", ".join(self.called(k) for k in range(len(self._bodies)))
-            raise InputError(f"body: {body!r} is not one of {known}")
-        return found[0]
-
     def number_of_trace(self, trace: Any) -> int:
         """Number of the body with this trace."""
         return next(k for k, own in enumerate(self._bodies) if own.trace is trace)
-
-    def called(self, k: int) -> str:
-        """Name of a body, or its number as words."""
-        name = self._bodies[k].name
-        return repr(name) if name else f"body {k}"
 
     def describe(self, k: int, motion: str) -> str:
         """Describe a motion of body k for an error message."""

@@ -243,13 +243,23 @@ class Solid(Portable, ABC):
     def number_of(self, body: Any) -> int:
         """Position among the `bodies` of one given as object, copy, number or name; InputError for
         none, or several."""
-        if isinstance(body, Solid) and body.is_same_body(self):
-            return 0
-        if isinstance(body, int) and body == 0:
-            return 0
-        if isinstance(body, str) and body and body == self.name:
-            return 0
-        raise InputError(f"body: {body!r} is not the body of this result")
+        bodies = self.bodies
+        found = [k for k, own in enumerate(bodies) if own is body]
+        if not found and isinstance(body, Solid):
+            found = [k for k, own in enumerate(bodies) if own.is_same_body(body)]
+        elif isinstance(body, str):
+            found = [k for k, own in enumerate(bodies) if own.name == body]
+        elif isinstance(body, int | np.integer) and not isinstance(body, bool):
+            found = [int(body)] if 0 <= body < len(bodies) else []
+        if len(found) != 1:
+            known = ", ".join(self.called(k) for k in range(len(bodies)))
+            raise InputError(f"body: {body!r} is not one of {known}")
+        return found[0]
+
+    def called(self, k: int) -> str:
+        """Name of one of the `bodies`, or its number as words."""
+        name = self.bodies[k].name
+        return repr(name) if name else f"body {k}"
 
     def is_same_body(self, other: Solid) -> bool:
         """Whether another object is this body, or the same one under other loads."""

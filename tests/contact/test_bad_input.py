@@ -492,6 +492,16 @@ def test_bodies_of_a_result_are_chosen_by_number_and_interfaces_shown_in_one_lin
     assert repr(pressed.boundaries) == f"Interfaces(3 pairs, {pressed.rows.gap.size} points)"
 
 
+def test_the_body_of_a_result_is_chosen_as_one_of_several():
+    alone = block(ElementQuad2, [0, 1], [0, 1]).fix("top", None, -0.01).named("alone")
+    solved = ContactProblem(alone, "bottom", 0.0).solve()
+    for right in (0, np.int64(0), "alone", alone):
+        assert np.array_equal(solved[right].u, solved.u)
+    for wrong in (1, -1, "other", block(ElementQuad2, [0, 1], [0, 1]), None, False):
+        with pytest.raises(InputError, match="is not one of 'alone'"):
+            solved[wrong]
+
+
 @pytest.mark.parametrize("load", [(0.1, -0.2), (0.0, 0.2)])
 def test_a_body_that_is_not_held_is_named(load):
     upper, lower = facing(ElementQuad2, 3, 4)
