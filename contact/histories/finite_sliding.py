@@ -42,7 +42,8 @@ from contact.obstacles.rigid_motion import (
     same_gaps,
     unknown_motion,
 )
-from contact.obstacles.tool import Pose, Tool, WornTools, is_tool, moved_frame
+from contact.obstacles.shapes import is_tool
+from contact.obstacles.tool import Pose, Tool, WornTools, moved_frame
 from contact.portable import Origin
 from contact.problem.solve_system import solve_system
 from contact.result.certify import certify

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,11 +18,14 @@ Array = NDArray[np.float64]
 GRAZING = 0.0175  # sine of 1 degree: normals at smaller angles to the obstacle meet nothing
 
 
-def vector(name: str, value: ArrayLike) -> Array:
-    """A vector of 2 or 3 finite numbers, or an `InputError` with the argument's name."""
+def vector(name: str, value: ArrayLike, dim: int | None = None) -> Array:
+    """A vector of 2 or 3 finite numbers, or of `dim`, or an `InputError` with the argument's
+    name."""
     array = numbers(name, value)
-    if array.ndim != 1 or array.size not in (2, 3) or not np.all(np.isfinite(array)):
-        raise InputError(f"{name}={value!r}: expected 2 or 3 finite numbers")
+    sizes = (2, 3) if dim is None else (dim,)
+    if array.ndim != 1 or array.size not in sizes or not np.all(np.isfinite(array)):
+        expected = " or ".join(map(str, sizes))
+        raise InputError(f"{name}={value!r}: expected {expected} finite numbers")
     return array
 
 
@@ -28,6 +35,33 @@ def direction(name: str, value: ArrayLike) -> Array:
     if not np.any(array):
         raise InputError(f"{name}: the zero vector is no direction")
     return array
+
+
+def positive_lengths(lengths: ArrayLike, axes: int) -> Array:
+    """A positive number for each axis of a grid, shape (axes,)."""
+    array = np.atleast_1d(numbers("lengths", lengths))
+    if array.shape != (axes,) or not np.all((array > 0) & np.isfinite(array)):
+        raise InputError(f"lengths={lengths!r}: expected {axes} positive numbers, one an axis")
+    return array
+
+
+@contextmanager
+def reading(path: str | PathLike[str], formats: Sequence[str], what: str) -> Iterator[Path]:
+    """The path of a file of one of the `formats`; errors of its readers, of any type, name it."""
+    try:
+        place = Path(path)
+    except TypeError as error:
+        raise InputError(f"path={path!r}: expected the name of a file ({error})") from None
+    kind = place.suffix.lower()
+    if kind not in formats:
+        raise InputError(f"path={path!r}: {what} are read from {', '.join(formats)} files")
+    if not place.is_file():
+        raise InputError(f"path={path!r}: there is no such file")
+    try:
+        yield place
+    except Exception as error:
+        said = str(error) or type(error).__name__
+        raise InputError(f"path={path!r}: not readable as {kind} ({said})") from error
 
 
 def keep_vectors(obstacle: Any, *names: str) -> None:

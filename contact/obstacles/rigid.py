@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError
+from contact.obstacles.arguments import vector
 from skfem_adini.ground.arguments import array_of, numbers
 
 Array = NDArray[np.float64]
@@ -91,10 +92,7 @@ class Rigid:
         """Centre of rotation, shape (dim,)."""
         if self.centre is None:
             return np.zeros(dim)
-        centre = numbers("centre", self.centre)
-        if centre.shape != (dim,) or not np.all(np.isfinite(centre)):
-            raise InputError(f"centre={self.centre!r}: expected {dim} finite numbers")
-        return centre
+        return vector("centre", self.centre, dim)
 
 
 def plain(obstacle: ObstacleLike) -> Any:

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError
-from contact.obstacles.rigid import Rigid, plain
+from contact.obstacles.rigid import plain
 from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
@@ -80,8 +80,7 @@ def along_normal(before: Any, now: Any, first: bool = False) -> bool:
 
 def gap_tells_place(obstacle: Any) -> bool:
     """Whether equal gaps imply an unmoved shape, unlike for planes, prisms and spinning tools."""
-    within = obstacle.obstacle if isinstance(obstacle, Rigid) else obstacle
-    return not getattr(within, "_slides_in_itself", False)
+    return not getattr(plain(obstacle), "_slides_in_itself", False)
 
 
 def is_number(obstacle: Any) -> bool:

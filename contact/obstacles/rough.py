@@ -6,7 +6,7 @@ import operator
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,6 +19,9 @@ from contact.errors import InputError
 from contact.obstacles.arguments import (
     GRAZING,
     column,
+    direction,
+    positive_lengths,
+    reading,
     vector,
 )
 from contact.obstacles.rigid_motion import RigidMotion, turn_of
@@ -120,11 +123,7 @@ class Rough:
             )
         if not np.all(np.isfinite(heights)):
             raise InputError("heights: hold NaN or infinite values; fill them in")
-        lengths = np.atleast_1d(numbers("lengths", self.lengths))
-        if lengths.shape != (heights.ndim,) or not np.all((lengths > 0) & np.isfinite(lengths)):
-            raise InputError(
-                f"lengths={self.lengths!r}: expected {heights.ndim} positive numbers, one an axis"
-            )
+        lengths = positive_lengths(self.lengths, heights.ndim)
         heights.setflags(write=False)
         object.__setattr__(self, "heights", heights)
         object.__setattr__(self, "lengths", tuple(lengths.tolist()))
@@ -136,12 +135,10 @@ class Rough:
         """Origin (dim,), axes of the grid (dim - 1, dim) and unit normal (dim,)."""
         upright = np.eye(dim)[-1]
         origin = np.zeros(dim) if self.point is None else vector("point", self.point)
-        normal = upright if self.normal is None else vector("normal", self.normal)
+        normal = upright if self.normal is None else direction("normal", self.normal)
         for name, given in (("point", origin), ("normal", normal)):
             if given.size != dim:
                 raise InputError(f"{name}: expected {dim} numbers, for heights of {dim - 1} axes")
-        if not np.any(normal):
-            raise InputError("normal: the zero vector is no direction")
         unit = normal / np.linalg.norm(normal)
         axes: list[Array] = []
         for e in np.delete(np.eye(dim), np.argmax(np.abs(unit)), axis=0):
@@ -514,11 +511,7 @@ def _cutoffs(cutoffs: tuple[float, float]) -> tuple[float, float]:
 
 def _aspect(shape: tuple[int, ...], lengths: Sequence[float] | None) -> list[float]:
     """Sides in units of the first."""
-    sides = (
-        np.array(shape, float) if lengths is None else np.atleast_1d(numbers("lengths", lengths))
-    )
-    if sides.shape != (len(shape),) or not np.all((sides > 0) & np.isfinite(sides)):
-        raise InputError(f"lengths={lengths!r}: expected {len(shape)} positive numbers")
+    sides = positive_lengths(shape if lengths is None else lengths, len(shape))
     return list((sides / sides[0]).tolist())
 
 
@@ -570,7 +563,7 @@ class HeightSpline:
         """Whether places (dim - 1, ...) lie on the surface: all of them do if it is periodic."""
         if self.periodic:
             return np.ones(places.shape[1:], dtype=bool)
-        size = self.lengths.reshape((-1,) + (1,) * (places.ndim - 1))
+        size = column(self.lengths, places)
         slack = 1e-9 * size
         return np.asarray(np.all((places >= -slack) & (places <= size + slack), axis=0))
 
@@ -594,7 +587,7 @@ class HeightSpline:
         return np.array([self._value(places, row) for row in np.eye(len(places), dtype=int)])
 
     def _value(self, places: Array, order: NDArray[np.int64]) -> Array:
-        size = self.lengths.reshape((-1,) + (1,) * (places.ndim - 1))
+        size = column(self.lengths, places)
         axes = _axes(places)
         if axes is not None:
             return self._on_grid(axes, order)
@@ -626,25 +619,14 @@ def _axes(places: Array) -> list[Array] | None:
 
 def read_heights(path: str | PathLike[str]) -> Array:
     """The numbers of a file: first index along the first axis of the surface."""
-    try:
-        place = Path(fspath(path))
-    except TypeError as error:
-        raise InputError(f"path={path!r}: expected the name of a file ({error})") from None
-    kind, tables = place.suffix.lower(), (".txt", ".csv", ".dat", ".asc")
-    formats = (".npy", *tables, ".xyz", ".png")
-    if kind not in formats:
-        raise InputError(f"path={path!r}: heights are read from {', '.join(formats)} files")
-    if not place.is_file():
-        raise InputError(f"path={path!r}: there is no such file")
-    try:
+    tables = (".txt", ".csv", ".dat", ".asc")
+    with reading(path, (".npy", *tables, ".xyz", ".png"), "heights") as place:
+        kind = place.suffix.lower()
         if kind == ".npy":
             return _array(place)
         if kind == ".xyz":
             return _points(place)
         return _table(place) if kind in tables else _image(place)
-    except Exception as error:  # readers raise errors of any type
-        said = str(error) or type(error).__name__
-        raise InputError(f"path={path!r}: not readable as {kind} ({said})") from error
 
 
 def _array(place: Path) -> Array:

@@ -25,6 +25,7 @@ from contact.obstacles.arguments import (
     vector,
 )
 from contact.obstacles.rigid import ObstacleLike as ObstacleLike
+from contact.obstacles.rigid import plain
 from contact.obstacles.rigid_motion import (
     RigidMotion,
     gap_tells_place,
@@ -336,6 +337,9 @@ class Cone:
         return None if turn is None else RigidMotion.between(before.apex, self.apex, turn)
 
 
+_PLACED = (Plane, Cylinder, Sphere, Cone, SurfaceMesh, Rough, SignedDistance)  # not a Parabola
+
+
 @dataclass(frozen=True)
 class ClosestPoint:
     r"""Measure the gap to the closest point of an obstacle instead of along the body's normal.
@@ -429,12 +433,11 @@ class Moved:
     _slides_in_itself: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        known = (Plane, Cylinder, Sphere, Cone, SurfaceMesh, Rough, SignedDistance)
-        if not isinstance(self.obstacle, known):
+        if not isinstance(self.obstacle, _PLACED):
             raise InputError(
                 f"Moved: a {type(self.obstacle).__name__} is no shape to be moved and turned; "
-                f"expected one of {', '.join(kind.__name__ for kind in known)}. Move the apex and "
-                "the offset of a Parabola; put a Moved into Rigid and ClosestPoint"
+                f"expected one of {', '.join(kind.__name__ for kind in _PLACED)}. Move the apex "
+                "and the offset of a Parabola; put a Moved into Rigid and ClosestPoint"
             )
         c = vector("displacement", self.displacement)
         size = 1 if c.size == 2 else 3
@@ -445,9 +448,7 @@ class Moved:
             raise InputError(
                 f"rotation={self.rotation!r}: expected {'an angle' if size == 1 else '3 numbers'}"
             )
-        centre = np.zeros(c.size) if self.centre is None else vector("centre", self.centre)
-        if centre.size != c.size:
-            raise InputError(f"centre={self.centre!r}: expected {c.size} finite numbers")
+        centre = np.zeros(c.size) if self.centre is None else vector("centre", self.centre, c.size)
         for name, value in (("displacement", c), ("rotation", turn), ("centre", centre)):
             object.__setattr__(self, name, tuple(value.tolist()))
 
@@ -491,6 +492,14 @@ class Moved:
         return RigidMotion.between(start, end + np.asarray(other.displacement), turn)
 
 
+_SHAPES = (*_PLACED, Parabola, ClosestPoint, Moved)
+
+
+def is_tool(obstacle: Any) -> bool:
+    """Whether an obstacle is a shape with a place of its own, not a gap of each point."""
+    return isinstance(plain(obstacle), _SHAPES)
+
+
 def _unmoved(obstacle: Any, dim: int) -> Moved | None:
     try:
         return Moved(obstacle, (0.0,) * dim)
@@ -518,8 +527,7 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
         )
     if hasattr(obstacle, "surface"):
         raise InputError("obstacle: a body touches by a boundary; give body.surface(name)")
-    shapes = (Plane, Cylinder, Sphere, Parabola, Cone, SurfaceMesh, Rough)
-    if isinstance(obstacle, (*shapes, SignedDistance, ClosestPoint, Moved)):
+    if isinstance(obstacle, _SHAPES):
         gap = obstacle(x, n)
     else:
         gap = evaluated("obstacle", obstacle, x)
@@ -535,6 +543,6 @@ def within_reach(obstacle: ObstacleLike, gap: Array, nearest: float, size: float
     """The gap, ``inf`` where it exceeds the boundary's least gap by more than the body's size.
     Normals near the equator of a ball meet a plane below it far away; such a gap would close only
     if the body sank by more than its size. Gaps not along normals are unchanged."""
-    if isinstance(obstacle, (Plane, Cylinder, Sphere, Cone, SurfaceMesh, Rough, SignedDistance)):
+    if isinstance(obstacle, _PLACED):
         gap = np.where(np.abs(gap) <= nearest + size, gap, np.inf)
     return gap

@@ -6,7 +6,7 @@ PLY and OBJ are read here, because VTK's readers may crash on damaged files.
 from __future__ import annotations
 
 import re
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError
+from contact.obstacles.arguments import reading
 from skfem_adini.ground.errors import optional
 
 Array = NDArray[np.float64]
@@ -22,17 +23,8 @@ Index = NDArray[np.int64]
 
 def read_surface(path: str | PathLike[str]) -> tuple[Array, Index]:
     """Points (dim, npoints) and facets (dim, nfacets) of a file."""
-    try:
-        place = Path(fspath(path))
-    except TypeError as error:
-        raise InputError(f"path={path!r}: expected the name of a file ({error})") from None
-    formats = (".stl", ".ply", ".obj", ".vtp")
-    if place.suffix.lower() not in formats:
-        raise InputError(f"path={path!r}: surfaces are read from {', '.join(formats)} files")
-    if not place.is_file():
-        raise InputError(f"path={path!r}: there is no such file")
     pyvista = _pyvista()
-    try:
+    with reading(path, (".stl", ".ply", ".obj", ".vtp"), "surfaces") as place:
         if place.suffix.lower() == ".vtp":
             _check_claims(place.read_bytes())
         found = {".obj": _obj, ".ply": _ply}.get(place.suffix.lower(), pyvista.read)(place)
@@ -42,9 +34,6 @@ def read_surface(path: str | PathLike[str]) -> tuple[Array, Index]:
             faces = np.insert(polygons.vertices, polygons.starts, polygons.length)
             solid = pyvista.PolyData(points, faces=faces).triangulate()
             return np.asarray(solid.points, dtype=float).T, np.asarray(solid.regular_faces, int).T
-    except Exception as error:  # readers raise errors of any type
-        said = str(error) or type(error).__name__
-        raise InputError(f"path={path!r}: not readable as {place.suffix} ({said})") from error
     first = np.ones(lines.vertices.size, dtype=bool)
     first[lines.starts + lines.length - 1] = False
     begin = np.flatnonzero(first)

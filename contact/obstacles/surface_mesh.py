@@ -13,6 +13,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError
+from contact.obstacles.arguments import column, vector
 from contact.obstacles.box_tree import BoxTree
 from contact.obstacles.facets import (
     check_facets,
@@ -282,11 +283,7 @@ class SurfaceMesh:
         array([[ 0.,  1.,  1.,  0.],
                [-3., -3., -2., -2.]])
         """
-        move = numbers("displacement", displacement)
-        if move.shape != self._shift.shape or not np.all(np.isfinite(move)):
-            raise InputError(
-                f"displacement={displacement!r}: expected {self._shift.size} finite numbers"
-            )
+        move = vector("displacement", displacement, self._shift.size)
         moved = copy.copy(self)
         moved._set(points=self.points + move[:, None], _shift=self._shift + move)
         return moved
@@ -334,11 +331,8 @@ class SurfaceMesh:
 
     def _home(self, x: Array) -> Array:
         """Points (dim, ...) as (npoints, dim), relative to the middle of the surface."""
-        if x.shape[0] != self._shift.size:
-            raise InputError(
-                f"obstacle of dimension {self._shift.size} against a body of {x.shape[0]}"
-            )
-        return np.ascontiguousarray(x.reshape(x.shape[0], -1).T) - self._shift
+        away = x - column(self._shift, x)
+        return np.ascontiguousarray(away.reshape(len(x), -1).T)
 
 
 @dataclass(frozen=True)

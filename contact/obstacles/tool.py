@@ -23,18 +23,11 @@ from contact.errors import InputError, NotConverged
 from contact.obstacles.arguments import column
 from contact.obstacles.rigid import Rigid, plain
 from contact.obstacles.rigid_motion import RigidMotion, matrix_of, turn_of
-from contact.obstacles.rough import Rough
 from contact.obstacles.shapes import ClosestPoint, Cone, Cylinder, Moved, Parabola, Plane, Sphere
 from contact.obstacles.signed_distance import SignedDistance
 from contact.obstacles.surface_mesh import SurfaceMesh
 
 Array = NDArray[np.float64]
-_SHAPES = (Plane, Cylinder, Sphere, Parabola, Cone, SurfaceMesh, Rough, SignedDistance)
-
-
-def is_tool(obstacle: Any) -> bool:
-    """Whether an obstacle is a shape with a place of its own, not a gap of each point."""
-    return isinstance(plain(obstacle), (*_SHAPES, ClosestPoint, Moved))
 
 
 @dataclass(frozen=True)
