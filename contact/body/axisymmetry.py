@@ -26,6 +26,7 @@ from skfem import Basis, Mesh
 
 from contact.body.anisotropic import Anisotropic
 from contact.body.constitutive import IsotropicLaw, TensorLaw
+from contact.body.elasticity import Local, summed
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
@@ -107,7 +108,10 @@ def stiffness(basis: Basis, elastic: Array, volumetric: Array | None = None) -> 
     r"""Stiffness of the whole ring; `elastic` (ncells, 4, 4) maps `strains` to stresses.
     With mean dilatation `elastic` has no lambda: `volumetric` (ncells,) is lambda in the term
     :math:`\lambda |K|^{-1} \int_K \operatorname{div} u \int_K \operatorname{div} v`."""
-    total = sparse.csr_array((basis.N, basis.N))
+    return summed(basis, _local_matrices(basis, elastic, volumetric))
+
+
+def _local_matrices(basis: Basis, elastic: Array, volumetric: Array | None) -> Local:
     for cells in _chunks(basis):
         B, weights = strains(basis, cells), ring_weights(basis)[cells]
         stress = elastic[cells, None] @ B * weights[..., None, None]
@@ -118,12 +122,7 @@ def stiffness(basis: Basis, elastic: Array, volumetric: Array | None = None) -> 
             mean = np.einsum("cq,cqsn->cn", weights, B[:, :, :3])
             share = volumetric[cells] / weights.sum(axis=1)
             local += share[:, None, None] * mean[:, :, None] * mean[:, None, :]
-        dofs = basis.element_dofs.T[cells]
-        rows, columns = np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()
-        part = sparse.coo_array((local.ravel(), (rows, columns)), shape=total.shape)
-        total = total + sparse.csr_array(part)
-    total.sort_indices()
-    return total
+        yield cells, local
 
 
 def strain_roots(basis: Basis, elastic: Array, volumetric: Array | None = None) -> Array:

@@ -22,12 +22,12 @@ from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.cell_finder import find_cells
 from contact.body.constitutive import StressLaw
 from contact.body.elastic_body import ElasticBody, Field
+from contact.body.material import of_each_cell
 from contact.body.multipoint import column_lengths, picked_by
 from contact.body.rigid_modes import dof_kinds, rigid_field
 from contact.body.solid import Solid
 from contact.body.space import Space
 from contact.body.spread_unknowns import SpreadUnknowns
-from contact.body.supports import unconstrained_rows
 from contact.body.vector_element import vector_element
 from contact.errors import InputError
 from contact.settled import settled
@@ -382,16 +382,6 @@ class DistributedBody(Solid):
         """The cells around the contact boundary with their supports; their dofs come first."""
         return self._strip
 
-    def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
-        """Rows given on the dofs of the strip, extended to all dofs of this process."""
-        shape = matrix.shape[0], self.f.size
-        return sparse.csr_array((matrix.data, matrix.indices, matrix.indptr), shape=shape)
-
-    def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports do not fix; see `contact.body.supports.unconstrained_rows`."""
-        own = sparse.csr_array(rows[:, : self._shared])
-        return unconstrained_rows(own, self._strip.constraint[0], self._strip.lengths)
-
     @cached_property
     def rows(self) -> sparse.csr_array:
         """Rows of the stiffness matrix that belong to this process, in local columns."""
@@ -627,12 +617,7 @@ def _of_cells(name: str, value: Any, cells: NDArray[np.int64], total: int) -> An
     """A scalar as it is, or the values of some cells of the whole mesh."""
     if value is None or np.ndim(value) == 0:
         return value
-    if np.shape(value) != (total,):
-        raise InputError(
-            f"{name}: expected a number or one for each of the {total} cells of the whole mesh, "
-            f"got shape {np.shape(value)}"
-        )
-    return np.asarray(value)[cells]
+    return of_each_cell(name, value, total)[cells]
 
 
 def factor_memory(unknowns: int, rows: int, dim: int, processes: int) -> float:

@@ -137,7 +137,7 @@ def stiffness_matrix(
     if straight is not None:
         tensor = isotropic_tensor(lame_lambda, lame_mu, basis.mesh.dim())
         return _as_array(straight.matrix(tensor))
-    return _summed(basis, local_matrices(basis, lame_lambda, lame_mu, mean_dilatation))
+    return summed(basis, local_matrices(basis, lame_lambda, lame_mu, mean_dilatation))
 
 
 def isotropic_tensor(
@@ -158,7 +158,7 @@ def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_ar
         return _as_array(few[0].matrix(few[1]))
     if (straight := AffineCells.of(basis)) is not None:
         return _as_array(straight.matrix(tensor))
-    return _summed(basis, tensor_matrices(basis, tensor))
+    return summed(basis, tensor_matrices(basis, tensor))
 
 
 def _as_array(matrix: sparse.csr_matrix) -> sparse.csr_array:
@@ -168,7 +168,8 @@ def _as_array(matrix: sparse.csr_matrix) -> sparse.csr_array:
     return result
 
 
-def _summed(basis: Basis, matrices: Local) -> sparse.csr_array:
+def summed(basis: Basis, matrices: Local) -> sparse.csr_array:
+    """The stiffness matrix of a basis from those of its cells."""
     total = sparse.csr_array((basis.N, basis.N))
     for cells, local in matrices:
         total = total + _scattered(basis, cells, local)

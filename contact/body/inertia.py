@@ -20,6 +20,7 @@ from scipy import sparse
 from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTriP1
 
 from contact.body.elastic_body import ElasticBody
+from contact.body.material import of_each_cell
 from contact.body.rigid_modes import dof_kinds, rigid_field
 from contact.errors import InputError
 from skfem_adini import factorize
@@ -141,9 +142,7 @@ class Mass:
 
 def checked_density(density: ArrayLike, cells: int) -> Array:
     """Density of each cell, (ncells,), from one number or one a cell; positive."""
-    rho = numbers("density", density)
-    if rho.shape not in ((), (cells,)):
-        raise InputError(f"density: expected one number or {cells}, one a cell, got {rho.shape}")
+    rho = of_each_cell("density", density, cells)
     wrong = rho[~(np.isfinite(rho) & (rho > 0))]
     if wrong.size:
         raise InputError(f"density={wrong.flat[0]:.6g}: expected a positive mass per volume")

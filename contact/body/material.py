@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from contact.body.anisotropic import Anisotropic
 from contact.body.axisymmetry import AXISYMMETRIC, AxisymmetricLaw
 from contact.body.constitutive import IsotropicLaw, StressLaw, TensorLaw
@@ -15,12 +18,7 @@ from skfem_adini.ground.arguments import choice, numbers
 def isotropic(new: dict[str, Any], element: Any, count: int) -> dict[str, Any]:
     """Check E and nu, make them read-only arrays, and return the quantities derived from them."""
     for name in ("E", "nu"):
-        value = numbers(name, new[name])
-        if value.shape not in ((), (count,)):
-            raise InputError(
-                f"{name}: expected a number or one value for each of the {count} cells, got "
-                f"shape {value.shape}"
-            )
+        value = of_each_cell(name, new[name], count)
         value.flags.writeable = False
         new[name] = value
     ring = new["plane"] == AXISYMMETRIC
@@ -30,6 +28,17 @@ def isotropic(new: dict[str, Any], element: Any, count: int) -> dict[str, Any]:
     law = IsotropicLaw(lame_lambda, lame_mu, new["nu"], plane)
     whole = AxisymmetricLaw(law) if ring else law
     return {"lam": lame_lambda, "mu": lame_mu, "law": whole}
+
+
+def of_each_cell(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
+    """A number, shape (), or one for each cell, shape (count,)."""
+    array = numbers(name, value)
+    if array.shape not in ((), (count,)):
+        raise InputError(
+            f"{name}: expected a number or one value for each of the {count} cells, got shape "
+            f"{array.shape}"
+        )
+    return array
 
 
 def anisotropic(new: dict[str, Any], dim: int, count: int) -> StressLaw:

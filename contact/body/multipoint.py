@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from contact.body.axisymmetry import check_shift
 from contact.body.deferred_basis import dofs_on_facets
 from contact.body.rigid_modes import dof_kinds, dof_lengths, rigid_field
+from contact.body.supports import single
 from contact.errors import InputError
 from skfem_adini.ground.arguments import finite_number
 
@@ -90,7 +91,7 @@ def coupled(
 def picked_by(P: sparse.csr_array, lengths: Callable[[], Array]) -> sparse.csr_array:
     """E with ``E^T P = I``: P itself if each column has dofs of one kind.
     `lengths` is called only if columns mix values and derivatives."""
-    if _single(P):
+    if single(P):
         return P
     of_dof = lengths()
     mixed = _mixed(sparse.csc_array(P), of_dof)
@@ -105,7 +106,7 @@ def picked_by(P: sparse.csr_array, lengths: Callable[[], Array]) -> sparse.csr_a
 
 def column_lengths(P: sparse.csr_array, of_dof: Array) -> Array:
     """Length that scales each free unknown to a displacement; 1 if its dofs have different ones."""
-    if _single(P):
+    if single(P):
         lengths = np.empty(P.nnz)
         entries = np.diff(P.indptr)
         alone = entries.max(initial=0) <= 1  # quick test: true without couplings
@@ -114,15 +115,6 @@ def column_lengths(P: sparse.csr_array, of_dof: Array) -> Array:
     columns = sparse.csc_array(P)
     first: Array = of_dof[columns.indices[columns.indptr[:-1]]]
     return np.where(_mixed(columns, of_dof), 1.0, first)
-
-
-def _single(P: sparse.csr_array) -> bool:
-    """Whether each free unknown is a multiple of one dof."""
-    if P.nnz != P.shape[1]:
-        return False
-    filled = np.zeros(P.shape[1], dtype=bool)
-    filled[P.indices] = True
-    return bool(filled.all())
 
 
 def _mixed(columns: sparse.csc_array, of_dof: Array) -> NDArray[np.bool_]:

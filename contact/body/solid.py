@@ -14,6 +14,7 @@ from scipy import sparse
 from contact.arrays.sparse_rows import transpose
 from contact.body.axisymmetry import AXISYMMETRIC, circumference
 from contact.body.constitutive import StressLaw, total_stress
+from contact.body.supports import unconstrained_rows
 from contact.errors import InputError
 from contact.portable import Portable
 from skfem_adini.ground.arguments import numbers
@@ -275,13 +276,15 @@ class Solid(Portable, ABC):
     def trace(self) -> Any:
         """A body with a Basis; its dofs come first in this body and determine the boundary."""
 
-    @abstractmethod
     def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
         """Rows given on the dofs of `trace`, extended to all dofs of this body."""
+        shape = matrix.shape[0], self.ndofs
+        return sparse.csr_array((matrix.data, matrix.indices, matrix.indptr), shape=shape)
 
-    @abstractmethod
     def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
         """Rows that the supports do not fix; see `contact.body.supports.unconstrained_rows`."""
+        own = sparse.csr_array(rows[:, : self.trace.ndofs])
+        return unconstrained_rows(own, self.trace.constraint[0], self.trace.lengths)
 
     def forces_on(self, u: Any) -> Any:
         """S u on the own dofs, without mean translations, which would only add rounding."""

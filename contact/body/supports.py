@@ -65,11 +65,18 @@ def norms(rows: sparse.csr_array) -> Array:
     return np.sqrt(np.bincount(owner, np.square(rows.data), rows.shape[0]))
 
 
+def single(P: sparse.csr_array) -> bool:
+    """Whether each free unknown is a multiple of one dof."""
+    if P.nnz != P.shape[1]:
+        return False
+    filled = np.zeros(P.shape[1], dtype=bool)
+    filled[P.indices] = True
+    return bool(filled.all())
+
+
 def in_order(P: sparse.csr_array) -> sparse.csr_array:
     """The same free unknowns in the order of the dofs, where each is one dof; else P itself.
     Free rows and columns of a matrix then stay sorted."""
-    filled = np.zeros(P.shape[1], dtype=bool)
-    filled[P.indices] = True
-    if P.nnz != P.shape[1] or not filled.all() or np.any(np.diff(P.indptr) > 1):
+    if not single(P) or np.any(np.diff(P.indptr) > 1):
         return P
     return sparse.csr_array((P.data, np.arange(P.nnz, dtype=P.indices.dtype), P.indptr), P.shape)

@@ -14,7 +14,7 @@ from skfem.element import Element
 from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import odd_unknowns, read_sides, unsupported
-from contact.body.layers.layers import Layer, read_layers, refuse_rings
+from contact.body.layers.layers import Layer, flat_plane, read_layers
 from contact.body.layers.meshed_block import meshed, supported
 from contact.errors import InputError
 from contact.spectral.condensed_layers import CondensedLayers
@@ -148,7 +148,7 @@ class PeriodicLayers(FilteredCompliance):
         self._sides, self.sides = read_sides(sides, self.dim), sides
         self.cells = read_cells(cells, self._sides)
         self.spacing = tuple(np.divide(self.lengths, self.cells).tolist())
-        refuse_rings(plane, self.dim)
+        flat_plane(plane, self.dim)
         self.layers, self.plane = read_layers(layers), plane
         lowest = self.layers[0]
         self.contact_modulus = lowest.E / (1 - (plane != "stress") * lowest.nu**2)

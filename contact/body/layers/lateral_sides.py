@@ -70,13 +70,13 @@ KINDS = np.array([-1, -1, 0, 0, 1, 1])  # `dof_kinds` of the unknowns of a node
 
 def odd_of(block: Any) -> NDArray[np.bool_]:
     """Node unknowns that are odd about the sides of a `LayeredBlock`, shape (6,)."""
-    (odd,) = odd_unknowns(read_sides(_of_both(block.sides), 2), KINDS)
+    (odd,) = odd_unknowns(read_sides(of_both(block.sides), 2), KINDS)
     if odd is None:
         raise InputError("sides: periodic ones have a mesh")
     return odd
 
 
-def _of_both(sides: Any) -> Any:
+def of_both(sides: Any) -> Any:
     """Merge the entries of two sides if they are equal."""
     pair = isinstance(sides, tuple | list) and len(sides) == 2
     return sides[0] if pair and sides[0] == sides[1] else sides

@@ -26,6 +26,7 @@ from contact.body.layers.layers import (
     Layer,
     checked_path,
     each_side,
+    flat_plane,
     grid,
     read_columns,
     read_layers,
@@ -33,8 +34,6 @@ from contact.body.layers.layers import (
     read_sides,
 )
 from contact.body.layers.meshed_block import meshed_block
-from contact.body.material import checked_plane
-from contact.body.supports import unconstrained_rows
 from contact.errors import InputError
 from contact.settled import settled
 from skfem_adini import ElementQuadAdini
@@ -195,9 +194,7 @@ class LayeredBlock(BlockVectors):
         element: Element | None = None,
         path: str | None = None,
     ) -> None:
-        self.dim, self.plane = 2, checked_plane(plane, 2)
-        if self.is_ring:
-            raise InputError("plane='axisymmetric': layers have no radii; take an ElasticBody")
+        self.dim, self.plane = 2, flat_plane(plane, 2)
         self.lengths, self.sides, self.top, self.path = lengths, sides, top, path
         self.layers = read_layers(layers)
         self.width, self.height = read_lengths(lengths, self.layers)
@@ -336,16 +333,6 @@ class LayeredBlock(BlockVectors):
                 strip.fix(edge.facets(name), c, value)
         hold(strip, vanishing(self, 2))
         return strip
-
-    def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
-        """Rows given on the dofs of the bottom row of cells, extended to all dofs."""
-        shape = matrix.shape[0], self.ndofs
-        return sparse.csr_array((matrix.data, matrix.indices, matrix.indptr), shape=shape)
-
-    def unconstrained(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports do not fix; see `contact.body.supports.unconstrained_rows`."""
-        own = sparse.csr_array(rows[:, : self.trace.ndofs])
-        return unconstrained_rows(own, self.trace.constraint[0], self.trace.lengths)
 
     @property
     def cell_rows(self) -> list[CellRows]:

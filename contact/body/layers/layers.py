@@ -63,10 +63,11 @@ def read_layers(layers: Any) -> list[Layer]:
     return found
 
 
-def refuse_rings(plane: Any, dim: int) -> None:
-    """Raise InputError for an unknown plane, or "axisymmetric"."""
-    if checked_plane(plane, dim) == AXISYMMETRIC:
+def flat_plane(plane: Any, dim: int) -> str | None:
+    """The plane of layers; InputError for an unknown one, or "axisymmetric"."""
+    if (known := checked_plane(plane, dim)) == AXISYMMETRIC:
         raise InputError(f"plane={plane!r}: layers have no radii; take an ElasticBody")
+    return known
 
 
 def read_lengths(lengths: Any, layers: Sequence[Layer]) -> tuple[float, float]:

@@ -11,14 +11,14 @@ from scipy import sparse
 from skfem import MeshHex, MeshQuad
 
 from contact.body.elastic_body import ElasticBody
-from contact.body.layers.lateral_sides import Sides, odd_unknowns, read_sides
+from contact.body.layers.lateral_sides import Sides, odd_unknowns, of_both, read_sides
 from contact.body.layers.layers import (
     Layer,
+    flat_plane,
     named_by_place,
     read_columns,
     read_layers,
     read_lengths,
-    refuse_rings,
 )
 from contact.body.rigid_modes import dof_kinds
 from contact.errors import InputError
@@ -71,7 +71,7 @@ def meshed_block(
     found = read_layers(layers)
     widths, count = _read_grid(lengths, columns if cells is None else cells, found)
     dim = len(widths) + 1
-    refuse_rings(plane, dim)
+    flat_plane(plane, dim)
     lateral = _read_lateral(sides, dim, path)
     kind = MeshQuad if dim == 2 else MeshHex
     mesh, of = meshed(kind, widths, count, found)
@@ -121,10 +121,8 @@ def _support(body: MeshedBlock, sides: Any) -> None:
 
 
 def _read_lateral(sides: Any, dim: int, path: str | None) -> Sides | None:
-    if dim == 2 and isinstance(sides, tuple | list) and len(sides) == 2 and sides[0] == sides[1]:
-        sides = sides[0]
     try:
-        return read_sides(sides, dim)
+        return read_sides(of_both(sides) if dim == 2 else sides, dim)
     except InputError:
         if path == "fourier":
             raise
