@@ -67,28 +67,42 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
         if isinstance(problem.signs, float):
             small = [partial(_by_doubling, moved=True), *small, _by_newton]
         candidates += small
+
+    def polished(S: Any, info: dict[str, Any], exact: bool = False) -> Found:
+        S, steps = refine(problem, S, newton, exact)
+        return finished(problem, S, {**info, "newton_steps": steps}, exact)
+
+    found = _first_certified(problem, standard, candidates, polished)
+    verdict, small_enough = found.verdict, problem.n <= EXACT.exact and problem.xp is np
+    if verdict.certified or verdict.residual > EXACT.residual or not small_enough:
+        return found
+    # Poles nearly on the axis take more digits of the residual.
+    return polished(found.value, found.info, exact=True)
+
+
+def _first_certified(
+    problem: LQRProblem,
+    standard: DenseProblem,
+    candidates: list[Candidate],
+    polished: Callable[[Any, dict[str, Any]], Found],
+) -> Found:
+    """The first candidate that is certified once it is polished, or that of least residual."""
     best: Found | None = None
     for candidate in candidates:
         try:
-            # Overflow is not reported here: it shows in a result that is not finite, see below.
-            with np.errstate(all="ignore"):
+            with np.errstate(all="ignore"):  # overflow shows in a result that is not finite
                 S, info = candidate(problem, standard)
+            if not bool(problem.xp.isfinite(S).all()):
+                continue
+            found = polished(S, info)
         except (np.linalg.LinAlgError, NotConverged):
             continue
-        if not bool(problem.xp.isfinite(S).all()):
-            continue
-        S, info["newton_steps"] = refine(problem, S, newton)
-        found = finished(problem, S, info)
         if found.verdict.certified:
             return found
         if best is None or found.verdict.residual < best.verdict.residual:
             best = found
     if best is None:
         raise NotConverged("neither doubling nor what stands in for it found a Riccati solution")
-    if best.verdict.residual <= EXACT.residual and problem.n <= EXACT.exact and problem.xp is np:
-        # Poles nearly on the axis take more digits of the residual.
-        S, steps = refine(problem, best.value, newton, exact=True)
-        return finished(problem, S, {**best.info, "newton_steps": steps}, exact=True)
     return best
 
 
@@ -228,23 +242,9 @@ def solve_discrete(problem: LQRProblem) -> Found:
     candidates += [_by_qz] if problem.n <= LIMITS.qz else []
     _announce(problem)
     first, _ = regular(problem)
-    best: Found | None = None
-    for candidate in candidates:
-        try:
-            with np.errstate(all="ignore"):
-                S, info = candidate(problem, first.standard())
-            if not bool(problem.xp.isfinite(S).all()):
-                continue
-            found = refined(problem, S, first.unit, info)
-        except np.linalg.LinAlgError:
-            continue
-        if found.verdict.certified:
-            return found
-        if best is None or found.verdict.residual < best.verdict.residual:
-            best = found
-    if best is None:
-        raise NotConverged("neither doubling nor QZ found a Riccati solution")
-    return best
+    return _first_certified(
+        problem, first.standard(), candidates, partial(refined, problem, first.unit)
+    )
 
 
 def regular(problem: LQRProblem, moved: bool = False) -> tuple[LQRProblem, float]:

@@ -9,9 +9,8 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arrays.denormals import filled
-from gpu.arrays.device_lu import device_solver
 from gpu.eigenvalues.schur import eigenvalues_of
-from gpu.riccati.problem.lqr_problem import solve
+from gpu.riccati.problem.lqr_problem import solve, solver_of
 from gpu.riccati.problem.state_matrix import EPS
 from skfem_adini.ground.arrays import namespace
 
@@ -92,8 +91,7 @@ def cayley_shift(M: Any) -> float:
     start = xp.asarray(np.random.default_rng(0).standard_normal((len(M), 2)))
     largest = _growth(lambda x: M @ x, start, xp)
     try:
-        inverse = _inverse(M)
-        smallest = 1.0 / _growth(inverse, start, xp)
+        smallest = 1.0 / _growth(solver_of(M), start, xp)
     except (np.linalg.LinAlgError, ZeroDivisionError, FloatingPointError):
         smallest = 0.0
     if not largest > 0.0:
@@ -116,12 +114,3 @@ def _growth(product: Callable[[Any], Any], x: Any, xp: Any) -> float:
         x = product(x / size)
     first += np.log(max(float(xp.linalg.norm(x)), 1e-300))
     return float(np.exp(first / (steps - steps // 2)))
-
-
-def _inverse(M: Any) -> Callable[[Any], Any]:
-    if isinstance(M, np.ndarray):
-        lu, pivots, info = linalg.lapack.dgetrf(M)
-        if info > 0:
-            raise np.linalg.LinAlgError("singular matrix")
-        return lambda x: linalg.lapack.dgetrs(lu, pivots, x)[0]
-    return device_solver(M)
