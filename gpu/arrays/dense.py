@@ -6,7 +6,8 @@ other triangle and waits for the device, which takes twice the time of the facto
 
 from __future__ import annotations
 
-import functools
+import threading
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +16,7 @@ from scipy.linalg.blas import dsymv, dsyrk, ssyrk
 from scipy.linalg.lapack import dpotrs
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
-from gpu.cuda.catalogue import OPTIONS, SOURCES
+from gpu.cuda.catalogue import kernel
 from skfem_adini.ground import arrays
 
 Array = Any  # numpy.ndarray or cupy.ndarray
@@ -148,16 +149,9 @@ def symmetric_and_finite(M: Array) -> bool:
     wrong = cupy.zeros(1, dtype=cupy.int32)
     tile = 32  # as in the kernel
     blocks = -(-len(M) // tile)
-    check = _symmetric_check()
+    check = kernel("symmetric", "symmetric_check")
     check((blocks, blocks), (tile, 8), (M, np.int64(len(M)), wrong))
     return not int(wrong[0])
-
-
-@functools.cache
-def _symmetric_check() -> Any:
-    import cupy
-
-    return cupy.RawKernel(SOURCES["symmetric"], "symmetric_check", options=OPTIONS)
 
 
 def scaled_symmetric(M: Array, scale: Array) -> Array:
@@ -169,3 +163,26 @@ def scaled_symmetric(M: Array, scale: Array) -> Array:
         "gpu_scaled_symmetric",
     )  # fmt: skip
     return product(M, scale[:, None], scale)
+
+
+_filters = threading.Lock()  # the filters of warnings are shared by all threads
+
+
+def device_lu(A: Any) -> Any:
+    """LU factors and pivots of a CuPy array, without CuPy's warning about zero pivots: callers
+    check them and raise an error in terms of their problem."""
+    from cupyx.scipy.linalg import lu_factor
+
+    with _filters, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return lu_factor(A, check_finite=False)
+
+
+def device_solver(M: Any) -> Callable[[Any], Any]:
+    """The function ``x -> M^-1 x``; raises `LinAlgError` if M is exactly singular."""
+    from cupyx.scipy.linalg import lu_solve
+
+    device = device_lu(M)
+    if not bool(device[0].diagonal().all()):
+        raise np.linalg.LinAlgError("singular matrix")
+    return lambda x: lu_solve(device, x, check_finite=False)

@@ -13,9 +13,9 @@ from scipy.linalg.blas import dasum
 from scipy.sparse import csgraph
 from scipy.sparse import linalg as sparse_linalg
 
-from gpu.arrays.device_lu import device_lu
+from gpu.arrays.dense import device_lu
 from gpu.arrays.sparse_factor import structurally_regular
-from gpu.cuda.catalogue import OPTIONS, SOURCES
+from gpu.cuda.catalogue import kernel
 from gpu.errors import InputError
 from skfem_adini.ground.arguments import unmasked
 from skfem_adini.ground.arrays import cupy, namespace, to_host
@@ -163,13 +163,9 @@ def _magnitude(entries: Any, xp: Any) -> float:
         return float(xp.abs(entries).max())
     bits = xp.zeros(1, dtype=xp.uint64)
     blocks = min(-(-entries.size // 1024), 1024)
-    _largest_kernel()((blocks,), (1024,), (entries, np.int64(entries.size), bits))
+    largest = kernel("modulus", "modulus_largest")
+    largest((blocks,), (1024,), (entries, np.int64(entries.size), bits))
     return float(bits.get().view(float)[0])
-
-
-@functools.cache
-def _largest_kernel() -> Any:
-    return cupy().RawKernel(SOURCES["modulus"], "modulus_largest", options=OPTIONS)
 
 
 def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:

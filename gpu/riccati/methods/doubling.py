@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays.denormals import filled
 from gpu.errors import InputError, NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found
@@ -24,7 +23,7 @@ from gpu.riccati.problem.lqr_problem import (
 from gpu.riccati.problem.lqr_problem import solve as solve_linear
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.discrete import refined
-from gpu.riccati.proof.lyapunov import cayley_shift
+from gpu.riccati.proof.lyapunov import cayley_shift, filled
 from gpu.riccati.proof.refinement import LIMITS as EXACT
 from gpu.riccati.proof.refinement import finished, refine
 from skfem_adini.ground.arrays import namespace, to_host

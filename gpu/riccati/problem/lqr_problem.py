@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
-from gpu.arrays.device_lu import device_solver
+from gpu.arrays.dense import device_solver
 from gpu.arrays.sparse_factor import is_positive_definite, structurally_regular
 from gpu.errors import InputError, NotConverged
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, splu
 
-from gpu.arrays.device_lu import device_lu
+from gpu.arrays.dense import device_lu
 from gpu.arrays.sparse_factor import structurally_regular
 from gpu.errors import InputError
 from skfem_adini.ground.arguments import unmasked

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays.denormals import filled
 from gpu.eigenvalues.schur import eigenvalues_of
 from gpu.riccati.problem.lqr_problem import solve, solver_of
 from gpu.riccati.problem.state_matrix import EPS
@@ -114,3 +113,19 @@ def _growth(product: Callable[[Any], Any], x: Any, xp: Any) -> float:
         x = product(x / size)
     first += np.log(max(float(xp.linalg.norm(x)), 1e-300))
     return float(np.exp(first / (steps - steps // 2)))
+
+
+def filled(M: Any) -> Any:
+    """M plus symmetric noise of 1e-40 of its norm if M is large and on the host, else M itself:
+    inverses of banded matrices decay down to denormal numbers, with which processors are slower by
+    two orders of magnitude and the doubling of 2048 states by one."""
+    if not isinstance(M, np.ndarray) or len(M) < 256:  # slow arithmetic does not matter there
+        return M
+    size = float(np.linalg.norm(M))
+    if not np.isfinite(size):
+        return M
+    noise: Any = np.random.default_rng(0).standard_normal(M.shape)
+    noise += noise.T
+    noise *= 1e-40 * size  # far above denormal numbers, even squared, and far below all rounding
+    noise += M
+    return noise
