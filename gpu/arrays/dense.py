@@ -28,20 +28,16 @@ def symmetric_product(P: Array, x: Array) -> Array:
 
 
 def cholesky(M: Array) -> Array:
-    """Lower Cholesky factor of the symmetric M, which is overwritten.
-
-    Raises `LinAlgError` if M is not positive definite. What is above the diagonal is undefined.
-    """
+    """Lower Cholesky factor of the symmetric M, which is overwritten, or `LinAlgError` if M is not
+    positive definite. What is above the diagonal is undefined."""
     L, check = cholesky_begun(M)
     check()
     return L
 
 
 def cholesky_begun(M: Array) -> tuple[Array, Callable[[], None]]:
-    """As `cholesky` without waiting for the device: the factor, and a function for the check.
-
-    The function waits and raises `LinAlgError`; on the host the error is raised at once.
-    """
+    """As `cholesky` without waiting for the device: the factor, and a function that waits and
+    raises `LinAlgError`; on the host the error is raised at once."""
     if not M.size:
         return M, lambda: None
     if isinstance(M, np.ndarray):

@@ -238,14 +238,8 @@ _granted: dict[tuple[int, str], int] = {}  # bytes of shared memory, by device a
 class FusedSteps:
     """Arnoldi steps in place on the rows of V, shape (size + 1, n), for real arrays of CuPy. Row
     (j, 0) of `coefficients`, shape (size, 2, size + 2), gets those of step j, beta last; in a sweep
-    they are those of ``A (v + V r)`` with r in row (j, 1). They must fit into shared memory.
-
-    A step is a product, two projections, two updates and a norm. As separate library calls these
-    cost some twenty launches; for matrices of a few thousand rows the launches take longer than the
-    work. Here all blocks of one launch, one for each multiprocessor, own a range of rows each and
-    synchronise two or three times a step. Sums are taken in a fixed order, so repeated runs on one
-    device agree bit by bit.
-    """
+    they are those of ``A (v + V r)`` with r in row (j, 1). They must fit into shared memory. One
+    launch takes the place of some twenty library calls, see `gpu.cuda.gram_schmidt`."""
 
     def __init__(self, V: Any, coefficients: Any) -> None:
         import cupy

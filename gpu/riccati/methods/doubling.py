@@ -156,13 +156,9 @@ def _by_newton(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[s
 
 
 def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
-    r"""Iterate the doubling of :math:`A^T X + X A - X G X + Q = 0` (Chu, Fan and Lin 2005).
-
-    Algorithm 2.1: it begins with the Cayley transform of the Hamiltonian with shift :math:`\gamma`.
-    With :math:`W = I + G_k H_k`: :math:`A_{k+1} = A_k W^{-1} A_k`, :math:`G_{k+1} = G_k + A_k
-    W^{-1} G_k A_k^T`, :math:`H_{k+1} = H_k + A_k^T H_k W^{-1} A_k`; :math:`H_k \to X`
-    quadratically, :math:`A_k \to 0` like the transformed loop to the power :math:`2^k`.
-    """
+    r"""Iterate the doubling of :math:`A^T X + X A - X G X + Q = 0` (Chu, Fan and Lin 2005) from the
+    Cayley transform of the Hamiltonian with shift :math:`\gamma`, their algorithm 2.1: :math:`H_k
+    \to X` quadratically, :math:`A_k \to 0` like the transformed loop to the power :math:`2^k`."""
     xp, n = namespace(A), len(A)
     A, G, Q = (filled(M) for M in (A, G, Q))
     if gamma is None:
