@@ -48,12 +48,9 @@ def solve_batch(
     state: Array | None = None,
     tol: float = 1e-9,
 ) -> Batch:
-    """Solve min x'Px/2 + q'x with low <= Cx <= high and lb <= x <= ub for B problems, P definite.
-
-    All arrays are of CuPy and hold one problem along the first axis, or what all share, once.
-    `state`, as in a `Batch`, is the active set to begin with. Residuals of what is called solved
-    are at most tol / 100.
-    """
+    """Solve min x'Px/2 + q'x with low <= Cx <= high and lb <= x <= ub, P definite. Arrays of CuPy
+    hold one problem along the first axis, or what all share, once; `state`, as in a `Batch`, is the
+    active set to begin with. Residuals of what is called solved are at most tol / 100."""
     import cupy
 
     data = [cupy.ascontiguousarray(a, dtype=float) for a in (P, q, C, low, high, lb, ub)]

@@ -472,13 +472,9 @@ class DenseProblem(NamedTuple):
 
 
 def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
-    r"""Powers of two s, shape (n,), that balance the Hamiltonian (James, Langou and Lowery 2014).
-
-    :math:`x = \mathrm{diag}(s) x'` is a symplectic similarity: the blocks become :math:`a_{ij} s_j
-    / s_i`, :math:`g_{ij} / (s_i s_j)`, :math:`q_{ij} s_i s_j`, with nearly equal sums of moduli of
-    rows and columns. The sums include the diagonal, so that much smaller entries, mostly rounding,
-    do not count.
-    """
+    r"""Powers of two s, shape (n,), for which :math:`x = \mathrm{diag}(s) x'` balances the sums of
+    rows and columns of the Hamiltonian (James, Langou and Lowery 2014). They include the diagonal,
+    so that much smaller entries, mostly rounding, do not count."""
     A, _, Q, _ = standard
     xp = namespace(A)
     inner, G, Q = abs(A), abs(standard.G), abs(Q)

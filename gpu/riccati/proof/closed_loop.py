@@ -440,11 +440,8 @@ def _border(problem: LQRProblem) -> str:
 
 
 def named(problem: LQRProblem) -> RiccatiError | None:
-    r"""The error that names an uncontrollable or unobservable mode, or None (Hautus 1969).
-
-    A mode with :math:`\mathrm{Re}\,\lambda \ge 0` is not stabilisable if :math:`(A - \lambda E, B)`
-    loses rank, one on the imaginary axis not detectable if :math:`(A - \lambda E; Q)` does.
-    """
+    r"""The error that names a mode not stabilisable, as :math:`(A - \lambda E, B)` loses rank, or
+    on the imaginary axis not detectable, as :math:`(A - \lambda E; Q)` does (Hautus 1969)."""
     standard = _standard(problem)
     if standard is None:
         return None
