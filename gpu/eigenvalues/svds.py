@@ -139,7 +139,8 @@ class _Factors:
         self.matrix = matrix = as_matrix("A", A, square=False)
         self.shape, self.dtype, self.xp = matrix.shape, matrix.dtype, matrix.xp
         self.explicit, self.unit = matrix.explicit, 1.0
-        self._left, self._right = matrix.apply, matrix.adjoint
+        self._left: Any = matrix.apply
+        self._right: Any = matrix.adjoint
         if self.explicit is None:
             try:
                 A.rmatvec(self.xp.zeros(self.shape[0], dtype=self.dtype))
