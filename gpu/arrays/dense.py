@@ -6,7 +6,8 @@ other triangle and waits for the device, which takes twice the time of the facto
 
 from __future__ import annotations
 
-import functools
+import threading
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +16,7 @@ from scipy.linalg.blas import dsymv, dsyrk, ssyrk
 from scipy.linalg.lapack import dpotrs
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
-from gpu.cuda.catalogue import OPTIONS, SOURCES
+from gpu.cuda.catalogue import kernel
 from skfem_adini.ground import arrays
 
 Array = Any  # numpy.ndarray or cupy.ndarray
@@ -27,20 +28,16 @@ def symmetric_product(P: Array, x: Array) -> Array:
 
 
 def cholesky(M: Array) -> Array:
-    """Lower Cholesky factor of the symmetric M, which is overwritten.
-
-    Raises `LinAlgError` if M is not positive definite. What is above the diagonal is undefined.
-    """
+    """Lower Cholesky factor of the symmetric M, which is overwritten, or `LinAlgError` if M is not
+    positive definite. What is above the diagonal is undefined."""
     L, check = cholesky_begun(M)
     check()
     return L
 
 
 def cholesky_begun(M: Array) -> tuple[Array, Callable[[], None]]:
-    """As `cholesky` without waiting for the device: the factor, and a function for the check.
-
-    The function waits and raises `LinAlgError`; on the host the error is raised at once.
-    """
+    """As `cholesky` without waiting for the device: the factor, and a function that waits and
+    raises `LinAlgError`; on the host the error is raised at once."""
     if not M.size:
         return M, lambda: None
     if isinstance(M, np.ndarray):
@@ -148,16 +145,9 @@ def symmetric_and_finite(M: Array) -> bool:
     wrong = cupy.zeros(1, dtype=cupy.int32)
     tile = 32  # as in the kernel
     blocks = -(-len(M) // tile)
-    check = _symmetric_check()
+    check = kernel("symmetric", "symmetric_check")
     check((blocks, blocks), (tile, 8), (M, np.int64(len(M)), wrong))
     return not int(wrong[0])
-
-
-@functools.cache
-def _symmetric_check() -> Any:
-    import cupy
-
-    return cupy.RawKernel(SOURCES["symmetric"], "symmetric_check", options=OPTIONS)
 
 
 def scaled_symmetric(M: Array, scale: Array) -> Array:
@@ -169,3 +159,26 @@ def scaled_symmetric(M: Array, scale: Array) -> Array:
         "gpu_scaled_symmetric",
     )  # fmt: skip
     return product(M, scale[:, None], scale)
+
+
+_filters = threading.Lock()  # the filters of warnings are shared by all threads
+
+
+def device_lu(A: Any) -> Any:
+    """LU factors and pivots of a CuPy array, without CuPy's warning about zero pivots: callers
+    check them and raise an error in terms of their problem."""
+    from cupyx.scipy.linalg import lu_factor
+
+    with _filters, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return lu_factor(A, check_finite=False)
+
+
+def device_solver(M: Any) -> Callable[[Any], Any]:
+    """The function ``x -> M^-1 x``; raises `LinAlgError` if M is exactly singular."""
+    from cupyx.scipy.linalg import lu_solve
+
+    device = device_lu(M)
+    if not bool(device[0].diagonal().all()):
+        raise np.linalg.LinAlgError("singular matrix")
+    return lambda x: lu_solve(device, x, check_finite=False)

@@ -8,10 +8,8 @@ import numpy as np
 
 
 class DeviceBlas:
-    """The library and a handle that reads scalar factors from host memory, for a `with` block.
-
-    `ONE`, `MINUS` and `ZERO` are the addresses of the factors 1, -1 and 0.
-    """
+    """The library and a handle that reads scalar factors, such as those at the addresses `ONE`,
+    `MINUS` (of -1) and `ZERO`, from host memory; for a `with` block."""
 
     factors = np.array([1.0, -1.0, 0.0])
 

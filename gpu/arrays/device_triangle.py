@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
-from gpu.cuda.catalogue import OPTIONS, SOURCES
+from gpu.cuda.catalogue import kernel
 
 Array = Any  # cupy.ndarray
 SIDE = 32  # rows of the triangles where inversion begins, one for each warp of the kernel
@@ -130,7 +130,7 @@ def _inverses(blocks: Array) -> Array:
 
     count, size, _ = blocks.shape
     inverses = cupy.zeros_like(blocks)
-    invert = _inversion()
+    invert = kernel("triangle", "triangle_invert")
     invert((count * size // SIDE,), (SIDE,), (blocks, inverses, np.int32(size)))
     with DeviceBlas() as (cublas, handle):
         multiply, keep = cublas.dgemmStridedBatched, cublas.CUBLAS_OP_N
@@ -157,10 +157,3 @@ def _inverses(blocks: Array) -> Array:
                 )  # fmt: skip
             half *= 2
     return inverses
-
-
-@functools.cache
-def _inversion() -> Any:
-    import cupy
-
-    return cupy.RawKernel(SOURCES["triangle"], "triangle_invert", options=OPTIONS)

@@ -90,10 +90,8 @@ class SuperLUFactor:
 
 
 def structurally_regular(A: Any) -> bool:
-    """Whether some choice of entries makes a host matrix of this pattern regular.
-
-    SuperLU calls BLAS with wrong arguments where none does, and may return factors all the same.
-    """
+    """Whether some choice of entries makes a host matrix of this pattern regular. Where none does,
+    SuperLU calls BLAS with wrong arguments, and may return factors all the same."""
     if bool((A.diagonal() != 0.0).all()):
         return True
     pattern = sparse.csr_array(A != 0.0)

@@ -1,6 +1,6 @@
 """All CUDA sources of the package.
 
 In: nothing.
-Out: source texts for NVRTC, listed in `catalogue` for tests that compile them without a device.
+Out: kernels to launch, from source texts that tests compile by NVRTC without a device.
 Start: `catalogue`.
 """

@@ -4,6 +4,9 @@ them by NVRTC for each architecture, without a GPU or a driver.
 
 from __future__ import annotations
 
+import functools
+from typing import Any
+
 from gpu.cuda import arnoldi, dual_active_set
 
 OPTIONS = ("--std=c++17",)
@@ -171,3 +174,20 @@ extern "C" __global__ void triangle_invert(const double* L, double* X, int size)
 }
 """,
 }
+
+
+@functools.cache
+def kernel(source: str, name: str, **options: Any) -> Any:
+    """A kernel of one of the sources, for launches; CuPy compiles it anew for each device."""
+    import cupy
+
+    return cupy.RawKernel(SOURCES[source], name, options=OPTIONS, **options)
+
+
+@functools.cache
+def limits(device: int, *names: str) -> tuple[int, ...]:
+    """Attributes of a device, by CUDA's names."""
+    import cupy
+
+    attributes = cupy.cuda.Device(device).attributes
+    return tuple(int(attributes[name]) for name in names)

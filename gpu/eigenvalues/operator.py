@@ -13,9 +13,9 @@ from scipy.linalg.blas import dasum
 from scipy.sparse import csgraph
 from scipy.sparse import linalg as sparse_linalg
 
-from gpu.arrays.device_lu import device_lu
+from gpu.arrays.dense import device_lu
 from gpu.arrays.sparse_factor import structurally_regular
-from gpu.cuda.catalogue import OPTIONS, SOURCES
+from gpu.cuda.catalogue import kernel
 from gpu.errors import InputError
 from skfem_adini.ground.arguments import unmasked
 from skfem_adini.ground.arrays import cupy, namespace, to_host
@@ -36,9 +36,9 @@ LIMITS = _Limits()
 
 @dataclass(frozen=True)
 class Matrix:
-    """A square linear map on the host or on a device."""
+    """A linear map on the host or on a device; square but for singular values."""
 
-    n: int
+    shape: tuple[int, int]
     real: bool
     xp: Any  # numpy or cupy
     apply: Callable[[Any], Any]
@@ -46,6 +46,11 @@ class Matrix:
     name: str = "A"  # of the argument, in messages
     assumed: float | None = None  # if given, used as `magnitude`, so that the entries are not read
     adjoint: Callable[[Any], Any] | None = None  # y -> A^* y, where it is known
+
+    @property
+    def n(self) -> int:
+        """The order; of a map that is not square, the number of columns."""
+        return self.shape[1]
 
     @property
     def dtype(self) -> Any:
@@ -101,10 +106,9 @@ def ordinary(size: float) -> bool:
     return size == 0 or 1e-100 < size < 1e100
 
 
-def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
+def as_matrix(name: str, A: Any, start: Any = None, square: bool = True) -> Matrix:
     """Check an argument, except for its entries, and make it a `Matrix`. The order, array module
-    and dtype of a callable are those of `start`, shape (n,).
-    """
+    and dtype of a callable are those of `start`, shape (n,)."""
     unmasked(name, A)
     if callable(A) and not hasattr(A, "shape"):
         xp = namespace(start)
@@ -114,22 +118,26 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
                 f"{name}: a callable has no shape; pass v0, numbers of shape (n,), to give it one"
             )
         real = start.dtype.kind != "c" and _real_result(name, A, start * 1.0)
-        return Matrix(start.size, real, xp, real_products(name, A, xp) if real else A, None)
+        apply = _real_products(name, A) if real else A
+        return Matrix((start.size, start.size), real, xp, apply, None)
     shape = getattr(A, "shape", None)
     if shape is None:
         A = np.asarray(A)
         shape = A.shape
-    if len(shape) != 2 or shape[0] != shape[1] or shape[0] == 0:
-        raise InputError(f"{name} has shape {tuple(shape)}: it must be square and not empty")
+    shape = tuple(int(size) for size in shape)
+    if len(shape) != 2 or 0 in shape or (square and shape[0] != shape[1]):
+        kind = "square" if square else "a matrix"
+        raise InputError(f"{name} has shape {shape}: it must be {kind} and not empty")
     kind = np.dtype(A.dtype).kind if A.dtype is not None else "f"
     if kind not in "buifc":
         raise InputError(f"{name} holds {A.dtype}: expected numbers")
     dtype = complex if kind == "c" else float
     if hasattr(A, "matvec"):
-        xp = namespace(A)
-        apply = A.matvec if kind == "c" else real_products(name, A.matvec, xp)
-        adjoint = getattr(A, "rmatvec", None)
-        return Matrix(int(shape[0]), kind != "c", xp, apply, None, name, None, adjoint)
+        xp, apply, adjoint = namespace(A), A.matvec, getattr(A, "rmatvec", None)
+        if kind != "c":
+            apply = _real_products(name, apply)
+            adjoint = adjoint and _real_products(name, adjoint)
+        return Matrix(shape, kind != "c", xp, apply, None, name, None, adjoint)
     if hasattr(A, "tocsr"):
         xp = np if sparse.issparse(A) else cupy()
         A = A.tocsr().astype(dtype)
@@ -137,7 +145,7 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
         xp = namespace(A)
         A = xp.ascontiguousarray(A, dtype=dtype)
     adjoint = lambda y: (y.conj() @ A).conj()  # noqa: E731
-    return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, name, None, adjoint)
+    return Matrix(shape, kind != "c", xp, lambda x: A @ x, A, name, None, adjoint)
 
 
 def _magnitude(entries: Any, xp: Any) -> float:
@@ -155,13 +163,9 @@ def _magnitude(entries: Any, xp: Any) -> float:
         return float(xp.abs(entries).max())
     bits = xp.zeros(1, dtype=xp.uint64)
     blocks = min(-(-entries.size // 1024), 1024)
-    _largest_kernel()((blocks,), (1024,), (entries, np.int64(entries.size), bits))
+    largest = kernel("modulus", "modulus_largest")
+    largest((blocks,), (1024,), (entries, np.int64(entries.size), bits))
     return float(bits.get().view(float)[0])
-
-
-@functools.cache
-def _largest_kernel() -> Any:
-    return cupy().RawKernel(SOURCES["modulus"], "modulus_largest", options=OPTIONS)
 
 
 def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:
@@ -173,7 +177,7 @@ def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:
     return bool(y.dtype.kind != "c")
 
 
-def real_products(name: str, apply: Callable[[Any], Any], xp: Any) -> Callable[[Any], Any]:
+def _real_products(name: str, apply: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """The products of an operator that says it is real; `InputError` where one is not."""
 
     def product(x: Any) -> Any:

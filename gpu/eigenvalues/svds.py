@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from gpu.eigenvalues.eigs import LIMITS, drawn, eigs, start_vector
 from gpu.eigenvalues.krylov.krylov_schur import room_for
-from gpu.eigenvalues.operator import real_products
+from gpu.eigenvalues.operator import as_matrix
 from gpu.errors import InputError, NotConverged
-from skfem_adini.ground.arguments import choice, flag, integer, unmasked
-from skfem_adini.ground.arrays import cupy, namespace, to_host
+from skfem_adini.ground.arguments import choice, flag, integer
+from skfem_adini.ground.arrays import to_host
 
 
 def svds(
@@ -137,45 +136,22 @@ class _Factors:
     """Products with A and A^*, times a power of two if the entries are huge or tiny."""
 
     def __init__(self, A: Any) -> None:
-        unmasked("A", A)
-        if not hasattr(A, "shape"):
-            A = np.asarray(A)
-        if len(A.shape) != 2 or 0 in A.shape:
-            raise InputError(f"A has shape {tuple(A.shape)}: it must be a matrix and not empty")
-        kind = np.dtype(A.dtype).kind if A.dtype is not None else "f"
-        if kind not in "buifc":
-            raise InputError(f"A holds {A.dtype}: expected numbers")
-        self.shape = int(A.shape[0]), int(A.shape[1])
-        self.dtype = np.dtype(complex if kind == "c" else float)
-        self.explicit: Any = None
-        self.unit = 1.0
-        if hasattr(A, "matvec"):
-            self.xp = namespace(A)
-            self._left, self._right = A.matvec, A.rmatvec
-            if kind != "c":
-                self._left, self._right = (
-                    real_products("A", f, self.xp) for f in (self._left, self._right)
-                )
+        self.matrix = matrix = as_matrix("A", A, square=False)
+        self.shape, self.dtype, self.xp = matrix.shape, matrix.dtype, matrix.xp
+        self.explicit, self.unit = matrix.explicit, 1.0
+        self._left: Any = matrix.apply
+        self._right: Any = matrix.adjoint
+        if self.explicit is None:
             try:
                 A.rmatvec(self.xp.zeros(self.shape[0], dtype=self.dtype))
-            except NotImplementedError:
+            except (AttributeError, NotImplementedError):
                 raise InputError("A has no rmatvec: pass one, of its adjoint") from None
             return
-        if sparse.issparse(A) or hasattr(A, "tocsr"):
-            self.xp = np if sparse.issparse(A) else cupy()
-            A = A.tocsr().astype(self.dtype)
-            entries = A.data
-        else:
-            self.xp = namespace(A)
-            A = entries = self.xp.ascontiguousarray(A, dtype=self.dtype)
-        largest = float(self.xp.abs(entries).max()) if entries.size else 0.0
-        if not np.isfinite(largest):
-            raise InputError("A holds NaN or infinity")
-        if largest > 0.0 and not 1e-100 < largest < 1e100:
-            self.unit = float(2.0 ** -np.floor(np.log2(largest)))
-            A = A * self.unit
-        self.explicit = A
-        adjoint = A.conj().T if kind == "c" else A.T
+        self.unit = matrix.unit
+        if self.unit != 1.0:
+            self.explicit = self.explicit * self.unit
+        A = self.explicit
+        adjoint = A.T if matrix.real else A.conj().T
         if hasattr(adjoint, "tocsr"):
             adjoint = adjoint.tocsr()
         self._left, self._right = A.__matmul__, adjoint.__matmul__
@@ -238,10 +214,7 @@ def _certify(factors: _Factors, u: Any, s: Any, vh: Any) -> None:
     error = xp.maximum(xp.linalg.norm(left - u * s, axis=0), xp.linalg.norm(right - v * s, axis=0))
     # A lower bound of |A|: the largest singular value and, if entries are stored, column norm.
     size = float(s.max())
-    if factors.explicit is not None:
-        squares = abs(factors.explicit)
-        squares = squares.multiply(squares) if hasattr(squares, "multiply") else squares**2
-        size = max(size, float(np.sqrt(float(squares.sum(axis=0).max()))))
+    size = max(size, factors.matrix.norm * factors.unit)
     # More than rounding: the vectors come from the square of A and have lost some digits.
     good = xp.isfinite(s) & (error <= 1e-10 * size)
     if not bool(good.all()):

@@ -171,9 +171,7 @@ def least_multipliers(p: StandardQP, x: Array, y: Array, tol: float) -> tuple[Ar
     .. math:: \min \tfrac12 |y|^2 + \tfrac12 |z_\mathrm{box}|^2 \quad\text{subject to}\quad
               C^Ty + z_\mathrm{box} = -(Px + q)
 
-    with the signs that sides allow. Multipliers of dependent rows may be large; the least ones add
-    the least rounding to the residual.
-    """
+    with the signs that sides allow. Of dependent rows, these add the least rounding."""
     n, Cx = x.size, p.C @ x
     slack = LIMITS.side * (abs(p.C) @ np.abs(x))
     high = p.equality | (np.abs(p.row_high - Cx) <= slack) | (y > 0.0)

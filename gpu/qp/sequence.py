@@ -156,6 +156,8 @@ class QPFactor(FactoredMatrix):
         pair = plain_sides(kept.q.size, kept.equal, kept.general, h, b, lb, ub, h_low)
         if pair is None or type(q) is not np.ndarray or q.shape != kept.q.shape:
             return None
+        if q.dtype != float:
+            return None
         return kept._replace(q=stored(q.copy()), low=pair[0], high=pair[1])
 
 

@@ -15,13 +15,14 @@ from gpu.riccati.problem.complex_data import complex_among, through_reals
 from gpu.riccati.problem.lqr_problem import (
     NOT_SEMIDEFINITE,
     LQRProblem,
+    check_cost,
     check_lqr,
+    cost_of,
     numbers,
     semidefinite,
 )
 from gpu.riccati.problem.units import within_range
 from gpu.riccati.proof.closed_loop import explain
-from skfem_adini.ground.arrays import namespace, to_host
 
 
 @dataclass(frozen=True)
@@ -99,11 +100,7 @@ class DLQRResult:
         InputError
             `x0` is no vector of n numbers.
         """
-        x = namespace(self.K).asarray(x0, dtype=float)
-        if x.shape != self.S.shape[:1]:
-            raise InputError(f"x0 has shape {x.shape}: it must be {self.S.shape[:1]}")
-        z = self.problem.state.mass(x)
-        return float(z @ (self.S @ z))
+        return cost_of(self.problem, self.S, x0)
 
 
 @within_range
@@ -178,7 +175,7 @@ def dlqr(A: Any, B: Any, Q: Any, R: Any = None, N: Any = None, E: Any = None) ->
     if costs[0] < -1e-12 * np.abs(costs).max():
         raise InputError("R is not positive semidefinite: an input would have a negative cost")
     found = _solved(problem, indefinite=False)
-    _check_cost(problem, found.value)
+    check_cost(problem, found.value)
     verdict, info = found.verdict, found.info
     loop = verdict.loop
     return DLQRResult(
@@ -279,19 +276,3 @@ def _explained(problem: LQRProblem, error: Exception, indefinite: bool) -> Excep
     if not indefinite and not semidefinite(problem):
         return InputError(f"{NOT_SEMIDEFINITE}, and no stabilising feedback was found")
     return explain(regular(problem)[0]) or error
-
-
-def _check_cost(problem: LQRProblem, S: Any) -> None:
-    """Raise if some states would have a negative cost."""
-    values = np.linalg.eigvalsh(to_host(S))
-    if values[0] >= -1e-9 * np.abs(values).max():
-        return
-    if semidefinite(problem):
-        raise NotConverged(
-            "the Riccati solution is not certified: round-off makes the cost of some states "
-            f"negative ({values[0]:.1e} of {values[-1]:.1e}); the weights are too far apart"
-        )
-    raise InputError(
-        f"{NOT_SEMIDEFINITE}, and the optimal cost is negative for some states; gpu.dare finds "
-        "the stabilising solution of its equation"
-    )

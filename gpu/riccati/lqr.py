@@ -17,6 +17,7 @@ from gpu.riccati.problem.complex_data import complex_among, through_reals
 from gpu.riccati.problem.lqr_problem import (
     NOT_SEMIDEFINITE,
     LQRProblem,
+    check_cost,
     check_lqr,
     columns,
     numbers,
@@ -466,8 +467,8 @@ def _check_solution(problem: LQRProblem, found: Found, result: LQRResult, indefi
         inherent = explain(problem)
         if inherent is not None:
             raise inherent
-    if not indefinite:
-        _check_cost(problem, result.S)
+    if not indefinite and problem.n <= LOOP.dense and isinstance(result.S, problem.xp.ndarray):
+        check_cost(problem, result.S)
 
 
 def _remedy(problem: LQRProblem) -> str:
@@ -482,22 +483,6 @@ def _by_entries(problem: LQRProblem, unstable: str, indefinite: bool) -> LQRResu
     if inherent is not None:
         raise inherent
     return solve_problem(problem.entries(), "doubling", unstable, {}, indefinite=indefinite)
-
-
-def _check_cost(problem: LQRProblem, S: Any) -> None:
-    if problem.n > LOOP.dense or not isinstance(S, problem.xp.ndarray):
-        return
-    values = np.linalg.eigvalsh(to_host(S))
-    if values[0] < -1e-9 * np.abs(values).max():
-        if semidefinite(problem):
-            raise NotConverged(
-                "the Riccati solution is not certified: round-off makes the cost of some states "
-                f"negative ({values[0]:.1e} of {values[-1]:.1e}); the weights are too far apart"
-            )
-        raise InputError(
-            f"{NOT_SEMIDEFINITE}, and the optimal cost is negative for some states; gpu.care finds "
-            "the stabilising solution of its equation"
-        )
 
 
 def _explained(problem: LQRProblem, error: Exception, indefinite: bool) -> Exception:

@@ -11,7 +11,7 @@ import numpy as np
 from gpu.errors import GpuError, InputError, NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found, LowRankValue
-from gpu.riccati.problem.lqr_problem import LQRProblem
+from gpu.riccati.problem.lqr_problem import LQRProblem, cost_of
 from gpu.riccati.problem.units import in_moderate_units, power_of_two
 from gpu.riccati.proof.closed_loop import LIMITS as LOOP
 from gpu.riccati.proof.closed_loop import dense_loop, nearest_poles, unstable_pole
@@ -132,13 +132,12 @@ class LQRResult:
 
         Raises
         ------
-        ValueError
-            The method gave a gain without a value.
+        InputError
+            The method gave a gain without a value, or `x0` is no vector of n numbers.
         """
         if self.S is None:
-            raise ValueError("S is unknown: the method gave a gain alone")
-        z = self._whole().state.mass(namespace(self.K).asarray(x0))
-        return float(z @ (self.S @ z))
+            raise InputError("S is unknown: the method gave a gain alone")
+        return cost_of(self._whole(), self.S, x0)
 
     def refined(self, *, steps: int = 200, tol: float = 1e-12) -> LQRResult:
         """The optimal gain by Newton-Kleinman, starting from this or another stabilising gain.

@@ -35,6 +35,7 @@ from skfem_adini.assembly.local_tensors import (
     why_not_mapping,
 )
 from skfem_adini.errors import InputError, NotSupported
+from skfem_adini.ground.arguments import integer
 
 Integers = NDArray[np.integer]
 
@@ -373,8 +374,8 @@ def _check_mesh(mesh: Any, element: Any, test_element: Any, intorder: Any) -> No
             )
     if not np.isfinite(mesh.doflocs).all():
         raise InputError("mesh: a coordinate is NaN or infinite")
-    if intorder is not None and not (isinstance(intorder, int | np.integer) and intorder >= 0):
-        raise InputError(f"intorder: expected a whole number from 0, got {intorder!r}")
+    if intorder is not None:
+        integer("intorder", intorder, 0)
 
 
 @lru_cache

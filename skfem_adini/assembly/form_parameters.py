@@ -13,6 +13,7 @@ from skfem.assembly.form.form import FormExtraParams
 from skfem.element import DiscreteField
 
 from skfem_adini.errors import InputError, NotSupported
+from skfem_adini.ground.arguments import array_of
 
 Array = NDArray[Any]
 
@@ -80,7 +81,7 @@ def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
             f"{name}: expected a number, an array of numbers over (..., {cells} cells, {points} "
             f"points), or a vector of {dofs} dofs, got {value!r}"
         )
-    parts = value.astuple if isinstance(value, DiscreteField) else (np.asarray(value),)
+    parts = value.astuple if isinstance(value, DiscreteField) else (array_of(name, value),)
     if not all(np.isfinite(part).all() for part in parts if part is not None):
         raise InputError(f"{name}: the field holds NaN or infinity")
     if value.ndim == 1:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from skfem import MeshHex1DG, MeshQuad1DG
 
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import array_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -22,10 +23,7 @@ def imposed_components(components: int | Sequence[int] | None, count: int) -> li
     """Return the chosen components as a sorted list, all `count` of them by default."""
     if components is None:
         return list(range(count))
-    try:
-        given = np.atleast_1d(np.asarray(components))
-    except ValueError as error:
-        raise InputError(f"components: expected whole numbers, got {components!r}") from error
+    given = np.atleast_1d(array_of("components", components))
     whole = given.dtype.kind in "iu" or given.size == 0
     chosen = sorted({int(c) for c in given}) if whole and given.ndim == 1 else []
     if not chosen or chosen[0] < 0 or chosen[-1] >= count:
@@ -42,7 +40,7 @@ def facet_numbers(mesh: Any, facets: Any) -> Indices:
         known = sorted(mesh.boundaries or {})
         raise InputError(f"facets: no boundary {facets!r} in the mesh; it has {known}")
     try:
-        index = np.asarray(mesh.normalize_facets(facets))
+        index = array_of("facets", mesh.normalize_facets(facets))
     except (ValueError, TypeError, IndexError, KeyError, NotImplementedError) as error:
         raise InputError(f"facets: cannot select facets by {facets!r}: {error}") from error
     if index.size == 0:
@@ -85,7 +83,7 @@ def sample(value: Value, points: Array, count: int) -> Array:
     or a sequence of `count` numbers and scalar callables."""
     shape = (count, *points.shape[1:])
     if callable(value):
-        data = np.asarray(value(points))
+        data = array_of("value", value(points))
         expected = shape[1:] if count == 1 else shape
         if data.ndim and data.shape not in (expected, shape):
             raise InputError(
@@ -97,7 +95,7 @@ def sample(value: Value, points: Array, count: int) -> Array:
             raise InputError(f"value: expected {count} components, got {len(value)}")
         data = np.concatenate([sample(part, points, 1) for part in value])
     else:
-        data = np.asarray(value)
+        data = array_of("value", value)
     try:
         data = np.broadcast_to(data, shape).astype(float, casting="same_kind")
     except (TypeError, ValueError) as error:

@@ -163,11 +163,8 @@ class CutDomain:
 
     @cached_property
     def outer_facets(self) -> Indices:
-        """Facets on the boundary of the box or union of boxes that the mesh covers.
-
-        These are the facets with one cell that overlap no other facet with one cell, as those at
-        hanging vertices do.
-        """
+        """Facets on the boundary of the box or union of boxes that the mesh covers: those with one
+        cell that overlap no other one of one cell, as those at hanging vertices do."""
         mesh = self.mesh
         single = mesh.boundary_facets()
         ends = np.sort(mesh.p[:, mesh.facets[:, single]], axis=1)

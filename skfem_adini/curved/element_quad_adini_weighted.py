@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem.element import DiscreteField
 
+from skfem_adini.curved.quadrature.level_set import returned
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.field_on_demand import FieldOnDemand
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import integer
 
 Array = NDArray[np.float64]
 
@@ -84,11 +86,9 @@ class ElementQuadAdiniWeighted(ElementQuadAdini):
             raise InputError(
                 f"derivatives: expected 0, 1 or, with a hessian, 2, got {derivatives!r}"
             )
-        if not isinstance(degree, int | np.integer) or degree < 0:
-            raise InputError(f"degree: expected a whole number from 0, got {degree!r}")
         super().__init__(derivatives)
         self.weight, self.gradient, self.hessian = weight, gradient, hessian
-        self.maxdeg = ElementQuadAdini.maxdeg + int(degree)
+        self.maxdeg = ElementQuadAdini.maxdeg + integer("degree", degree, 0)
 
     def _parameters(self) -> dict[str, Any]:
         return {
@@ -115,14 +115,13 @@ class ElementQuadAdiniWeighted(ElementQuadAdini):
         (field,) = super().gbasis(mapping, X, i, tind)
         x = np.asarray(mapping.F(X, tind))
         phi = np.asarray(field)
-        shape = x.shape[1:]
-        omega = _evaluated("weight", self.weight, x, shape)
+        omega = returned("weight", self.weight(x), x.shape[1:])
         fields = {"value": omega * phi}
         if self.derivatives > 0:
-            slope = _evaluated("gradient", self.gradient, x, x.shape)
+            slope = returned("gradient", self.gradient(x), x.shape)
             fields["grad"] = omega * field.grad + phi * slope
         if self.derivatives > 1 and self.hessian is not None:
-            second = _evaluated("hessian", self.hessian, x, (2, *x.shape))
+            second = returned("hessian", self.hessian(x), (2, *x.shape))
             mixed = slope[:, None] * field.grad[None]
             fields["hess"] = omega * field.hess + mixed + mixed.swapaxes(0, 1) + phi * second
         weighted = FieldOnDemand(
@@ -137,17 +136,3 @@ class ElementQuadAdiniWeighted(ElementQuadAdini):
             f"{self.derivatives}; there are 2, with ElementQuadAdiniWeighted(..., hessian=, "
             "derivatives=2)"
         )
-
-
-def _evaluated(
-    name: str, function: Callable[[Array], Any], x: Array, shape: tuple[int, ...]
-) -> Array:
-    values = np.asarray(function(x))
-    if values.shape not in (shape, ()) or values.dtype.kind not in "fiu":
-        raise InputError(
-            f"{name}: the function returned shape {values.shape} of {values.dtype}, expected real "
-            f"numbers of shape {shape}"
-        )
-    if not np.isfinite(values).all():
-        raise InputError(f"{name}: the function returned NaN or infinity")
-    return np.broadcast_to(values.astype(float), shape)

@@ -16,7 +16,7 @@ from skfem_adini.curved.unresolved_features import warn_of_unresolved_features
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.vertex_dofs import full_name
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import positive_number
+from skfem_adini.ground.arguments import choice, positive_number
 
 
 def ghost_penalty(
@@ -91,8 +91,7 @@ def ghost_penalty(
     if not isinstance(scalar, ElementQuadAdini):
         raise InputError(f"elem: expected ElementQuadAdini, got {full_name(scalar)}")
     gamma = positive_number("gamma", gamma)
-    if matrix not in ("stiffness", "mass"):
-        raise InputError(f"matrix: expected 'stiffness' or 'mass', got {matrix!r}")
+    choice("matrix", matrix, ("stiffness", "mass"))
     _refuse_hanging(domain)
     warn_of_unresolved_features(domain)
     facets = domain.ghost_facets

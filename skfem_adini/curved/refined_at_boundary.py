@@ -13,6 +13,7 @@ from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.curved.quadrature.level_set import LevelSet
 from skfem_adini.curved.quadrature.polygon import Polygon
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import array_of, integer
 
 Array = NDArray[np.float64]
 
@@ -62,10 +63,7 @@ def refined_at_boundary(
     >>> mesh.t.shape[1], finer.t.shape[1]
     (64, 232)
     """
-    for name, number, least in (("levels", levels, 0), ("layers", layers, 1)):
-        whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
-        if not whole or number < least:
-            raise InputError(f"{name}: expected a whole number from {least}, got {number!r}")
+    levels, layers = integer("levels", levels, 0), integer("layers", layers, 1)
     if where is not None and not callable(where):
         raise InputError(f"where: expected a function of cell centres, got {where!r}")
     for _ in range(levels):
@@ -79,7 +77,7 @@ def refined_at_boundary(
             touched[mesh.t[:, chosen]] = True
             chosen = touched[mesh.t].any(axis=0)
         if where is not None:
-            allowed = np.asarray(where(mesh.p[:, mesh.t].mean(axis=1)))
+            allowed = array_of("where", where(mesh.p[:, mesh.t].mean(axis=1)))
             if allowed.shape != chosen.shape or allowed.dtype.kind != "b":
                 raise InputError(
                     f"where: expected True or False for each of the {chosen.size} cells, got "

@@ -284,10 +284,8 @@ class DistributedBasis:
         return values
 
     def serial_numbers(self) -> Indices | None:
-        """The dof in scikit-fem's numbering for each number, on the first process; else None.
-
-        It is a separate step, for which the first process builds the whole mesh.
-        """
+        """The dof in scikit-fem's numbering for each number, on the first process, which builds the
+        whole mesh for it; else None."""
         own = self.own_cells
         entry = self.comm.gather(
             (self.piece.cells[own], self.numbers[self.basis.element_dofs[:, own]])

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from skfem_adini.distributed.communicator import INSTALLING, any_of, petsc, total
 from skfem_adini.distributed.distributed_matrix import DistributedMatrix, to_petsc
 from skfem_adini.errors import InputError, MissingDependency, NotConverged
-from skfem_adini.ground.arguments import dof_numbers
+from skfem_adini.ground.arguments import dof_numbers, integer
 from skfem_adini.solvers.lowest_eigenpairs import lowest_eigenpairs as on_one_process
 from skfem_adini.solvers.lowest_eigenpairs import warn_of_negative
 
@@ -75,12 +75,7 @@ def lowest_eigenpairs(
     if fixed is not None:
         free[dof_numbers("fixed", fixed, space.basis.N)] = 0.0
     unknowns = int(total(space.comm, free[space.owned].sum()))
-    if (
-        isinstance(count, bool)
-        or not isinstance(count, int | np.integer)
-        or not (1 <= count < unknowns)
-    ):
-        raise InputError(f"count: expected 1 to {unknowns - 1}, a whole number, got {count!r}")
+    count = integer("count", count, 1, unknowns - 1)
     diagonal = M.diagonal()
     if any_of(space.comm, np.any(diagonal <= 0)):
         raise InputError("M: the matrix is not positive definite")
@@ -89,14 +84,14 @@ def lowest_eigenpairs(
     except MissingDependency:
         if space.comm.size > 1:
             raise
-        return on_one_process(K.rows, M.rows, int(count), np.flatnonzero(free == 0), shift)
+        return on_one_process(K.rows, M.rows, count, np.flatnonzero(free == 0), shift)
     scale = free / np.sqrt(diagonal)
     number = _numbers_of_free(space, free)
     stiffness, mass = (_scaled(A, scale, free, number, unknowns) for A in (K, M))
     _check_mass(PETSc, mass)
     solver = _shift_and_invert(PETSc, SLEPc, shift)
     solver.setOperators(stiffness, mass)
-    solver.setDimensions(nev=int(count))
+    solver.setDimensions(nev=count)
     try:
         solver.solve()
     except PETSc.Error as error:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import integer
 
 Indices = NDArray[np.int64]
 _log = logging.getLogger(__name__)
@@ -52,8 +53,7 @@ def partition(mesh: Any, parts: int) -> Indices:
     cells = getattr(getattr(mesh, "t", None), "shape", (0, 0))[1]
     if cells == 0:
         raise InputError(f"mesh: expected a scikit-fem mesh with cells, got {type(mesh).__name__}")
-    if isinstance(parts, bool) or not isinstance(parts, int | np.integer) or parts < 1:
-        raise InputError(f"parts: expected a positive number of parts, got {parts!r}")
+    parts = integer("parts", parts, 1)
     if parts > cells:
         raise InputError(f"parts: {parts} processes are more than the {cells} cells of the mesh")
     if parts == 1:

@@ -13,7 +13,7 @@ from skfem import Mesh, MeshHex, MeshQuad
 from skfem_adini.distributed.communicator import Communicator
 from skfem_adini.distributed.partition import partition
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import finite_numbers
+from skfem_adini.ground.arguments import array_of, finite_numbers
 
 Indices = NDArray[np.int64]
 
@@ -60,7 +60,7 @@ class TensorGrid:
         if len(ticks) not in (2, 3):
             raise InputError(f"ticks: expected those along 2 or 3 axes, got {len(ticks)}")
         self.ticks = tuple(
-            finite_numbers("ticks", np.asarray(t), (np.asarray(t).size,)) for t in ticks
+            finite_numbers("ticks", array_of("ticks", t), (np.size(t),)) for t in ticks
         )
         if any(t.size < 2 or not np.all(np.diff(t) > 0) for t in self.ticks):
             raise InputError("ticks: expected two or more ascending numbers along each axis")

@@ -61,10 +61,8 @@ def write_arrays(
 
 
 def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
-    """The arrays of an archive, and their checksum, which formats 1 and 2 lack.
-
-    Raises an `InputError`, for truncated files one that `is_damaged` recognises.
-    """
+    """The arrays of an archive, and their checksum, which formats 1 and 2 lack; or an `InputError`,
+    for truncated files one that `is_damaged` recognises."""
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")
     try:

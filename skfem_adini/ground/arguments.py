@@ -157,10 +157,8 @@ def array_of(name: str, value: Any) -> Array:
 
 
 def real_array(name: str, value: Any) -> Array:
-    """The value as an array of real numbers; masks, complex numbers and texts are refused.
-
-    Masks are seen in lists, tuples and arrays of objects too. The array may be the caller's own.
-    """
+    """The value as an array of real numbers, maybe the caller's own; masks, also in lists, tuples
+    and arrays of objects, complex numbers and texts are refused."""
     array, hidden = masked_array(name, value)
     if hidden is not None:
         at = tuple(int(q) for q in np.argwhere(hidden)[0])
@@ -308,7 +306,7 @@ def _check_real(name: str, values: Any) -> None:
 
 def dof_numbers(name: str, value: Any, size: int) -> NDArray[np.intp]:
     """Numbers of dofs, from numbers, a mask (size,), or the result of ``basis.get_dofs``."""
-    dofs = np.asarray(value.flatten() if hasattr(value, "flatten") else value)
+    dofs = array_of(name, value.flatten() if hasattr(value, "flatten") else value)
     if dofs.dtype == bool:
         if dofs.shape != (size,):
             raise InputError(f"{name}: a mask of dofs has the shape ({size},), got {dofs.shape}")

@@ -18,10 +18,8 @@ from skfem_adini.ground.errors import InputError, optional
 
 
 def namespace(*values: Any) -> Any:
-    """CuPy if one of the values (arrays or sparse matrices) is on a device, else NumPy.
-
-    Raises `InputError` where arrays of the host and of a device are mixed.
-    """
+    """CuPy if one of the values (arrays or sparse matrices) is on a device, else NumPy;
+    `InputError` where arrays of the host and of a device are mixed."""
     devices = [on_device(value) for value in values]
     if not any(devices):
         return np
@@ -60,10 +58,8 @@ def to_host(array: Any) -> np.ndarray:
 
 
 def cholesky(A: Any) -> Any:
-    """Lower factor of a symmetric column-major A of the host, which is overwritten.
-
-    What is above the diagonal is undefined. Raises `LinAlgError` if a pivot is not positive.
-    """
+    """Lower factor of a symmetric column-major A of the host, which is overwritten, or
+    `LinAlgError` if a pivot is not positive. What is above the diagonal is undefined."""
     if not A.size:
         return A
     factor = dpotrf if A.dtype == np.float64 else spotrf

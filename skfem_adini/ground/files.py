@@ -115,11 +115,9 @@ def _sync_folder(folder: Path) -> None:
 
 
 def try_lock(descriptor: int) -> bool | None:
-    """Lock a file opened for writing for this descriptor alone, until it or its process ends.
-
-    True if it is locked now; False if another descriptor, of any process or container, has the
-    lock; None if the system or the file system has no such locks.
-    """
+    """Lock a file opened for writing for this descriptor alone, until it or its process ends: True
+    if it is locked now; False if another descriptor, of any process or container, has the lock;
+    None if the system or the file system has no such locks."""
     if _fcntl is None:
         return None
     try:

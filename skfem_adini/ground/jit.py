@@ -129,11 +129,8 @@ def compiled(
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function of one node or cell, to be inlined into the loops that call it.
-
-    It is called from compiled loops only. Without the wrappers for calls from Python and C,
-    compilation takes two thirds of the time.
-    """
+    """Compile a function of one node or cell, to be inlined into the compiled loops that call it.
+    Without the wrappers for calls from Python and C, this takes two thirds of the time."""
     inlined = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     found: Function = _kept(function, **inlined, **_ARITHMETIC)
     return found
@@ -161,11 +158,8 @@ def summing_part(function: Function) -> Function:
 @cache
 def loop_over(function: Callable[..., Any], **kernels: Any) -> Any:
     """Compile a copy of a loop whose undefined globals are compiled kernels of the given names.
-
-    If kernels were arguments of the loop, their types would differ in every process, and the
-    compiled loop would never be found in the cache on disk. Here their ``__name__``, which must
-    identify the code, is part of the name in the cache.
-    """
+    Their ``__name__``, which must identify the code, is part of the name in the cache on disk,
+    where kernels as arguments, whose types differ in every process, would never be found."""
     name = "_".join([function.__name__, *(part.__name__ for part in kernels.values())])
     copy = FunctionType(function.__code__, {**function.__globals__, **kernels}, name)
     copy.__qualname__, copy.__module__ = name, function.__module__
@@ -173,11 +167,9 @@ def loop_over(function: Callable[..., Any], **kernels: Any) -> Any:
 
 
 def generated(source: str, names: Sequence[str], namespace: dict[str, Any], home: str) -> Any:
-    """Compile kernels from generated source and cache them on disk under the hash of the source.
-
-    Each of the functions `names` may call those before it; `namespace` are their globals. numba
-    puts its cache beside the module `home`. Returns the last one.
-    """
+    """Compile kernels from generated source, cached on disk under its hash beside the module
+    `home`; the last one is returned. Each of the functions `names` may call those before it;
+    `namespace` are their globals."""
     label = sha256(source.encode()).hexdigest()[:20]
     # Numbers of lines that `home` does not have: numba would take its lines for the source, and
     # Python 3.12 refuses to read lines that begin in the middle of a string.
@@ -246,11 +238,8 @@ def _forget_old(folder: Path) -> None:
 
 
 def pointer() -> Any:
-    """The intrinsic that takes the address of an array.
-
-    Kernels index bare addresses. Reference counts and negative indices of numba's arrays would cost
-    ten times the arithmetic of a node in every call.
-    """
+    """The intrinsic that takes the address of an array. In every call, reference counts and
+    negative indices of numba's arrays would cost ten times the arithmetic of a node."""
     import numba
     from numba.extending import intrinsic
 
@@ -284,11 +273,8 @@ def shift() -> Any:
 
 
 def room(count: int) -> Any:
-    """The intrinsic that reserves `count` numbers of an array's type on the stack.
-
-    The compiler knows that no other pointer refers to them. Loops that copy parts of large arrays
-    there can therefore be vectorized.
-    """
+    """The intrinsic that reserves `count` numbers of an array's type on the stack. As no other
+    pointer refers to them, loops that copy parts of large arrays there can be vectorized."""
     import numba
     from numba.extending import intrinsic
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import finite_numbers
+from skfem_adini.ground.arguments import array_of, choice, finite_numbers
 
 Array = NDArray[np.float64]
 
@@ -118,15 +118,14 @@ def nodal_stress(
     if law is not None:
         if not callable(law):
             raise InputError(f"law: expected a function, got {type(law).__name__}")
-        found = np.asarray(law(gradient))
+        found = array_of("law", law(gradient))
         if found.ndim == 0 or found.shape[-1] != vertices:
             raise InputError(
                 f"law: expected an array with last axis {vertices}, it returned {found.shape}"
             )
         stress: Array = finite_numbers("law", found, found.shape)
         return stress
-    if plane not in ("strain", "stress"):
-        raise InputError(f"plane: expected 'strain' or 'stress', got {plane!r}")
+    choice("plane", plane, ("strain", "stress"))
     if dim == 3 and plane == "stress":
         raise InputError("plane: 'stress' is for fields in 2-D; leave it out in 3-D")
 

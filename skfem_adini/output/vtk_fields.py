@@ -36,7 +36,7 @@ from skfem_adini.elements.element_hex_adini import ElementHexAdini
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.element_quad_bfs import ElementQuadBFS
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import integer
+from skfem_adini.ground.arguments import array_of, finite_numbers, integer
 from skfem_adini.ground.errors import optional
 from skfem_adini.ground.vtk_files import write_grid, write_series
 
@@ -317,25 +317,18 @@ def _named(argument: str, data: Any) -> dict[str, Any]:
 
 def _checked(argument: str, key: str, array: Any, length: int) -> Array:
     """Return a real and finite array whose last axis has the given length."""
-    try:
-        values = np.asarray(array)
-    except ValueError as error:
-        raise InputError(f"{argument}[{key!r}]: no array of numbers: {error}") from error
+    name = f"{argument}[{key!r}]"
+    values = array_of(name, array)
     allowed = (1,) if argument == "x" else (1, 2, 3)
     tensor = values.ndim < 3 or max(values.shape[:2]) <= 3
     shaped = values.ndim in allowed and values.shape[-1] == length and tensor
     if not shaped or values.dtype.kind not in "biuf":
         raise InputError(
-            f"{argument}[{key!r}]: expected real numbers, last axis of length {length}, got "
-            f"{values.dtype} of shape {values.shape}"
+            f"{name}: expected real numbers, last axis of length {length}, got {values.dtype} of "
+            f"shape {values.shape}"
         )
-    bad = ~np.isfinite(values)
-    if bad.any():
-        place = tuple(np.argwhere(bad)[0].tolist())
-        raise InputError(
-            f"{argument}[{key!r}]: {bad.sum()} of {values.size} entries are NaN or infinite "
-            f"(first: {values[place]} at {place}); nothing is written, mend the field or put zeros"
-        )
+    if values.dtype.kind == "f":
+        finite_numbers(name, values, values.shape)
     return values
 
 

@@ -49,11 +49,8 @@ def failed(call: str, status: int, pivot: bool = False) -> SolverError:
 
 
 def too_large(estimate: int, free: int, hybrid: int | None, kept: int) -> SolverError:
-    """The error of factors that, by the analysis, do not fit into a device.
-
-    In bytes: the peak of the factorisation, the free memory, the device memory with which
-    `hybrid_memory` would work, and the part of the dense complement of kept unknowns.
-    """
+    """The error of factors that, by the analysis, do not fit into a device. In bytes: their peak,
+    the free memory, that with which `hybrid_memory` works, and the complement of kept unknowns."""
     remedies = [f"fewer kept unknowns, whose complement takes {_gib(kept)}"] if kept else []
     if hybrid is not None:
         remedies.append(f"hybrid_memory=True, which needs {_gib(hybrid)} of the device")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from skfem_adini.errors import IndefiniteWarning, InputError, NotConverged
-from skfem_adini.ground.arguments import dof_numbers, real_matrix
+from skfem_adini.ground.arguments import dof_numbers, finite_number, integer, real_matrix
 from skfem_adini.ground.errors import warn
 from skfem_adini.solvers.factorize import Factorization, Solver, factorize, require_definite
 
@@ -108,11 +107,9 @@ def lowest_eigenpairs(
     if fixed is not None:
         free[dof_numbers("fixed", fixed, n)] = False
     kept = np.flatnonzero(free)
-    whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
-    if not whole or not 1 <= count < kept.size:
-        raise InputError(f"count: expected 1 to {kept.size - 1}, a whole number, got {count!r}")
-    if shift is not None and not (isinstance(shift, Real) and np.isfinite(float(shift))):
-        raise InputError(f"shift: expected a finite number or None, got {shift!r}")
+    count = integer("count", count, 1, kept.size - 1)
+    if shift is not None:
+        shift = finite_number("shift", shift)
     K, M = K[kept][:, kept], M[kept][:, kept]
     diagonal = M.diagonal()
     if not (diagonal > 0).all():
@@ -125,9 +122,9 @@ def lowest_eigenpairs(
     K = K / unit
     pencil = _Pencil(K, M, solver, lumped)
     if shift is None:
-        values, z = _shifted_twice(pencil, int(count))
+        values, z = _shifted_twice(pencil, count)
     else:
-        values, z = pencil.nearest(int(count), float(shift) / unit)
+        values, z = pencil.nearest(count, shift / unit)
     _check_pairs(K, M, values, z)
     order = np.argsort(values)
     warn_of_negative(float(values[order[0]]), unit)
@@ -148,7 +145,6 @@ def warn_of_negative(lowest: float, unit: float) -> None:
 
 def _scaled(A: Any, scale: Array) -> Any:
     """Return D A D, where D is the diagonal matrix `scale`."""
-    A = sparse.csr_array(A)
     data = np.repeat(scale, np.diff(A.indptr)) * A.data * scale[A.indices]
     return sparse.csr_array((data, A.indices, A.indptr), shape=A.shape)
 

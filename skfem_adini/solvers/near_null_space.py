@@ -11,7 +11,7 @@ from scipy import sparse
 
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import finite_numbers
+from skfem_adini.ground.arguments import array_of, finite_numbers
 from skfem_adini.solvers.factorize import factorize
 from skfem_adini.solvers.multigrid import NearNullSpace
 
@@ -106,10 +106,7 @@ def _restricted(modes: Array, vertex: Indices, dofs: Any) -> NearNullSpace:
         # A column of T belongs to the vertex of its largest entry.
         strongest = np.asarray(abs(T).argmax(axis=0)).ravel()
         return NearNullSpace(_pseudo_inverse(T, modes), vertex[strongest])
-    try:
-        chosen = np.asarray(dofs)
-    except ValueError as error:
-        raise InputError(f"dofs: expected dof numbers or a matrix T: {error}") from error
+    chosen = array_of("dofs", dofs)
     whole = chosen.ndim == 1 and chosen.dtype.kind in "iu" and chosen.size > 0
     if not whole or chosen.min() < 0 or chosen.max() >= len(vertex):
         raise InputError(f"dofs: expected dof numbers from 0 to {len(vertex) - 1} or a matrix T")

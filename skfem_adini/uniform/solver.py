@@ -13,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator
 from skfem import CellBasis
 
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import dof_numbers, real_part
+from skfem_adini.ground.arguments import array_of, choice, dof_numbers, integer, real_part
 from skfem_adini.solvers.exact_matrices import exact_matrix
 from skfem_adini.uniform.symbols import (
     continuous_eigenvalue,
@@ -108,14 +108,12 @@ class UniformSolver:
         k: float | Sequence[float] = 1.0,
         c: float = 0.0,
     ) -> None:
-        cells = np.atleast_1d(np.asarray(shape))
-        whole = np.issubdtype(cells.dtype, np.integer)
-        if cells.ndim != 1 or cells.size not in (2, 3) or not whole or cells.min() < 2:
+        cells = array_of("shape", shape)
+        if cells.shape not in ((2,), (3,)) or cells.dtype.kind not in "iu" or cells.min() < 2:
             raise InputError(
                 f"shape: expected 2 or 3 whole numbers of cells, each at least 2, got {shape!r}"
             )
-        if bc not in ("dirichlet", "neumann"):
-            raise InputError(f"bc: expected 'dirichlet' or 'neumann', got {bc!r}")
+        choice("bc", bc, ("dirichlet", "neumann"))
         dim = cells.size
         self.shape = tuple(int(n) for n in cells)
         self.lengths = _numbers("lengths", lengths, dim)
@@ -381,9 +379,7 @@ class UniformSolver:
                 f"modes: expected {len(ranges)} whole numbers from {first} to "
                 f"{[r[-1] for r in ranges]}, got {modes}"
             )
-        if digits not in range(1, 1001):
-            raise InputError(f"digits: expected a whole number from 1 to 1000, got {digits!r}")
-        with localcontext(prec=digits):
+        with localcontext(prec=integer("digits", digits, 1, 1000)):
             discrete = extended_eigenvalue(
                 self.lengths, self.shape, modes, self.k, self.bc == "dirichlet", digits
             )
@@ -393,14 +389,13 @@ class UniformSolver:
 
 def _numbers(name: str, value: Any, count: int, zero: bool = False) -> tuple[float, ...]:
     """Return `count` positive numbers, from as many or from one."""
-    try:
-        numbers = np.broadcast_to(np.asarray(value, dtype=float), (count,))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: expected one number or {count}, got {value!r}") from error
-    if not np.isfinite(numbers).all() or numbers.min() < 0 or (numbers.min() == 0 and not zero):
+    found = real_part(name, value)
+    if found.shape not in ((), (1,), (count,)):
+        raise InputError(f"{name}: expected one number or {count}, got {value!r}")
+    if not np.isfinite(found).all() or found.min() < 0 or (found.min() == 0 and not zero):
         kind = "not negative" if zero else "positive"
         raise InputError(f"{name}: expected {kind} and finite, got {value!r}")
-    return tuple(float(number) for number in numbers)
+    return tuple(np.broadcast_to(found, count).tolist())
 
 
 def tensor_nodes(grid: Sequence[int]) -> NDArray[np.intp]:

@@ -124,7 +124,7 @@ def test_a_launch_is_granted_the_memory_it_asks_for(monkeypatch):
                 refused.append(shared_mem)
 
     kernel = Kernel()
-    monkeypatch.setattr(arnoldi, "_kernel", lambda name: kernel)
+    monkeypatch.setattr(arnoldi, "kernel", lambda *_, **__: kernel)
     monkeypatch.setattr(arnoldi, "_granted", {})
     barrier = threading.Barrier(WORKERS)
 

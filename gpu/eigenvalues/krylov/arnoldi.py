@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg.blas import dtrsm
 
-from gpu.cuda.arnoldi import SOURCE
+from gpu.cuda.catalogue import kernel, limits
 from gpu.errors import InputError
 from skfem_adini.ground.arrays import to_host
 
@@ -238,14 +238,8 @@ _granted: dict[tuple[int, str], int] = {}  # bytes of shared memory, by device a
 class FusedSteps:
     """Arnoldi steps in place on the rows of V, shape (size + 1, n), for real arrays of CuPy. Row
     (j, 0) of `coefficients`, shape (size, 2, size + 2), gets those of step j, beta last; in a sweep
-    they are those of ``A (v + V r)`` with r in row (j, 1). They must fit into shared memory.
-
-    A step is a product, two projections, two updates and a norm. As separate library calls these
-    cost some twenty launches; for matrices of a few thousand rows the launches take longer than the
-    work. Here all blocks of one launch, one for each multiprocessor, own a range of rows each and
-    synchronise two or three times a step. Sums are taken in a fixed order, so repeated runs on one
-    device agree bit by bit.
-    """
+    they are those of ``A (v + V r)`` with r in row (j, 1). They must fit into shared memory. One
+    launch takes the place of some twenty library calls, see `gpu.cuda.gram_schmidt`."""
 
     def __init__(self, V: Any, coefficients: Any) -> None:
         import cupy
@@ -253,7 +247,9 @@ class FusedSteps:
         self._V, self._rows = V, coefficients
         self.size, self.n = len(coefficients), V.shape[1]
         self._device = cupy.cuda.Device().id
-        processors, most_shared, cache = _limits(self._device)
+        processors, most_shared, cache = limits(
+            self._device, "MultiProcessorCount", "MaxSharedMemoryPerBlockOptin", "L2CacheSize"
+        )
         self._blocks = min(processors, -(-self.n // DEVICE.rows))
         numbers = DEVICE.sums + 2 * self.size + 4
         self._shared = 8 * numbers
@@ -346,29 +342,10 @@ class FusedSteps:
         # The limit of shared memory is an attribute of the kernel, which all threads share. Without
         # a lock, a launch between another thread's setting and its launch would be refused.
         with _launching:
-            kernel, place = _kernel(name), (self._device, name)
+            # Refused unless all blocks can run at once, as they must to synchronise.
+            step = kernel("arnoldi", name, enable_cooperative_groups=True)
+            place = self._device, name
             if shared > _granted.get(place, DEVICE.shared):
-                kernel.max_dynamic_shared_size_bytes = _granted[place] = shared
-            kernel((self._blocks,), (DEVICE.threads,), arguments(goal), shared_mem=shared)
+                step.max_dynamic_shared_size_bytes = _granted[place] = shared
+            step((self._blocks,), (DEVICE.threads,), arguments(goal), shared_mem=shared)
         self._arrived += meetings * self._blocks
-
-
-@functools.cache
-def _limits(device: int) -> tuple[int, int, int]:
-    """Multiprocessors, most bytes of shared memory for a block, bytes of the second-level cache."""
-    import cupy
-
-    attributes = cupy.cuda.Device(device).attributes
-    names = "MultiProcessorCount", "MaxSharedMemoryPerBlockOptin", "L2CacheSize"
-    processors, shared, cache = (int(attributes[name]) for name in names)
-    return processors, shared, cache
-
-
-@functools.cache
-def _kernel(name: str) -> Any:
-    """The compiled kernel; CuPy compiles it anew for each device. A cooperative launch is refused
-    unless all blocks can run at once, as they must to synchronise.
-    """
-    import cupy
-
-    return cupy.RawKernel(SOURCE, name, options=("--std=c++17",), enable_cooperative_groups=True)

@@ -190,8 +190,7 @@ class _Iteration:
             self.kept, self.goal = size, self.room
             return
         challenged = self.champions is not None
-        standing = Standing(self.wanted.k, self.ncv, self.room, self.locked, challenged, lost)
-        keep = vectors_kept(look, standing)
+        keep = self._vectors_kept(look)
         projected, spike = look.T[:keep, :keep], look.spike[:keep]
         if lost or look.ended:
             vector = None
@@ -218,6 +217,23 @@ class _Iteration:
             self.goal = min((keep + self.ncv + 1) // 2, self.room)
         else:
             self.goal = min(keep + look.products_left, self.room)
+
+    def _vectors_kept(self, look: Look) -> int:
+        """How many leading Schur vectors are kept at a restart; conjugate pairs stay together. Half
+        of the unwanted are kept, more as more have converged, but at most two thirds; all are kept
+        of an invariant space, which has no information on the rest of the spectrum."""
+        k, ncv, converged = self.wanted.k, self.ncv, look.converged
+        if self.aside is not None:  # a challenge has just found a better eigenvalue
+            keep = min(converged, max(whole(look.T, k), ncv // 2))
+        elif look.ended:
+            keep = min(look.size, self.room - 1)
+        elif self.champions is not None:
+            keep = max(k + converged // 2, (self.locked + self.room) // 2)
+        else:
+            spare = ncv - k
+            new = max(spare // 3, min(spare, 4))
+            keep = k + min((spare + converged) // 2, spare - new)
+        return whole(look.T, min(keep, self.room - 2, look.size))
 
     def _grow(self, keep: int) -> None:
         """Enlarge the space; its first `keep` rows and the residual vector are kept."""
@@ -515,36 +531,6 @@ class Look:
     def size(self) -> int:
         """Dimension of the space."""
         return len(self.Q)
-
-
-@dataclass(frozen=True)
-class Standing:
-    """The state of the iteration on which `vectors_kept` depends."""
-
-    k: int
-    ncv: int
-    room: int  # current limit of the number of vectors
-    locked: int  # vectors kept at the last new start (better eigenvalue, invariant space)
-    challenged: bool  # whether there has been a challenge
-    lost: bool  # whether a challenge has just found a better eigenvalue
-
-
-def vectors_kept(look: Look, standing: Standing) -> int:
-    """How many leading Schur vectors are kept at a restart; conjugate pairs stay together. Half of
-    the unwanted vectors are kept, more as more have converged, but at most two thirds; all are kept
-    of an invariant space, which has no information on the rest of the spectrum."""
-    k, ncv, room, converged = standing.k, standing.ncv, standing.room, look.converged
-    if standing.lost:
-        keep = min(converged, max(whole(look.T, k), ncv // 2))
-    elif look.ended:
-        keep = min(look.size, room - 1)
-    elif standing.challenged:
-        keep = max(k + converged // 2, (standing.locked + room) // 2)
-    else:
-        spare = ncv - k
-        new = max(spare // 3, min(spare, 4))
-        keep = k + min((spare + converged) // 2, spare - new)
-    return whole(look.T, min(keep, room - 2, look.size))
 
 
 def room_for(k: int, ncv: int) -> int:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from gpu.arrays.device_blas import ONE, ZERO, DeviceBlas
-from gpu.cuda.catalogue import OPTIONS, SOURCES
+from gpu.cuda.catalogue import kernel
 
 
 class _Turn(NamedTuple):  # sizes of a launch of `ritz_rotate`
@@ -31,7 +30,7 @@ def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
     turned = _moved(np.ascontiguousarray(Q.T))
     blocks = -(-n // TURN.columns)
     sizes = np.int64(n), np.int32(count), np.int32(kept), np.int32(residual)
-    _kernel("ritz_rotate")(
+    kernel("ritz", "ritz_rotate")(
         (blocks,), (TURN.threads,), (V, turned, *sizes), shared_mem=8 * TURN.columns * count
     )
 
@@ -56,7 +55,7 @@ def pairs_with_residuals(
     left = _rows(A, X)
     right = X if M is None else _rows(M, X)
     vectors, squares = cupy.empty((k, n), dtype=complex), cupy.empty((2, k))
-    _kernel("ritz_residual")(
+    kernel("ritz", "ritz_residual")(
         (k,), (1024,), (left, right, X, pairs, np.int64(n), np.int32(k), vectors, squares)
     )
     return moved[: 2 * k].view(complex), vectors.T, squares
@@ -118,10 +117,3 @@ def _moved(values: np.ndarray) -> Any:
         values.ctypes.data, values.nbytes, cupy.cuda.get_current_stream()
     )
     return moved
-
-
-@functools.cache
-def _kernel(name: str) -> Any:
-    import cupy
-
-    return cupy.RawKernel(SOURCES["ritz"], name, options=OPTIONS)

@@ -185,7 +185,7 @@ class Kept:
     def begin(self, rows: Rows, state: np.ndarray) -> None:
         """Hold equalities and what has a state."""
         if self.good:
-            parts = self.J, self.R, self.S, self.D, rows.low, rows.high
+            parts = self.J, self.R, self.S, rows.low, rows.high
             self.k = _kernels().begin(*parts, state, self.act, self.side)
 
     def solve(self, rows: Rows) -> Found:

@@ -7,12 +7,11 @@ otherwise in global memory, where fewer blocks than problems share the room.
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gpu.cuda.catalogue import OPTIONS, SOURCES
+from gpu.cuda.catalogue import kernel, limits
 
 Array = Any  # cupy.ndarray
 
@@ -49,12 +48,9 @@ def solve_batch(
     state: Array | None = None,
     tol: float = 1e-9,
 ) -> Batch:
-    """Solve min x'Px/2 + q'x with low <= Cx <= high and lb <= x <= ub for B problems, P definite.
-
-    All arrays are of CuPy and hold one problem along the first axis, or what all share, once.
-    `state`, as in a `Batch`, is the active set to begin with. Residuals of what is called solved
-    are at most tol / 100.
-    """
+    """Solve min x'Px/2 + q'x with low <= Cx <= high and lb <= x <= ub, P definite. Arrays of CuPy
+    hold one problem along the first axis, or what all share, once; `state`, as in a `Batch`, is the
+    active set to begin with. Residuals of what is called solved are at most tol / 100."""
     import cupy
 
     data = [cupy.ascontiguousarray(a, dtype=float) for a in (P, q, C, low, high, lb, ub)]
@@ -77,19 +73,23 @@ def solve_batch(
     threads = min(padded, LIMITS.threads)
     # Two matrices, vectors of variables and of rows, sums of warps, the active set and the states.
     size = 2 * n * (n | 1) + 7 * padded + 2 * (m + n) + 32 + (n + 1) // 2 + -(-(m + n) // 8)
-    processors, most_shared, registers = _device(cupy.cuda.Device().id)
+    processors, most_shared, registers = limits(
+        cupy.cuda.Device().id, "MultiProcessorCount", "MaxSharedMemoryPerBlockOptin",
+        "MaxRegistersPerMultiprocessor",
+    )  # fmt: skip
     in_shared = 8 * size + LIMITS.program <= most_shared
-    kernel = _kernel("dual_active_set" if in_shared else "dual_active_set_far")
+    name = "dual_active_set" if in_shared else "dual_active_set_far"
+    solve = kernel(name, f"{name}_solve")
     nothing = np.int64(0)  # the null pointer
     if in_shared:
-        kernel.max_dynamic_shared_size_bytes = 8 * size
+        solve.max_dynamic_shared_size_bytes = 8 * size
         blocks, memory = B, nothing
     else:
         # As many as run at once.
-        blocks = min(B, processors * (registers // (threads * kernel.num_regs)))
+        blocks = min(B, processors * (registers // (threads * solve.num_regs)))
         memory = cupy.empty(blocks * size)
     strided = [part for a in data for part in (a, np.int64(a[0].size if len(a) > 1 else 0))]
-    kernel(
+    solve(
         (blocks,), (threads,),
         (
             *strided, nothing if state is None else state, np.int64(B), np.int32(n), np.int32(m),
@@ -99,21 +99,3 @@ def solve_batch(
         shared_mem=8 * size if in_shared else 0,
     )  # fmt: skip
     return result
-
-
-@functools.cache
-def _device(number: int) -> tuple[int, int, int]:
-    """Multiprocessors, most bytes of shared memory for a block, registers of a multiprocessor."""
-    import cupy
-
-    attributes = cupy.cuda.Device(number).attributes
-    names = "MultiProcessorCount", "MaxSharedMemoryPerBlockOptin", "MaxRegistersPerMultiprocessor"
-    processors, shared, registers = (int(attributes[name]) for name in names)
-    return processors, shared, registers
-
-
-@functools.cache
-def _kernel(name: str) -> Any:
-    import cupy
-
-    return cupy.RawKernel(SOURCES[name], f"{name}_solve", options=OPTIONS)

@@ -80,9 +80,7 @@ def scale_rows(C: Array, D: Array, S: Array, size: Array) -> bool:
 
 
 @summing_part
-def project(
-    J: Array, S: Array, D: Array, c: Index, side: Real, d: Array,
-) -> None:  # fmt: skip
+def project(J: Array, S: Array, c: Index, side: Real, d: Array) -> None:
     """d = J a of the row a = side S[c], or of the bound c - m."""
     n, m = J.shape[0], S.shape[0]
     if c >= m:
@@ -181,8 +179,7 @@ def norm(x: Array) -> Real:
 
 @summing
 def begin(
-    J: Array, R: Array, S: Array, D: Array, low: Array, high: Array, state: Array, act: Array,
-    side: Array,
+    J: Array, R: Array, S: Array, low: Array, high: Array, state: Array, act: Array, side: Array,
 ) -> Index:  # fmt: skip
     """Factor the rows of a given state and equalities, but those that depend on others; their
     number."""
@@ -194,7 +191,7 @@ def begin(
         s = -1.0 if state[c] > 0 else 1.0
         if not abs(high[c] if s < 0.0 else low[c]) < NONE:
             continue
-        project(J, S, D, c, s, d)
+        project(J, S, c, s, d)
         rest = total = 0.0
         for i in range(n):
             total += d[i] * d[i]
@@ -270,10 +267,8 @@ def choose(
     S: Array, size: Array, low: Array, high: Array, x: Array, length: Real, place: Array, safe:
     Array, path: Real,
 ) -> tuple[Index, Real, Index]:  # fmt: skip
-    """The most violated row or bound (equal sides first), its side and the number of violated ones.
-
-    What has more room than x moved since (by the Cauchy inequality) is not looked at.
-    """
+    """The most violated row or bound (equal sides first), its side and the number of violated ones;
+    what has more room than x moved since (by the Cauchy inequality) is not looked at."""
     m, n = S.shape
     best, found, where, count, equal = 0.0, -1, 1.0, 0, False
     for c in range(m + n):
@@ -307,14 +302,12 @@ def ratio(
 
 @summing_part
 def iterate(
-    J: Array, R: Array, S: Array, D: Array, size: Array, low: Array, high: Array, w: Array, act:
-    Array, side: Array, k: Index, x: Array, u: Array, steps: Array,
+    J: Array, R: Array, S: Array, size: Array, low: Array, high: Array, w: Array, act: Array,
+    side: Array, k: Index, x: Array, u: Array, steps: Array,
 ) -> tuple[Index, Index, Index, Index, Real]:  # fmt: skip
-    """From a dual feasible point to the solution, or to a contradiction.
-
-    Returns the code, the number of active rows and of steps, and, where rows contradict each
-    other, the last one (whose multiplier is 1) and its side; those of the others are then in u.
-    """
+    """From a dual feasible point to the code, the number of active rows and of steps, and, where
+    rows contradict each other, the last one (whose multiplier is 1) and its side; those of the
+    others are then in u."""
     m, n = S.shape
     d, r, z, free = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     combine(J, w, 0, n, free)
@@ -328,7 +321,7 @@ def iterate(
         steps[step, 0], steps[step, 1] = k, count
         if c < 0:
             return SOLVED, k, step + 1, -1, s
-        project(J, S, D, c, s, d)
+        project(J, S, c, s, d)
         new = 0.0
         while True:
             rest = total = 0.0
@@ -585,7 +578,7 @@ def solve(
             s -= J[i, j] * D[j] * q[j]
         w[i] = s
     k = point(J, R, act, side, lo, hi, w, k, x, u)
-    code, k, count, last, s = iterate(J, R, S, D, size, lo, hi, w, act, side, k, x, u, steps)
+    code, k, count, last, s = iterate(J, R, S, size, lo, hi, w, act, side, k, x, u, steps)
     if code == EMPTY:  # the contradiction, with the signs of multipliers
         spread(act, side, u, D, k, m, y, box)
         if last < m:
@@ -622,11 +615,9 @@ def plain(q: Array, low: Array, high: Array) -> bool:
 def solve_one(
     P: Array, C: Array, q: Array, low: Array, high: Array, boxes: bool, most: Index,
 ) -> tuple[Any, ...]:  # fmt: skip
-    """Solve one problem with everything that is made of it; UNDECIDED also where a number is none.
-
-    Returns a code, whether idle rows are held, x, multipliers of rows and bounds, signed states,
-    residuals and steps.
-    """
+    """Solve one problem with everything that is made of it: a code (UNDECIDED also where a number
+    is none), whether idle rows are held, x, multipliers of rows and bounds, signed states,
+    residuals and steps."""
     m, n = C.shape
     D, J, R = np.empty(n), np.empty((n, n)), np.empty((n, n))
     S, size, act, side = np.empty((m, n)), np.empty(m), np.empty(n, np.int64), np.empty(n)
@@ -634,7 +625,7 @@ def solve_one(
     active, steps = np.zeros(m + n, np.int8), np.empty((most, 2), np.int64)
     code, k, count, idle = UNDECIDED, 0, 0, False
     if plain(q, low, high) and factor(P, D, J) and scale_rows(C, D, S, size):
-        k = begin(J, R, S, D, low, high, active, act, side)
+        k = begin(J, R, S, low, high, active, act, side)
         code, k, count, idle = solve(
             P, C, q, low, high, D, J, S, size, R, act, side, k, boxes, x, y, box, active, steps, kkt
         )
@@ -666,7 +657,7 @@ def solve_many(
             continue
         if new or not chain or k == 0:
             J[:] = start
-            k = begin(J, R, S, D, lo, hi, state[b % state.shape[0]], act, side)
+            k = begin(J, R, S, lo, hi, state[b % state.shape[0]], act, side)
         code[b], k, count[b], idle[b] = solve(
             Pb, Cb, qb, lo, hi, D, J, S, size, R, act, side, k, boxes, x[b], y[b], box[b],
             active[b], steps, kkt[b],

@@ -96,26 +96,17 @@ def gradients(
     rest = gx - (_times(P, u) + _times(C, v, transposed=True))
     w = xp.where(held, rest, 0.0)
     v = xp.where(act, v, 0.0)
-    upper, upper_box = y > 0.0, z_box > 0.0
-    upper = upper | (act & (y == 0.0))
-    upper_box = upper_box | (held & (z_box == 0.0))
-    sides = (
-        xp.where(upper, v, 0.0)[..., equal:], xp.where(upper, 0.0, v)[..., equal:], v[..., :equal],
-        xp.where(upper_box, 0.0, w), xp.where(upper_box, w, 0.0),
-    )  # fmt: skip
+    upper = (y > 0.0) | (act & (y == 0.0))
+    upper_box = (z_box > 0.0) | (held & (z_box == 0.0))
+    h, h_low = xp.where(upper, v, 0.0)[..., equal:], xp.where(upper, 0.0, v)[..., equal:]
+    lb, ub = xp.where(upper_box, 0.0, w), xp.where(upper_box, w, 0.0)
     dP, dC = _outer(P, -u / 2.0, x, x, -u / 2.0), _outer(C, -y, u, -v, x)
     flag: Any = weak | singular
-    return _named(dP, -u, dC, sides, equal, m, flag if x.ndim > 1 else bool(flag), low)
-
-
-def _named(
-    dP: Any, dq: Any, dC: Any, sides: tuple[Any, ...], equal: int, m: int, flag: Any, low: Any
-) -> Gradients:
-    h, h_low, b, lb, ub = sides
     rows = m > equal
     return Gradients(
-        dP, dq, dC[..., equal:, :] if rows else None, h if rows else None, h_low if rows else None,
-        dC[..., :equal, :] if equal else None, b if equal else None, lb, ub, flag,
+        dP, -u, dC[..., equal:, :] if rows else None, h if rows else None, h_low if rows else None,
+        dC[..., :equal, :] if equal else None, v[..., :equal] if equal else None, lb, ub,
+        flag if x.ndim > 1 else bool(flag),
     )  # fmt: skip
 
 

@@ -67,12 +67,12 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
     # Entries keep their size when variables and sides change theirs.
     length = _length(p, D, E, sizes[0])
     D, E = xp.exp2(xp.round(xp.log2(D * length))), xp.exp2(xp.round(xp.log2(E / length)))
-    P, q = _scale(p.P, D, D, xp), D * p.q
+    P, q = _scale(p.P, D, D), D * p.q
     curvature = float(sizes[0].columns(D, D).mean()) if D.size else 0.0
     size = max(curvature, float(xp.abs(q).max()) if q.size else 0.0)
     c = float(np.exp2(-np.round(np.log2(size)))) if size > 0 else 1.0
     scaled = StandardQP(
-        P * c, q * c, _scale(p.C, E, D, xp), E * p.row_low, E * p.row_high, p.lb / D, p.ub / D
+        P * c, q * c, _scale(p.C, E, D), E * p.row_low, E * p.row_high, p.lb / D, p.ub / D
     )
     return scaled, Scaling(D, E, c)
 
@@ -171,7 +171,7 @@ class _Sizes:
         return self.both(E, D)[0]
 
 
-def _scale(M: Matrix, E: Array, D: Array, xp: Any) -> Matrix:
+def _scale(M: Matrix, E: Array, D: Array) -> Matrix:
     if not is_sparse(M):
         scaled = E[:, None] * M
         scaled *= D

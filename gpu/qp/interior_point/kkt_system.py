@@ -279,11 +279,9 @@ class IndefiniteSystem(System):
         return self.K @ w
 
 
-def kkt_system(program: StandardQP, solver: str = "auto") -> System:
+def kkt_system(program: StandardQP) -> System:
     """The system of a program, by the storage of its matrices."""
-    if program.is_sparse:
-        return SparseSystem(program, solver)
-    return DenseSystem(program)
+    return SparseSystem(program) if program.is_sparse else DenseSystem(program)
 
 
 def safe_system(program: StandardQP) -> System | None:

@@ -501,16 +501,12 @@ Solve = Callable[[StandardQP], Array]
 
 
 def farkas(p: StandardQP, solve: Solve) -> Array | None:
-    r"""A verified Farkas vector of the rows, if there is one.
-
-    A Farkas vector y of the rows has, with :math:`c = C^Ty`,
+    r"""A verified Farkas vector y of the rows, if there is one: with :math:`c = C^Ty`,
 
     .. math:: \max_{l \le x \le u} c^Tx < \sum_i \min_{r_l \le r \le r_u} y_ir,
 
     so that no x of the box can have its rows within their sides. It is sought as the nearest point
-    of a cone to a given vector, a strictly convex problem that always has a solution; it is zero
-    where there is no proof. What is found is verified before it counts.
-    """
+    of a cone to a given vector, a strictly convex problem; that is zero where there is no proof."""
     xp, m = p.xp, p.row_low.size
     equal = p.equality
     up = xp.flatnonzero(~equal & xp.isfinite(p.row_high))

@@ -164,13 +164,9 @@ class PrimalDual(NamedTuple):
 
 
 def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
-    """Solutions of the active sets that t suggests, for a program on the host, rounded once.
-
-    Refinement whose residuals are computed, and whose solution is kept, with more digits than the
-    factorisation has (J. Demmel et al., Error bounds from extra-precise iterative refinement, ACM
-    Trans. Math. Softw. 32 (2006) 325-351). Where rows are all but dependent, a smaller
-    regularisation of the system makes it converge.
-    """
+    """Solutions of the active sets that t suggests, for a program on the host, rounded once, by
+    extra-precise iterative refinement (J. Demmel et al., ACM Trans. Math. Softw. 32 (2006)
+    325-351). Where rows are all but dependent, a smaller regularisation makes it converge."""
     p = p.stored_sparsely()
     scaled, scaling = equilibrate(p)
     tight, loose = (_active(scaled, scaling, t, loose) for loose in (False, True))

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays.denormals import filled
 from gpu.errors import InputError, NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found
@@ -24,7 +23,7 @@ from gpu.riccati.problem.lqr_problem import (
 from gpu.riccati.problem.lqr_problem import solve as solve_linear
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.discrete import refined
-from gpu.riccati.proof.lyapunov import cayley_shift
+from gpu.riccati.proof.lyapunov import cayley_shift, filled
 from gpu.riccati.proof.refinement import LIMITS as EXACT
 from gpu.riccati.proof.refinement import finished, refine
 from skfem_adini.ground.arrays import namespace, to_host
@@ -67,28 +66,42 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
         if isinstance(problem.signs, float):
             small = [partial(_by_doubling, moved=True), *small, _by_newton]
         candidates += small
+
+    def polished(S: Any, info: dict[str, Any], exact: bool = False) -> Found:
+        S, steps = refine(problem, S, newton, exact)
+        return finished(problem, S, {**info, "newton_steps": steps}, exact)
+
+    found = _first_certified(problem, standard, candidates, polished)
+    verdict, small_enough = found.verdict, problem.n <= EXACT.exact and problem.xp is np
+    if verdict.certified or verdict.residual > EXACT.residual or not small_enough:
+        return found
+    # Poles nearly on the axis take more digits of the residual.
+    return polished(found.value, found.info, exact=True)
+
+
+def _first_certified(
+    problem: LQRProblem,
+    standard: DenseProblem,
+    candidates: list[Candidate],
+    polished: Callable[[Any, dict[str, Any]], Found],
+) -> Found:
+    """The first candidate that is certified once it is polished, or that of least residual."""
     best: Found | None = None
     for candidate in candidates:
         try:
-            # Overflow is not reported here: it shows in a result that is not finite, see below.
-            with np.errstate(all="ignore"):
+            with np.errstate(all="ignore"):  # overflow shows in a result that is not finite
                 S, info = candidate(problem, standard)
+            if not bool(problem.xp.isfinite(S).all()):
+                continue
+            found = polished(S, info)
         except (np.linalg.LinAlgError, NotConverged):
             continue
-        if not bool(problem.xp.isfinite(S).all()):
-            continue
-        S, info["newton_steps"] = refine(problem, S, newton)
-        found = finished(problem, S, info)
         if found.verdict.certified:
             return found
         if best is None or found.verdict.residual < best.verdict.residual:
             best = found
     if best is None:
         raise NotConverged("neither doubling nor what stands in for it found a Riccati solution")
-    if best.verdict.residual <= EXACT.residual and problem.n <= EXACT.exact and problem.xp is np:
-        # Poles nearly on the axis take more digits of the residual.
-        S, steps = refine(problem, best.value, newton, exact=True)
-        return finished(problem, S, {**best.info, "newton_steps": steps}, exact=True)
     return best
 
 
@@ -143,13 +156,9 @@ def _by_newton(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[s
 
 
 def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
-    r"""Iterate the doubling of :math:`A^T X + X A - X G X + Q = 0` (Chu, Fan and Lin 2005).
-
-    Algorithm 2.1: it begins with the Cayley transform of the Hamiltonian with shift :math:`\gamma`.
-    With :math:`W = I + G_k H_k`: :math:`A_{k+1} = A_k W^{-1} A_k`, :math:`G_{k+1} = G_k + A_k
-    W^{-1} G_k A_k^T`, :math:`H_{k+1} = H_k + A_k^T H_k W^{-1} A_k`; :math:`H_k \to X`
-    quadratically, :math:`A_k \to 0` like the transformed loop to the power :math:`2^k`.
-    """
+    r"""Iterate the doubling of :math:`A^T X + X A - X G X + Q = 0` (Chu, Fan and Lin 2005) from the
+    Cayley transform of the Hamiltonian with shift :math:`\gamma`, their algorithm 2.1: :math:`H_k
+    \to X` quadratically, :math:`A_k \to 0` like the transformed loop to the power :math:`2^k`."""
     xp, n = namespace(A), len(A)
     A, G, Q = (filled(M) for M in (A, G, Q))
     if gamma is None:
@@ -228,23 +237,9 @@ def solve_discrete(problem: LQRProblem) -> Found:
     candidates += [_by_qz] if problem.n <= LIMITS.qz else []
     _announce(problem)
     first, _ = regular(problem)
-    best: Found | None = None
-    for candidate in candidates:
-        try:
-            with np.errstate(all="ignore"):
-                S, info = candidate(problem, first.standard())
-            if not bool(problem.xp.isfinite(S).all()):
-                continue
-            found = refined(problem, S, first.unit, info)
-        except np.linalg.LinAlgError:
-            continue
-        if found.verdict.certified:
-            return found
-        if best is None or found.verdict.residual < best.verdict.residual:
-            best = found
-    if best is None:
-        raise NotConverged("neither doubling nor QZ found a Riccati solution")
-    return best
+    return _first_certified(
+        problem, first.standard(), candidates, partial(refined, problem, first.unit)
+    )
 
 
 def regular(problem: LQRProblem, moved: bool = False) -> tuple[LQRProblem, float]:

@@ -6,11 +6,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator
 
 from gpu.errors import InputError, RiccatiError
-from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, as_sparse, factor, vanishing
-from gpu.riccati.problem.weights import Weight, scaled_input
+from gpu.riccati.problem.lqr_problem import check_lqr
+from gpu.riccati.problem.state_matrix import (
+    EPS,
+    Factors,
+    StateMatrix,
+    as_sparse,
+    factor,
+    linear_operator,
+    vanishing,
+)
+from gpu.riccati.problem.weights import Weight
 from skfem_adini.ground.arguments import is_finite_number
 from skfem_adini.ground.arrays import to_host
 
@@ -59,8 +67,8 @@ def hamiltonian_inverse(
     B : array, shape (n, m) or (n,)
     Q : float, array, shape (n,) or (n, n), sparse matrix, or LinearOperator
         A number is a multiple of the identity, a 1-D array a diagonal.
-    R : float, or array, shape (m, m), optional
-        Symmetric positive definite; identity by default.
+    R : float, array, shape (m,) or (m, m), or sparse matrix, optional
+        Symmetric positive definite, a 1-D array a diagonal; identity by default.
     E : array or sparse matrix, optional
         Invertible; identity by default.
     inverse : LinearOperator, shape (n, n), optional
@@ -95,8 +103,8 @@ def hamiltonian_inverse(
     >>> (H @ hamiltonian_inverse(A, B, 1.0).matvec(v)).round(12)
     array([1., 2., 3., 4.])
     """
-    state = StateMatrix(A, E, inverse)
-    return InverseHamiltonian(state, scaled_input(state, B, R), Weight(state, Q), scale).operator()
+    problem = check_lqr(A, B, Q, R, E=E, inverse=inverse)
+    return InverseHamiltonian(problem.state, problem.input, problem.weight, scale).operator()
 
 
 class InverseHamiltonian:
@@ -155,11 +163,6 @@ class InverseHamiltonian:
     def __reduce__(self) -> Any:
         # Factors cannot be copied: a copy is factored anew.
         return type(self), self._arguments
-
-    @property
-    def zero_modes(self) -> int:
-        """The rank of the feedback."""
-        return 0 if self._feedback is None else int(self._feedback.Z.shape[1])
 
     @property
     def moved(self) -> list[Any]:
@@ -238,21 +241,7 @@ class InverseHamiltonian:
 
     def operator(self) -> Any:
         """This inverse as a LinearOperator of SciPy or CuPy."""
-        shape = (2 * self.state.n,) * 2
-        if self.state.xp is np:
-            return LinearOperator(
-                shape,
-                matvec=self.apply,
-                rmatvec=self.apply_transposed,
-                matmat=self.apply,
-                rmatmat=self.apply_transposed,
-                dtype=float,
-            )
-        from cupyx.scipy.sparse.linalg import (
-            LinearOperator as Device,
-        )
-
-        return Device(shape, matvec=self.apply, rmatvec=self.apply_transposed, dtype=float)
+        return linear_operator(self.state.xp, 2 * self.state.n, self.apply, self.apply_transposed)
 
     def _weigh(self, x: Any) -> Any:
         return self._Q.apply(x) / self._scale

@@ -5,13 +5,13 @@ A sparse A stays sparse.
 
 from __future__ import annotations
 
+import functools
 from copy import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse.linalg import LinearOperator
 
 from gpu.errors import InputError, NotSupported
 from gpu.riccati.problem.lqr_problem import NOT_SEMIDEFINITE, LQRProblem, semidefinite
@@ -21,6 +21,7 @@ from gpu.riccati.problem.state_matrix import (
     as_sparse,
     factor,
     factor_bordered,
+    linear_operator,
     woodbury,
 )
 from gpu.riccati.problem.weights import Weight, low_rank_factor
@@ -87,22 +88,12 @@ def _state(state: StateMatrix, B: Any, F: Any) -> StateMatrix:
     inverse = woodbury(factors, B, F)
     if inverse is None:
         raise NotSupported("N: A - B R^-1 N^T of an operator A is singular; shift the model")
-    product = _operator(
-        state,
+    operator = functools.partial(linear_operator, state.xp, state.n)
+    product = operator(
         lambda x: state.apply(x) - B @ (F.T @ x),
         lambda x: state.apply_transposed(x) - F @ (B.T @ x),
     )
-    return StateMatrix(product, state.E, _operator(state, inverse.solve, inverse.solve_transposed))
-
-
-def _operator(state: StateMatrix, matvec: Any, rmatvec: Any) -> Any:
-    """A LinearOperator of SciPy or CuPy."""
-    kind: Any = LinearOperator
-    if state.xp is not np:
-        from cupyx.scipy.sparse import linalg as device
-
-        kind = device.LinearOperator
-    return kind((state.n, state.n), matvec=matvec, rmatvec=rmatvec, dtype=float)
+    return StateMatrix(product, state.E, operator(inverse.solve, inverse.solve_transposed))
 
 
 def _weight(problem: LQRProblem, F: Any) -> Weight:

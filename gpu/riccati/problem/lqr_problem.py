@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -9,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
-from gpu.arrays.device_lu import device_solver
+from gpu.arrays.dense import device_solver
 from gpu.arrays.sparse_factor import is_positive_definite, structurally_regular
-from gpu.errors import InputError
+from gpu.errors import InputError, NotConverged
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.riccati.problem.weights import Weight
 from skfem_adini.ground.arguments import is_finite_number, shown, unmasked
@@ -230,15 +231,21 @@ def _size(state: StateMatrix) -> float:
     return float(abs(state.A.matvec(vector)).max())
 
 
+def solver_of(M: Any) -> Callable[[Any], Any]:
+    """The function ``right -> M^-1 right`` for dense arrays on host or device; `LinAlgError` if M
+    is exactly singular."""
+    if not isinstance(M, np.ndarray):
+        return device_solver(M)
+    lapack: Any = linalg.lapack
+    lu, pivots, info = lapack.dgetrf(M)
+    if info > 0:
+        raise np.linalg.LinAlgError("singular matrix")
+    return lambda right: lapack.dgetrs(lu, pivots, right)[0]
+
+
 def solve(M: Any, right: Any) -> Any:
-    """``M^-1 right`` for dense arrays on host or device; `LinAlgError` if M is exactly singular."""
-    if isinstance(M, np.ndarray):
-        lapack: Any = linalg.lapack
-        lu, pivots, info = lapack.dgetrf(M)
-        if info > 0:
-            raise np.linalg.LinAlgError("singular matrix")
-        return lapack.dgetrs(lu, pivots, right)[0]
-    return device_solver(M)(right)
+    """``M^-1 right``, see `solver_of`."""
+    return solver_of(M)(right)
 
 
 def _full(M: Any) -> Any:
@@ -376,6 +383,32 @@ def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
     return good
 
 
+def check_cost(problem: LQRProblem, S: Any) -> None:
+    """Raise if some states would have a negative cost by the dense value S."""
+    values = np.linalg.eigvalsh(to_host(S))
+    if values[0] >= -1e-9 * np.abs(values).max():
+        return
+    if semidefinite(problem):
+        raise NotConverged(
+            "the Riccati solution is not certified: round-off makes the cost of some states "
+            f"negative ({values[0]:.1e} of {values[-1]:.1e}); the weights are too far apart"
+        )
+    raise InputError(
+        f"{NOT_SEMIDEFINITE}, and the optimal cost is negative for some states; "
+        f"gpu.{'dare' if problem.discrete else 'care'} finds the stabilising solution of its "
+        "equation"
+    )
+
+
+def cost_of(problem: LQRProblem, S: Any, x0: Any) -> float:
+    """``x0^T E^T S E x0``, for a dense or low-rank S."""
+    x = stored("x0", x0)
+    if x.shape != (problem.n,):
+        raise InputError(f"x0 has shape {x.shape}: it must be {(problem.n,)}")
+    z = problem.state.mass(problem.xp.asarray(x))
+    return float(z @ (S @ z))
+
+
 def _semidefinite(M: Any, xp: Any) -> bool:
     """Whether M, scaled to unit diagonal, is definite after a shift of the size of rounding."""
     diagonal = M.diagonal()
@@ -383,9 +416,8 @@ def _semidefinite(M: Any, xp: Any) -> bool:
     scaled = M / unit / unit[:, None]
     places = xp.arange(len(M))
     scaled[places, places] += LIMITS.definiteness * max(1.0, len(M))
-    factor = xp.linalg.cholesky if xp is not np else np.linalg.cholesky
     try:
-        L = factor(scaled)
+        L = xp.linalg.cholesky(scaled)
     except np.linalg.LinAlgError:
         return False
     return bool(xp.isfinite(L.diagonal()).all())
@@ -440,13 +472,9 @@ class DenseProblem(NamedTuple):
 
 
 def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
-    r"""Powers of two s, shape (n,), that balance the Hamiltonian (James, Langou and Lowery 2014).
-
-    :math:`x = \mathrm{diag}(s) x'` is a symplectic similarity: the blocks become :math:`a_{ij} s_j
-    / s_i`, :math:`g_{ij} / (s_i s_j)`, :math:`q_{ij} s_i s_j`, with nearly equal sums of moduli of
-    rows and columns. The sums include the diagonal, so that much smaller entries, mostly rounding,
-    do not count.
-    """
+    r"""Powers of two s, shape (n,), for which :math:`x = \mathrm{diag}(s) x'` balances the sums of
+    rows and columns of the Hamiltonian (James, Langou and Lowery 2014). They include the diagonal,
+    so that much smaller entries, mostly rounding, do not count."""
     A, _, Q, _ = standard
     xp = namespace(A)
     inner, G, Q = abs(A), abs(standard.G), abs(Q)

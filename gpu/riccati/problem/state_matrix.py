@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import LinearOperator, splu
 
-from gpu.arrays.device_lu import device_lu
+from gpu.arrays.dense import device_lu
 from gpu.arrays.sparse_factor import structurally_regular
 from gpu.errors import InputError
 from skfem_adini.ground.arguments import unmasked
@@ -251,20 +252,25 @@ def factor_bordered(A: Any, U: Any, V: Any) -> Factors | None:
     )
 
 
-def woodbury(factors: Factors, U: Any, V: Any) -> Factors | None:
+def woodbury(factors: Factors, U: Any, V: Any, most: float = 1e12) -> Factors | None:
     """Solves with ``M - U V^T`` from those with M (Sherman-Morrison-Woodbury); None if the
-    condition of the small matrix ``I - V^T M^-1 U`` is above 1e12.
-    """
-    xp = namespace(U)
-    MU, MV = factors.solve(U), factors.solve_transposed(V)
+    condition of the small matrix ``I - V^T M^-1 U`` is above `most`."""
+    xp, MU = namespace(U), factors.solve(U)
     small = to_host(xp.eye(U.shape[1]) - V.T @ MU)
-    if not np.isfinite(small).all() or np.linalg.cond(small) > 1e12:
+    if not np.isfinite(small).all() or np.linalg.cond(small) > most:
         return None
     core = xp.asarray(np.linalg.inv(small))
-    return Factors(
-        lambda x: factors.solve(x) + MU @ (core @ (MV.T @ x)),
-        lambda x: factors.solve_transposed(x) + MV @ (core.T @ (MU.T @ x)),
-    )
+    MV = functools.cache(lambda: factors.solve_transposed(V))
+
+    def solve(x: Any) -> Any:
+        y = factors.solve(x)
+        return y + MU @ (core @ (V.T @ y))
+
+    def solve_transposed(x: Any) -> Any:
+        y = factors.solve_transposed(x)
+        return y + MV() @ (core.T @ (U.T @ y))
+
+    return Factors(solve, solve_transposed)
 
 
 def vanishing(d: Any) -> Any:
@@ -318,6 +324,16 @@ def sparse_of(xp: Any) -> Any:
     from cupyx.scipy import sparse as device
 
     return device
+
+
+def linear_operator(xp: Any, n: int, product: Any, transposed: Any) -> Any:
+    """A LinearOperator of SciPy or CuPy, of order n, from products with vectors and matrices."""
+    if xp is np:
+        more = {"matmat": product, "rmatmat": transposed}
+        return LinearOperator((n, n), product, transposed, dtype=float, **more)
+    from cupyx.scipy.sparse import linalg as device
+
+    return device.LinearOperator((n, n), matvec=product, rmatvec=transposed, dtype=float)
 
 
 def times(A: Any, x: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The weights of a linear-quadratic cost: Q as a number, diagonal, matrix or operator; B R^-1/2."""
+"""The weights of a linear-quadratic cost: Q as a number, diagonal, matrix or operator."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from copy import copy
 from typing import Any
 
 import numpy as np
-from scipy import linalg
 
 from gpu.errors import InputError
 from gpu.riccati.problem.state_matrix import StateMatrix, stored, symmetric, times
@@ -99,30 +98,3 @@ def low_rank_factor(weight: Weight) -> Any:
     C = np.zeros((int(kept.sum()), n))
     C[:, places] = (vectors[:, kept] * np.sqrt(values[kept])).T
     return xp.asarray(C)
-
-
-def scaled_input(state: StateMatrix, B: Any, R: Any = None) -> Any:
-    """``B L^-T`` with the Cholesky factor L of R, shape (n, m)."""
-    B = stored("B", B)
-    if hasattr(B, "tocsr"):
-        B = B.toarray()
-    if B.ndim == 1:
-        B = B[:, None]
-    if B.ndim != 2 or B.shape[0] != state.n or B.shape[1] == 0:
-        raise InputError(f"B has shape {B.shape}: expected ({state.n}, m), m > 0")
-    if namespace(B) is not state.xp:
-        raise InputError("B and A live on different sides: move one of them")
-    if R is None:
-        return B
-    m = B.shape[1]
-    root = np.atleast_2d(to_host(stored("R", R)))
-    if root.shape == (1, 1):
-        root = root[0, 0] * np.eye(m)
-    if root.shape != (m, m) or not np.allclose(root, root.T, rtol=1e-12, atol=0.0):
-        raise InputError(f"R has shape {root.shape}: expected symmetric, ({m}, {m})")
-    try:
-        root = np.linalg.cholesky(root)
-    except np.linalg.LinAlgError:
-        raise InputError("R is not positive definite: every input needs a cost") from None
-    inverse = linalg.solve_triangular(root, np.eye(m), lower=True)
-    return B @ state.xp.asarray(inverse.T)

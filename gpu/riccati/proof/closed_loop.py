@@ -18,7 +18,7 @@ from gpu.riccati.problem.lqr_problem import (
     scaled_hamiltonian,
     solve,
 )
-from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix
+from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, woodbury
 from gpu.riccati.proof.lyapunov import SCHUR, LyapunovSolver, cayley_shift, lyapunov_solver
 from skfem_adini.ground.arrays import namespace, to_host
 
@@ -38,6 +38,7 @@ class _Limits(NamedTuple):  # limits of poles and of bounds for them
     examined: int = 1500  # order up to which modes are examined
     named: int = 200  # order up to which the dense method names the mode that causes a failure
     worst: int = 24  # number of modes examined, beginning with the least stable
+    condition: float = 1e10  # of the small matrix by which a feedback changes solves with A
     singular: float = 1e-12  # singular value in Hautus' test, over the matrix, that counts as zero
     axis: float = 1e-6  # distance from the axis, over the matrix, of a mode that may lie on it
     moved: float = 10.0  # rounding errors of the matrix that may move such a mode to the axis
@@ -224,22 +225,21 @@ def dense_loop(problem: LQRProblem, K: Any) -> DenseLoop:
     return closed_loop_of(problem, standard, problem.unit, K=K)
 
 
-def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = LIMITS.poles) -> np.ndarray:
+def nearest_poles(state: StateMatrix, B: Any, K: Any) -> np.ndarray:
     """The poles of ``E^-1 (A - B K)`` nearest to zero, rightmost first, by solves with A alone."""
-    xp, n = state.xp, state.n
     shift, factors = 0.0, state.factor()
     for digits in (None, -8, -6, -4):
         if factors is not None:
-            apply = _loop_inverse(state, factors, B, K)
-            if apply is not None:
-                return _poles_by(apply, shift, n, xp, count)
+            closed = woodbury(factors, B, K.T, LIMITS.condition)
+            if closed is not None:
+                return _poles_by(closed, state, shift)
         if state.kind == "operator":
             raise GpuError("the closed loop of an operator with a pole at zero is not examined")
         if digits is None:
             # A has a mode at zero that the feedback has moved: factor the closed loop itself.
             closed = state.factor_updated(B, K.T)
             if closed is not None:
-                return _poles_by(_pencil_inverse(closed, state), 0.0, n, xp, count)
+                return _poles_by(closed, state, 0.0)
             continue
         shift = 10.0**digits * (state.size() or 1.0)
         factors = state.factor(shift)
@@ -261,10 +261,10 @@ def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex
     for part in (1 / 3, 2 / 3):
         s = slow * (fast / slow) ** part
         factors = state.factor(s)
-        inverse = None if factors is None else _loop_inverse(state, factors, B, K)
-        if inverse is None:
+        closed = None if factors is None else woodbury(factors, B, K.T, LIMITS.condition)
+        if closed is None:
             continue
-        theta = _outermost(inverse, s, x)
+        theta = _outermost(_inverse(closed, state), s, x)
         if theta is None or not abs(theta) > 1.0 + LIMITS.outside:
             continue
         pole = s * (theta + 1.0) / (theta - 1.0)
@@ -294,52 +294,30 @@ def _doubt(state: StateMatrix, B: Any, K: Any, pole: complex) -> float:
     """A bound of the shift of a pole by rounding: its condition, from left and right vectors."""
     xp, n = state.xp, state.n
     factors = state.factor(pole * (1.0 + 1e-9))
-    inverse = None if factors is None else _loop_inverse(state, factors, B, K)
-    turned = None if factors is None else _loop_inverse(state, factors, B, K, transposed=True)
-    if inverse is None or turned is None:
+    closed = None if factors is None else woodbury(factors, B, K.T, LIMITS.condition)
+    if closed is None:
         return 0.0
     x = y = xp.asarray(np.random.default_rng(1).standard_normal(n)) + 0j
     for _ in range(3):
-        x, y = inverse(x), turned(y)
+        x, y = closed.solve(state.mass(x)), closed.solve_transposed(state.mass_transposed(y))
         x, y = x / xp.linalg.norm(x), y / xp.linalg.norm(y)
     size = (state.size() + float(abs(B).max()) * float(abs(K).max())) * n**0.5
     cosine = abs(complex((y * state.mass(x)).sum()))
     return LIMITS.roundings * EPS * size / max(cosine, 1e-300)
 
 
-def _loop_inverse(
-    state: StateMatrix, factors: Factors, B: Any, K: Any, transposed: bool = False
-) -> Any:
-    """``x -> (A - B K - s E)^-1 E x`` by factors of ``A - s E``; None where it is singular."""
-    xp, m = state.xp, B.shape[1]
-    solve, mass = factors.solve, state.mass
-    left, right = B, K
-    if transposed:
-        solve, mass = factors.solve_transposed, state.mass_transposed
-        left, right = K.T, B.T
-    solved = solve(left)
-    core = to_host(xp.eye(m) - right @ solved)
-    if not np.isfinite(core).all() or not np.linalg.cond(core) < 1e10:
-        return None
-    inverse = xp.asarray(np.linalg.inv(core))
-
-    def apply(x: Any) -> Any:
-        y = solve(mass(x))
-        return y + solved @ (inverse @ (right @ y))
-
-    return apply
-
-
-def _pencil_inverse(closed: Factors, state: StateMatrix) -> Any:
+def _inverse(closed: Factors, state: StateMatrix) -> Any:
+    """``x -> (A - B K - s E)^-1 E x`` by factors of the first."""
     return lambda x: closed.solve(state.mass(x))
 
 
-def _poles_by(inverse: Any, shift: float, n: int, xp: Any, count: int) -> np.ndarray:
-    """Poles nearest to `shift`, of a loop whose inverse, shifted, is applied by ``inverse``."""
-    start = xp.asarray(np.random.default_rng(0).standard_normal(n))
-    few = max(count // 3, 1)
-    options = {"k": few, "ncv": 4 * few} if n >= LIMITS.large else {"k": min(count, n)}
-    theta = _nearest(inverse, v0=start, **options)
+def _poles_by(closed: Factors, state: StateMatrix, shift: float) -> np.ndarray:
+    """Poles nearest to `shift`, of a loop by the factors of its shifted matrix."""
+    n = state.n
+    start = state.xp.asarray(np.random.default_rng(0).standard_normal(n))
+    few = LIMITS.poles // 3
+    options = {"k": few, "ncv": 4 * few} if n >= LIMITS.large else {"k": min(LIMITS.poles, n)}
+    theta = _nearest(_inverse(closed, state), v0=start, **options)
     poles = shift + 1.0 / theta
     return poles[np.argsort(-poles.real, kind="stable")]
 
@@ -462,11 +440,8 @@ def _border(problem: LQRProblem) -> str:
 
 
 def named(problem: LQRProblem) -> RiccatiError | None:
-    r"""The error that names an uncontrollable or unobservable mode, or None (Hautus 1969).
-
-    A mode with :math:`\mathrm{Re}\,\lambda \ge 0` is not stabilisable if :math:`(A - \lambda E, B)`
-    loses rank, one on the imaginary axis not detectable if :math:`(A - \lambda E; Q)` does.
-    """
+    r"""The error that names a mode not stabilisable, as :math:`(A - \lambda E, B)` loses rank, or
+    on the imaginary axis not detectable, as :math:`(A - \lambda E; Q)` does (Hautus 1969)."""
     standard = _standard(problem)
     if standard is None:
         return None

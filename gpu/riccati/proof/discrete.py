@@ -177,7 +177,7 @@ def loop_of(problem: LQRProblem, S: Any, unit: Any, residual: Residual) -> Discr
     return DiscreteLoop(A - B @ K, rounding, B, residual.inner, (doubt, data), size)
 
 
-def refined(problem: LQRProblem, S: Any, unit: Any, info: dict[str, Any]) -> Found:
+def refined(problem: LQRProblem, unit: Any, S: Any, info: dict[str, Any]) -> Found:
     """Newton steps on S while they shrink (Hewer 1971), then its gain and its assessment."""
     before, taken = np.inf, 0
     S = S.astype(np.longdouble) if in_extended(problem) else S

@@ -49,10 +49,8 @@ class Verdict(NamedTuple):
 def refine(problem: LQRProblem, S: Any, steps: int, exact: bool = False) -> tuple[Any, int]:
     r"""Newton steps :math:`E^T D A_c + A_c^T D E = -\mathrm{res}(S)` while they shrink; S, count.
 
-    Residuals of twice the digits lead to the rounding of S (Higham 2002, chapter 12). A fast
-    loop with slow poles needs more digits of S for the gain than a double has, so S is stored in
-    extended precision wherever the residuals are.
-    """
+    Residuals of twice the digits lead to the rounding of S (Higham 2002, chapter 12). A fast loop
+    with slow poles needs more digits of S than a double has, so S is kept as the residuals are."""
     standard = problem.standard()
     unit = problem.unit
     extended = in_extended(problem)

@@ -16,7 +16,7 @@ from skfem_adini.curved.quadrature.level_set import LevelSet, TruthTable, as_lev
 from skfem_adini.curved.quadrature.polygon import Polygon, cut_polygon
 from skfem_adini.curved.quadrature.polynomial_boxes import AccurateBoxes, accurate_boxes
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import finite_numbers
+from skfem_adini.ground.arguments import array_of, finite_numbers, integer
 from skfem_adini.ground.jit import compiled
 
 Array = NDArray[np.float64]
@@ -194,15 +194,14 @@ def cut_quadrature(
     True
     """
     lower, upper = _checked_cells(lower, upper)
-    if not isinstance(q, int | np.integer) or isinstance(q, bool) or not 1 <= q <= 30:
-        raise InputError(f"q: expected a whole number from 1 to 30, got {q!r}")
+    q = integer("q", q, 1, 30)
     if isinstance(level_set, Polygon):
         if gradient is not None:
             raise InputError("gradient: a polygon has none; leave it out")
-        return CutQuadrature(lower, upper, *cut_polygon(level_set, lower, upper, int(q)))
+        return CutQuadrature(lower, upper, *cut_polygon(level_set, lower, upper, q))
     table = TruthTable.of(as_level_set(level_set, gradient))
     boxes = accurate_boxes(table, lower, upper - lower)
-    volume, edge, whole = _integrate(boxes, int(q))
+    volume, edge, whole = _integrate(boxes, q)
     full = boxes.count_in_cell == whole
     volume = volume.of_cells(~full)
     return CutQuadrature(
@@ -321,10 +320,7 @@ def _oriented(table: TruthTable, edge: _Points) -> Array:
 
 
 def _checked_cells(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
-    try:
-        corners = np.asarray(lower), np.asarray(upper)
-    except ValueError as error:
-        raise InputError(f"lower, upper: expected corners of shape (2, cells): {error}") from error
+    corners = array_of("lower", lower), array_of("upper", upper)
     shape = corners[0].shape
     if len(shape) != 2 or shape[0] != 2 or shape[1] == 0 or shape != corners[1].shape:
         raise InputError(

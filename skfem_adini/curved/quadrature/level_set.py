@@ -14,7 +14,7 @@ from skfem.assembly.basis.abstract_basis import AbstractBasis
 from skfem_adini.curved.quadrature.polygon import Polygon
 from skfem_adini.elements.straight_cells import reference_points
 from skfem_adini.errors import InputError
-from skfem_adini.ground.arguments import finite_numbers, function_of_places
+from skfem_adini.ground.arguments import array_of, finite_numbers, function_of_places
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ class LevelSet:
 
     def evaluate(self, x: Array, cells: NDArray[np.integer]) -> Array:
         """Return the function at points of shape (2, len(cells), points), checked."""
-        return _checked("level_set", self._values(x, cells), x.shape[1:])
+        return returned("level_set", self._values(x, cells), x.shape[1:])
 
     def evaluate_gradient(self, x: Array, cells: NDArray[np.integer]) -> Array | None:
         """Return the gradient at points of shape (2, len(cells), points), checked, or None."""
@@ -88,8 +88,9 @@ class LevelSet:
             return None
         found = self.gradient(x)
         if isinstance(found, list | tuple):
-            found = np.array([np.broadcast_to(part, x.shape[1:]) for part in found])
-        return _checked("gradient", found, x.shape)
+            parts = (array_of("gradient", part) for part in found)
+            found = np.array([np.broadcast_to(part, x.shape[1:]) for part in parts])
+        return returned("gradient", found, x.shape)
 
     def _values(self, x: Array, cells: NDArray[np.integer]) -> Any:
         return self.function(x)
@@ -231,9 +232,10 @@ def as_level_set(level_set: Any, gradient: Callable[[Array], Any] | None = None)
     return LevelSet(level_set, gradient)
 
 
-def _checked(name: str, values: Any, shape: tuple[int, ...]) -> Array:
-    values = np.asarray(values)
-    if np.iscomplexobj(values) or values.dtype.kind not in "fiub":
+def returned(name: str, values: Any, shape: tuple[int, ...]) -> Array:
+    """Return what a caller's function returned, as finite real numbers of this shape."""
+    values = array_of(name, values)
+    if values.dtype.kind not in "fiub":
         raise InputError(f"{name}: expected real numbers, got an array of {values.dtype}")
     if values.shape not in (shape, ()):
         raise InputError(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.errors import InputError
+from skfem_adini.ground.arguments import array_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -137,10 +138,7 @@ def _kept(sides: Array, other: Polygon, inside: bool, common: int) -> NDArray[np
 
 def _loop(vertices: ArrayLike, turn: float) -> Array:
     """Return corners anticlockwise for turn 1, clockwise for -1, so the inside is on the left."""
-    try:
-        p = np.asarray(vertices)
-    except ValueError as error:
-        raise InputError(f"vertices: expected corners of shape (2, n): {error}") from error
+    p = array_of("vertices", vertices)
     if p.dtype.kind not in "iuf":
         raise InputError(f"vertices: expected real numbers, got an array of {p.dtype}")
     p = p.astype(float)

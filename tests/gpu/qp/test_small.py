@@ -256,8 +256,9 @@ def test_sequences_of_other_problems_are_those_of_solve_qp():
         QPFactor(np.eye(2), A=[[1.0, 2.0, 3.0]])
     box = QPFactor(np.eye(2))
     assert box.solve([1, -3], lb=[0, 0], ub=2).x.tolist() == [0.0, 2.0]
-    with pytest.raises(InputError, match="q"):
-        box.solve([np.nan, 1.0])
+    for bad in ([np.nan, 1.0], np.array([1j, 0.0])):
+        with pytest.raises(InputError, match="q"):
+            box.solve(bad)
     with pytest.raises(InputError, match="q has shape"):
         box.solve([1.0, 1.0, 1.0])
 

@@ -6,7 +6,7 @@ import pytest
 from scipy import sparse
 from scipy.linalg import block_diag, solve_discrete_are
 
-from gpu import InputError, NotConverged, RiccatiError, dare, dlqr
+from gpu import InputError, NotConverged, RiccatiError, dare, dlqr, lqr
 from gpu.riccati.methods import doubling
 from gpu.riccati.problem.lqr_problem import check_lqr
 from gpu.riccati.proof.discrete import loop_of, residual_of
@@ -197,6 +197,10 @@ def test_a_solution_that_does_not_stabilise_is_refused(monkeypatch):
         dare([[2.0]], [[1.0]], [[0.0]], [[1.0]])
 
 
-def test_the_cost_of_a_state_of_another_size():
-    with pytest.raises(InputError, match="x0 has shape"):
-        dlqr(0.5 * np.eye(2), np.eye(2), 1.0).cost([1.0])
+@pytest.mark.parametrize("solve", [lqr, dlqr])
+@pytest.mark.parametrize(
+    "x0", [[1.0], [1j, 0.0], [np.nan, 1.0], np.ma.masked_equal([1.0, 2.0], 2.0), [[1.0], [2.0]]]
+)
+def test_what_is_no_state_has_no_cost(solve, x0):
+    with pytest.raises(InputError, match="x0"):
+        solve(0.5 * np.eye(2), np.eye(2), 1.0).cost(x0)

@@ -77,9 +77,10 @@ def test_singular_state_matrices(name, stored):
     A, B = SINGULAR[name]
     R = np.diag(np.arange(1.0, B.shape[1] + 1))
     Q = np.diag(np.arange(1.0, len(A) + 1))
-    operator = hamiltonian_inverse(stored(A), B, Q, R)
-    assert residual(hamiltonian(A, B, Q, R), operator) < 1e-12
-    assert transposed(operator) < 1e-12
+    for cost in (stored(R), R.diagonal()):
+        operator = hamiltonian_inverse(stored(A), B, Q, cost)
+        assert residual(hamiltonian(A, B, Q, R), operator) < 1e-12
+        assert transposed(operator) < 1e-12
 
 
 @pytest.mark.parametrize("stored", [np.array, sparse.csr_array])
