@@ -353,6 +353,11 @@ def in_space(lon: ArrayLike, lat: ArrayLike) -> Array:
     return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
 
 
+def wall_name(axis: int, side: int) -> str:
+    """Name of the lower (0) or upper (1) wall of a direction, in arguments and messages."""
+    return f"{AXES[axis]}{'-+'[side]}"
+
+
 def node_name(grid: GridLike, flat: int) -> str:
     """Indices and coordinates of a node, for messages."""
     place = np.unravel_index(int(flat), grid.nodes)

@@ -17,7 +17,6 @@ from numpy import floor
 
 from cip.engines.cpu_loops import address, shifted
 from cip.engines.path_kernel import plain
-from cip.engines.snapshot_kernel import with_names
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
@@ -25,6 +24,7 @@ from cip.formulas.expression import (
     ordered,
     statements,
     variable,
+    with_names,
 )
 from skfem_adini.ground.jit import Array, Index, Out, Real, kernel, loop, room
 

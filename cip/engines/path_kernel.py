@@ -20,10 +20,16 @@ from cip.engines.snapshot_kernel import (
     room_needed,
     spline_source,
     weight_source,
-    with_names,
 )
 from cip.errors import NotSupported
-from cip.formulas.expression import COORDINATES, Expression, ordered, statements, variable
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    ordered,
+    statements,
+    variable,
+    with_names,
+)
 from cip.formulas.snapshots import Snapshots
 from cip.grid import Grid
 

@@ -8,7 +8,7 @@ data come as one array of numbers (`cip.formulas.snapshots.Snapshots.table`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -17,7 +17,6 @@ from cip.formulas.expression import (
     Expression,
     constant,
     ordered,
-    rebuilt,
     statements,
     variable,
 )
@@ -36,17 +35,6 @@ def derivatives_in(rates: Sequence[Expression]) -> list[Expression]:
     """The derivatives of the splines that occur in some formulas, in a fixed order."""
     found = [node for node in ordered(list(rates)) if node.op == "opaque"]
     return sorted(found, key=lambda node: node.value)
-
-
-def with_names(
-    rates: Sequence[Expression], names: Mapping[Expression, Expression]
-) -> list[Expression]:
-    """The formulas with variables in place of the derivatives of the splines."""
-    done: dict[Expression, Expression] = {}
-    for node in ordered(list(rates)):
-        args = [done[argument] for argument in node.args]
-        done[node] = names[node] if node in names else rebuilt(node, args)
-    return [done[rate] for rate in rates]
 
 
 def room_needed(layout: Layout, nodes: Sequence[Expression]) -> int:

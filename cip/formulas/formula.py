@@ -17,6 +17,7 @@ from cip.formulas.expression import (
     numpy_function,
     opaque,
     ordered,
+    raised,
     traced,
 )
 from cip.formulas.parameters import bound
@@ -178,9 +179,20 @@ class Formula:
         if orders in self.known:
             return self.known[orders]
         place = max(q for q in range(4) if orders[q])
-        i, j, k, l = (order - (q == place) for q, order in enumerate(orders))
         # The truncation error is below that of the profiles, the rounding error about 4 eps / h.
-        return _difference(self._opaque((i, j, k, l), steps), place, 0.25 * steps[place])
+        return _difference(
+            self._opaque(raised(orders, place, -1), steps), place, 0.25 * steps[place]
+        )
+
+
+def functions_of(
+    formulas: Sequence[Formula], nodes: Sequence[Expression], steps: Sequence[float]
+) -> dict[str, Any]:
+    """`Formula.functions` of several formulas together."""
+    found: dict[str, Any] = {}
+    for formula in formulas:
+        found.update(formula.functions(nodes, steps))
+    return found
 
 
 def padded(point: Sequence[Any], dim: int, time: bool) -> list[Any]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import DivergenceWarning, InputError
+from cip.formulas.expression import raised
 from cip.formulas.formula import Formula, spline
 from cip.formulas.snapshots import Snapshots
 from cip.grid import Grid
@@ -71,10 +72,10 @@ class MeshField:
             if stream:
                 value, div = np.stack([gradient[1], -gradient[0]]), np.zeros(1)
             found = np.stack([c.derivative((0, 0, 0, 0), steps)(*points, t) for c in formulas])
-            slopes = []
-            for axis, c in enumerate(formulas):
-                i, j, k = (int(axis == q) for q in range(3))
-                slopes.append(c.derivative((i, j, k, 0), steps)(*points, t))
+            slopes = [
+                c.derivative(raised((0, 0, 0, 0), axis), steps)(*points, t)
+                for axis, c in enumerate(formulas)
+            ]
             worst = max(worst, float(np.abs(sum(slopes)).max(initial=0.0)))
             given = max(given, float(np.abs(div).max(initial=0.0)))
             error = max(error, float(np.abs(found - value).max(initial=0.0)))

@@ -649,10 +649,9 @@ def _values(
     formula: Formula, order: int, axis: int, grid: Grid, points: Sequence[Array], clock: float
 ) -> Array:
     """The velocity, or its derivative in the direction of an axis, at points of the box."""
-    i, j, k = (order * (axis == q) for q in range(3))
     steps = (*grid.spacing, *([1.0] * (4 - grid.dim)))
     point = [*points, *([np.zeros(())] * (3 - grid.dim))]
-    found = formula.derivative((i, j, k, 0), steps)(*point, clock)
+    found = formula.derivative(raised((0, 0, 0, 0), axis, order), steps)(*point, clock)
     return np.broadcast_to(found, points[0].shape)
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cip.characteristics.feet import integrate
-from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System, exponential
 from cip.engines.path_kernel import rate_function, runge_kutta
 from cip.formulas.expression import (
     COORDINATES,
@@ -27,6 +27,7 @@ from cip.formulas.expression import (
     linear,
     numpy_function,
     ordered,
+    rows_of,
     statements,
     variable,
 )
@@ -89,11 +90,8 @@ def component(jet: Jet) -> Expression:
     if jet.component < 3:
         return variable(jet.name)
     E = apply("exp", variable(LOG_DETERMINANT.name))
-    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
-    first = [variable(LOG_DETERMINANT.along(axis).name) for axis in axes]
-    if not axes:
-        return E
-    return E * first[0] if len(axes) == 1 else E * (variable(jet.name) + first[0] * first[1])
+    found: Expression = exponential(jet, lambda one: variable(one.name), E)
+    return found
 
 
 def tangent_source(system: Directional, wanted: tuple[Jet, ...]) -> str:
@@ -188,10 +186,7 @@ class PathTangent:
         changes = numpy_function(
             [system.change(jet) for jet in stage.jets], [jet.name for jet in system.jets]
         )
-        found = np.empty((len(stage.jets), stage.grid.size))
-        for row, value in zip(found, changes(*jets.values()), strict=True):
-            row[:] = value
-        return found
+        return rows_of(changes(*jets.values()), (stage.grid.size,))
 
 
 # Prefix of the names of sums of changes.

@@ -17,7 +17,7 @@ from cip.errors import InputError, LeftDomain, NotSupported
 from cip.formulas.formula import Formula
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.velocity import Velocity, check_periodic
-from cip.grid import Grid
+from cip.grid import Grid, wall_name
 from cip.output.budget import Tally
 from cip.output.trajectory import Trajectory
 from cip.profiles.catalogue import LINE, moments
@@ -267,7 +267,7 @@ class Solver(Runs):
         fixed = slopes and self.grid.dim > 1 and self.profile in LINE
         if fixed:
             check_split(data, self.form == "advection", self.profile)
-        inflow = {f"{'xyz'[axis]}{'-+'[side]}": one for (axis, side), one in data.items()}
+        inflow = {wall_name(*wall): one for wall, one in data.items()}
         if self.land is not None and len(acting) > (made is not None):
             raise NotSupported("diffusion: it would cross land; leave one of both away")
         return Rule(acting, reacted(data, made, fixed), inflow, bounds)

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from cip.characteristics.flow_derivatives import Jet, exponential
 from cip.errors import InputError, NotSupported
 from cip.formulas.expression import (
     COORDINATES,
@@ -26,11 +27,11 @@ from cip.formulas.expression import (
     ordered,
     variable,
 )
-from cip.formulas.formula import Formula
+from cip.formulas.formula import Formula, functions_of
 from cip.formulas.parameters import parameter
 from cip.formulas.source import Source
 from cip.formulas.sphere_spline import cell_means, centre_values
-from cip.grid import GridLike, node_name
+from cip.grid import GridLike, node_name, wall_name
 from cip.profiles.catalogue import CONSERVATIVE, SPHERE, Moment, carries_slopes, moments
 from cip.stages.state import averaged
 from cip.stages.walls import MIDDLE, Wall
@@ -201,21 +202,15 @@ class Decay:
         return self._integrals.integral(node, moment, t, length, midpoints=True)
 
     def _exponentials(self, t: float, length: float) -> dict[Orders, Any]:
+        def exponent(jet: Jet) -> Any:
+            return -self._integral(self._rate, Moment("", jet.orders), t, length)
+
         found: dict[Orders, Any] = {}
         for key, moment in self._products.wanted.items():  # values come first
-            axes = [axis for axis in range(3) for _ in range(moment.orders[axis])]
-            if not axes:
-                found[key] = self._exponential(moment, t, length)
-                continue
-            slopes = []
-            for axis in axes:
-                i, j, k = (int(axis == q) for q in range(3))
-                slopes.append(self._integral(self._rate, Moment("", (i, j, k, 0)), t, length))
-            if len(axes) == 1:
-                factor = -slopes[0]
+            if any(moment.orders):
+                found[key] = exponential(Jet(3, moment.orders), exponent, found[min(found)])
             else:
-                factor = slopes[0] * slopes[1] - self._integral(self._rate, moment, t, length)
-            found[key] = factor * next(iter(found.values()))
+                found[key] = self._exponential(moment, t, length)
         return found
 
     def _exponential(self, moment: Moment, t: float, length: float) -> Any:
@@ -300,10 +295,7 @@ class ReactedData(Formula):
 
     def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
         """The callables and numbers in `nodes` of data, source and decay, by names in code."""
-        found: dict[str, Any] = {}
-        for part in self._parts:
-            found.update(part.functions(nodes, steps))
-        return found
+        return functions_of(self._parts, nodes, steps)
 
 
 def reacted(
@@ -318,7 +310,7 @@ def reacted(
         node = formula.expression
         if reaction.decay is not None and not (node.op == "constant" and node.value == 0.0):
             raise NotSupported(
-                f"decay: with splitting the data of the wall {'xyz'[axis]}{'-+'[side]} must be "
+                f"decay: with splitting the data of the wall {wall_name(axis, side)} must be "
                 "zero; take 'csl2' or 'csl4', or a direct profile ('adini', 'bicubic')"
             )
     if fixed:
