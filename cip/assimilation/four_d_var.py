@@ -25,7 +25,7 @@ from cip.assimilation.sensors import Sensors
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
 from cip.solver.solver import Solver
 from cip.stages.state import State
-from skfem_adini.ground.arguments import real_number
+from skfem_adini.ground.arguments import integer, real_number
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -133,7 +133,8 @@ def four_d_var(
     window = AssimilationWindow(
         solver, background, covariance, sensors, dt, parameters, model_error
     )
-    most, outer, least = _counts(max_iterations, max_outer, vectors)
+    most, outer = integer("max_iterations", max_iterations, 1), integer("max_outer", max_outer, 1)
+    least = integer("vectors", vectors, 0)
     accuracy = real_number("tol", tol)
     if not 0.0 < accuracy < 1.0:
         raise InputError(f"tol: expected a number in (0, 1), got {tol!r}")
@@ -200,16 +201,6 @@ def _step(
         "parameters: no step towards the solution of the linearised problem lowers the cost; begin "
         "closer to the solution, or give the parameters smaller prior deviations"
     )
-
-
-def _counts(max_iterations: int, max_outer: int, vectors: int) -> tuple[int, int, int]:
-    given = {"max_iterations": max_iterations, "max_outer": max_outer, "vectors": vectors}
-    for name, value in given.items():
-        least = 0 if name == "vectors" else 1
-        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        if not whole or value < least:
-            raise InputError(f"{name}: expected a whole number >= {least}, got {value!r}")
-    return int(max_iterations), int(max_outer), int(vectors)
 
 
 def _analysis(

@@ -17,7 +17,7 @@ from cip.errors import InputError
 from cip.grid import Grid
 from cip.solver.solver import Solver
 from cip.stages.state import State
-from skfem_adini.ground.arguments import real_array, real_number
+from skfem_adini.ground.arguments import choice, real_array, real_number
 
 Array = NDArray[np.float64]
 
@@ -167,8 +167,7 @@ def place_sensors(
     window = AssimilationWindow(
         solver, background, covariance, candidates, dt, parameters, model_error
     )
-    if criterion not in ("A", "D"):
-        raise InputError(f"criterion: expected 'A' or 'D', got {criterion!r}")
+    choice("criterion", criterion, ("A", "D"))
     allowed = _allowed(excluded, candidates.points)
     whole = isinstance(budget, int | np.integer) and not isinstance(budget, bool)
     if not whole or not 1 <= budget <= np.count_nonzero(allowed):

@@ -77,14 +77,9 @@ def integrate(
     places: NDArray[np.int64] | None = None,
 ) -> Feet:
     """Follow the characteristics through `points` from `t_end` back by `dt` (forward where it is
-    negative), or to a wall.
-
-    Classical Runge-Kutta with n equal sub-steps: `substeps`, or doubled until the difference of two
-    results over 15 is below the tolerance. For a velocity that depends on t, n becomes 2 n + 1:
-    with 2 n, both results could sample a periodic velocity at the same phases. `known` holds the
-    numbers and functions in the rates that the velocity does not have, by their names in code;
-    `places` the nodes of the points for messages, if they are not all nodes.
-    """
+    negative), or to a wall, in `substeps` equal steps or as many as the tolerance asks for.
+    `known` are numbers and functions in the rates that the velocity does not have, by their names
+    in code; `places` the nodes of the points for messages, if they are not all nodes."""
     functions = functions_at(grid, formulas, system.rates, t_end)
     rates = system.evaluator({**(known or {}), **functions})
     flat = [np.ravel(x) for x in points]
@@ -93,6 +88,7 @@ def integrate(
         return Feet(*run.follow(substeps), substeps)
     count = run.first_guess()
     coarse = run.follow(count)
+    # With 2 n sub-steps both results could sample a velocity of period dt / n at the same phases.
     one_more = int(not all(formula.steady for formula in formulas))
     while True:
         count = 2 * count + one_more

@@ -26,7 +26,18 @@ from cip.grid import Grid
 from cip.profiles.catalogue import Foot, Limits, Line, Update
 from cip.stages.stage import Stage
 from skfem_adini.ground.arrays import cores
-from skfem_adini.ground.jit import Array, Index, Out, Real, generated, kernel, pointer, room, shift
+from skfem_adini.ground.jit import (
+    Array,
+    Index,
+    Out,
+    Real,
+    generated,
+    kernel,
+    loop_over,
+    pointer,
+    room,
+    shift,
+)
 
 address, shifted = pointer(), shift()
 
@@ -147,6 +158,25 @@ class Paths(NamedTuple):
     step: Real  # length of a sub-step
     substeps: Index
     box: Array  # of `box_of`, then the values of parameters
+
+
+def follow_all(
+    path: Any, stage: Stage, block: int, t: float, step: float, count: int, box: Any, out: Any
+) -> Any:
+    """Write what the kernel `path` finds for all points of a block of feet to `out`, components one
+    after the other; its codes, one for each point."""
+    size = stage.grid.size
+    run, said = loop_over(run_feet, path=path), np.empty(size, np.int64)
+    points: list[Any] = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
+    points += [np.zeros(size)] * (3 - stage.grid.dim)
+    x, y, z = points
+    paths = tuple(Paths(x, y, z, t, step, count, box))
+
+    def work(start: int, stop: int) -> None:
+        run(start, stop, out, said, paths, size, out.size // size)
+
+    share(work, size, size)
+    return said
 
 
 def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:

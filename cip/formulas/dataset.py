@@ -125,7 +125,7 @@ def seconds(times: Any, name: str, since: Any = None) -> Array:
     if since is not None and found.dtype.kind != "M":
         raise InputError(f"since: {name} holds {found.dtype}, no dates; leave since out")
     if found.dtype.kind == "M":
-        found = (found - (found.flat[0] if since is None else _date(since))) / second
+        found = (found - (found.flat[0] if since is None else date_of(since, "since"))) / second
     elif found.dtype.kind == "m":
         found = found / second
     elif found.dtype.kind not in "fiu":
@@ -136,13 +136,12 @@ def seconds(times: Any, name: str, since: Any = None) -> Array:
     return found.astype(float)
 
 
-def _date(since: Any) -> np.datetime64:
+def date_of(given: Any, name: str) -> np.datetime64:
+    """The argument `name` as a date."""
     try:
-        found = np.datetime64(since, "ns")
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"since: expected a date such as '2010-05-04T12:00', got {since!r}: {error}"
-        ) from error
-    if isinstance(since, int | np.integer) or np.isnat(found):
-        raise InputError(f"since: expected a date such as '2010-05-04T12:00', got {since!r}")
+        found = np.datetime64(given, "ns")
+    except (TypeError, ValueError):
+        found = np.datetime64("NaT")
+    if isinstance(given, int | np.integer) or np.isnat(found):
+        raise InputError(f"{name}: expected a date such as '2010-05-04T12:00', got {given!r}")
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from cip.formulas.expression import (
 from cip.formulas.parameters import bound
 from cip.formulas.parsing import parse
 from cip.formulas.sphere_spline import at_places
-from cip.grid import GridLike, Sphere
+from cip.grid import Grid, GridLike, Sphere
 from skfem_adini.ground.arguments import real_array, real_number
 
 Array = NDArray[np.float64]
@@ -50,15 +51,21 @@ class Formula:
 
     @classmethod
     def of(
-        cls, value: Any, box: Box, name: str, time: bool = False, sparse: bool = False
+        cls,
+        value: Any,
+        box: Box,
+        name: str,
+        time: bool = False,
+        sparse: bool = False,
+        parameters: Mapping[str, float] | None = None,
     ) -> Formula:
-        """A formula from a number, a text, or a callable of the coordinates (and of t, if `time`),
-        defined on `box`. It is tested with flat arrays or, if `sparse`, with one array for each
-        direction, which broadcast."""
+        """A formula from a number, a text with `parameters`, or a callable of the coordinates (and
+        of t, if `time`), defined on `box`. It is tested with flat arrays or, if `sparse`, with one
+        array for each direction, which broadcast."""
         dim = len(box)
         names = [*COORDINATES[:dim], *(["t"] if time else [])]
         if isinstance(value, str):
-            expression = parse(value, name)
+            expression = parse(value, name, parameters or ())
         elif callable(value):
             expression = traced(value, names)  # type: ignore[assignment]
             if expression is None or not agree([expression], value, box, time):
@@ -68,10 +75,9 @@ class Formula:
         else:
             kinds = f"{name}: expected a number, a text or a callable"
             expression = parse(repr(real_number(kinds, value)), name)
-        unknown = expression.variables() - {*COORDINATES[:dim], "t"}
-        if unknown:
-            raise InputError(f"{name}: {sorted(unknown)} occur, but the grid has {dim} directions")
-        return cls(expression, dim)
+        if beyond := expression.variables() & {*COORDINATES[dim:3]}:
+            raise InputError(f"{name}: {sorted(beyond)} occur, but the grid has {dim} directions")
+        return cls(expression, dim, parameters=parameters)
 
     @classmethod
     def by_values(
@@ -247,11 +253,9 @@ def _difference(function: Callable[..., Any], place: int, step: float) -> Callab
 def spline(
     values: Any, grid: GridLike, name: str, of: Sequence[int] = (0, 0, 0), factor: float = 1.0
 ) -> Formula:
-    """The interpolating quintic tensor spline of nodal values (cubic in a direction of fewer than 6
-    cells), periodic where the grid is; or its derivative of the orders `of`, times a factor. On a
-    sphere that of values at the centres of cells, without derivatives.
-    """
-    from scipy.interpolate import NdBSpline, make_interp_spline
+    """The tensor spline through nodal values, one `spline_along` each direction; or its derivative
+    of the orders `of`, times a factor. On a sphere that of values in cells, without derivatives."""
+    from scipy.interpolate import NdBSpline
 
     array = real_array(name, values)
     if array.dtype.kind not in "fiu" or array.shape != grid.nodes:
@@ -266,22 +270,13 @@ def spline(
         whole = array.astype(float)
         lone = {(0, 0, 0, 0): lambda lon, lat, *rest: at_places(whole, lon, lat)}
         return Formula(opaque(_label(name, lone), (0, 0, 0, 0)), grid.dim, lone)
-    coefficients, knots = array.astype(float), []
-    degree = [5 if n >= 6 else 3 for n in grid.cells]
+    coefficients, lines = array.astype(float), []
     for axis in range(grid.dim):
-        if grid.periodic[axis]:
-            first = np.take(coefficients, [0], axis=axis)
-            coefficients = np.concatenate([coefficients, first], axis=axis)
-        one = make_interp_spline(
-            grid.edges[axis],
-            coefficients,
-            k=degree[axis],
-            axis=axis,
-            bc_type="periodic" if grid.periodic[axis] else None,
-        )
-        coefficients = np.moveaxis(np.asarray(one.c), 0, axis)
-        knots.append(one.t)
-    interpolant = NdBSpline(tuple(knots), coefficients, tuple(degree))
+        lines.append(spline_along(grid, axis, np.moveaxis(coefficients, axis, 0)))
+        coefficients = np.moveaxis(np.asarray(lines[-1].c), 0, axis)
+    interpolant = NdBSpline(
+        tuple(line.t for line in lines), coefficients, tuple(line.k for line in lines)
+    )
 
     def derivative(orders: Orders) -> Callable[..., Any]:
         def evaluate(*point: Any) -> Any:
@@ -297,15 +292,21 @@ def spline(
 
         return evaluate
 
-    every = [
-        (i, j, k, 0)
-        for i in range(4)
-        for j in range(4 if grid.dim > 1 else 1)
-        for k in range(4 if grid.dim > 2 else 1)
-        if i + j + k <= 3
-    ]
+    counts = [range(4 if axis < grid.dim else 1) for axis in range(3)]
+    every = [(i, j, k, 0) for i, j, k in product(*counts) if i + j + k <= 3]
     known = {orders: derivative(orders) for orders in every}
     return Formula(opaque(_label(name, known), (0, 0, 0, 0)), grid.dim, known)
+
+
+def spline_along(grid: Grid, axis: int, values: Array, degree: int | None = None) -> Any:
+    """The interpolating spline of nodal values along a direction of a grid, which is the first of
+    the array; by default quintic, or cubic in a direction of fewer than 6 cells."""
+    from scipy.interpolate import make_interp_spline
+
+    if periodic := grid.periodic[axis]:
+        values = np.concatenate([values, values[:1]])
+    k = degree or (5 if grid.cells[axis] >= 6 else 3)
+    return make_interp_spline(grid.edges[axis], values, k, bc_type="periodic" if periodic else None)
 
 
 def _label(name: str, known: dict[Orders, Callable[..., Any]]) -> str:
@@ -375,10 +376,8 @@ def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
 
 
 def check_pointwise(function: Callable[..., Any], samples: Samples, name: str) -> None:
-    """Raise `InputError` if values at a point depend on the other points of the call, as for a
-    callable that subtracts a mean, or shifts or sums along the array. Tracing cannot detect that,
-    and along a characteristic the callable is evaluated at other points than the nodes.
-    """
+    """Raise `InputError` if values at a point depend on the other points of the call, which tracing
+    cannot detect: along a characteristic a callable is evaluated at other points than the nodes."""
     where = samples.differ(*(function(*point) for point in samples))
     if where is not None:
         raise InputError(

@@ -15,7 +15,7 @@ from cip.errors import DivergenceWarning, InputError
 from cip.formulas.expression import raised
 from cip.formulas.formula import Formula, spline
 from cip.formulas.snapshots import Snapshots
-from cip.grid import Grid
+from cip.grid import Grid, check_grid
 from skfem_adini.ground.arguments import flag, real_array
 from skfem_adini.ground.errors import warn
 
@@ -203,8 +203,7 @@ def coefficients(basis: Any, u: Any, several: bool) -> Array:
 
 def check_basis(basis: Any, grid: Any, stream: bool) -> None:
     """Raise `InputError` for a basis or a grid that does not fit."""
-    if not isinstance(grid, Grid):
-        raise InputError(f"grid: expected the Grid of the solver, got {type(grid).__name__}")
+    check_grid(grid)
     if not all(hasattr(basis, name) for name in ("probes", "mesh", "elem", "mapping")):
         raise InputError(f"basis: expected a skfem.Basis of cells, got {type(basis).__name__}")
     if basis.tind is not None:

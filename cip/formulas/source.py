@@ -208,13 +208,8 @@ class Source(Parametrised):
             self._snapshots.check_cover(grid, self._name)
             return SnapshotFormula(self._snapshots, 0, f"{self._name}_snapshots")
         if self._text is not None:
-            expression = parse(self._text, self._name, self._parameters)
-            beyond = expression.variables() & {*COORDINATES} - {*COORDINATES[: grid.dim], "t"}
-            if beyond:
-                raise InputError(
-                    f"{self._name}: {sorted(beyond)} occur, but the grid has {grid.dim} directions"
-                )
-            return Formula(expression, grid.dim, parameters=self._parameters)
+            known = self._parameters
+            return Formula.of(self._text, grid.bounds, self._name, parameters=known)
         if not callable(self._value) and np.ndim(self._value):
             return spline(self._value, grid, self._name)
         return self._formula(grid.bounds)

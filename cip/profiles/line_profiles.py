@@ -107,11 +107,9 @@ def smoothed(a: Real, b: Real, va: Real, vb: Real, s: Real, width: Real) -> tupl
 
 @kernel
 def rational(a: Real, b: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
-    """Value and derivative in s of the rational profile; the cubic if the slopes agree in sign.
-
-    With p = va - d, q = vb - d, P = |p|, Q = |q|: :math:`a + d s + s (1-s) [p Q (1-s) - q P s] / [Q
-    (1-s) + P s]`, without cancellation of large numbers.
-    """
+    """Value and derivative in s of the rational profile, :math:`a + d s + s (1-s) [p Q (1-s) - q P
+    s] / [Q (1-s) + P s]`, p = va - d, q = vb - d, P = |p|, Q = |q|, without cancellation of large
+    numbers; the cubic if the slopes agree in sign."""
     d = b - a
     p = va - d
     q = vb - d

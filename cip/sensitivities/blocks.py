@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from cip.grid import Grid
-from cip.profiles.catalogue import Line
-from cip.sensitivities.profile_derivatives import plain_kernels
+from cip.profiles.plain import slope_weights
 from cip.stages.stage import Stage
 
 Array = Any  # arrays of NumPy or CuPy
@@ -79,12 +78,11 @@ def blocks_of(stage: Stage, xp: Any = np) -> list[Block]:
 
 class NodeSlopes:
     """The slopes that csl4 takes from values and means along an axis, at all nodes, as a linear map
-    with transpose. Its weights are those of `slope_of` in `cip.profiles.conservative_kernels`,
-    plain Python, for one moment that is 1 and others 0."""
+    with transpose."""
 
     def __init__(self, grid: Grid, axis: int, xp: Any = np) -> None:
         self._grid, self._axis, self._xp = grid, axis, xp
-        place, weights = _weights(grid, axis)
+        place, weights = slope_weights(grid, axis)
         forward = [_Rows(place[:3], weights[:3]), _Rows(place[:2], weights[3:])]
         self._forward = [rows.on(xp) for rows in forward]
         self._backward = [rows.transposed().on(xp) for rows in forward]
@@ -130,25 +128,6 @@ class _Rows:
         place[entry, column[order]] = row[order]
         weight[entry, column[order]] = self.weight.ravel()[order]
         return _Rows(place, weight)
-
-
-def _weights(grid: Grid, axis: int) -> tuple[Array, Array]:
-    """For each node the three nodes of its quartic, shape (3, nodes), and the weights of its
-    moments, shape (5, nodes). The cells of the quartic begin at the first two of the nodes.
-    """
-    nodes, moments = 3, 5  # values at the nodes and means of the cells between
-    n, widths = grid.nodes[axis], grid.widths[axis]
-    node = np.arange(n)
-    first = node - 1 if grid.periodic[axis] else np.clip(node - 1, 0, n - nodes)
-    place = (first + np.arange(nodes)[:, None]) % n
-    slope_of, weights = plain_kernels()["slope_of"], np.empty((moments, n))
-    for role in range(nodes):
-        own = node - first == role
-        line = Line(widths[place[:2, own]], 0, 1, nodes, 0)
-        for q in range(moments):
-            unit = [float(p == q) for p in range(moments)]
-            weights[q, own] = slope_of(unit, line, 0, nodes, role)
-    return place, weights
 
 
 def mean_changes(grid: Grid, axis: int, change: Array, xp: Any = np) -> Array:

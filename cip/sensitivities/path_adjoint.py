@@ -155,7 +155,8 @@ class _Chunk:
 
     def backward(self, slopes: Any, stages: list[Any], n: int) -> tuple[Any, Any]:
         """Derivatives with respect to the unknowns before a sub-step, and to the parameters."""
-        found, total, v = np.zeros(len(self.system.parameters)), 0.0, np.zeros_like(slopes)
+        found, v = np.zeros(len(self.system.parameters)), np.zeros_like(slopes)
+        total = np.zeros_like(slopes)
         for s in (3, 2, 1, 0):
             later = PATH.shift[s + 1] * self.step * v if s < 3 else 0.0
             b = self.step / 6.0 * PATH.weight[s] * slopes + later

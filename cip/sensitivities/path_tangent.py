@@ -155,21 +155,10 @@ class PathTangent:
 
     def _by_kernel(self, block: Block, feet: StageFeet, values: Array, out: Array) -> None:
         """The changes for formulas on many nodes."""
-        from cip.engines import cpu_loops
-        from skfem_adini.ground.jit import loop_over
+        from cip.engines.cpu_loops import follow_all, kernel_of
 
-        stage, size = self._stage, self._stage.grid.size
-        kernel = cpu_loops.kernel_of(self.source)
-        run = loop_over(cpu_loops.run_feet, path=kernel)
-        points: list[Any] = [np.ascontiguousarray(x.ravel()) for x in stage.points(block.bits)]
-        x, y, z = points + [np.zeros(size)] * (3 - stage.grid.dim)
-        paths = tuple(cpu_loops.Paths(x, y, z, feet.t_end, *self._step(block, feet), values))
-        said, flat = np.empty(size, np.int64), out.reshape(-1)
-
-        def work(start: int, stop: int) -> None:
-            run(start, stop, flat, said, paths, size, len(out))
-
-        cpu_loops.share(work, size, size)
+        given = feet.t_end, *self._step(block, feet), values, out.reshape(-1)
+        follow_all(kernel_of(self.source), self._stage, block.bits, *given)
 
     def _by_numpy(self, block: Block, feet: StageFeet, direction: Array) -> Array:
         """The changes for velocities known by their values, and for few nodes."""
@@ -195,11 +184,9 @@ _CHANGE = "d_"
 
 class Sums:
     """The sums of splines in the rates of a stage, whose coefficients are parameters: `nodes` are
-    their derivatives in the coordinates, `others` the parameters that are no coefficients.
-
-    The reverse code gives the derivative in the value of a sum, and the values of the splines at
-    the points carry it to all coefficients at once, direction by direction.
-    """
+    their derivatives in the coordinates, `others` the parameters that are no coefficients. Reverse
+    code gives the derivative in the value of a sum, the values of the splines carry it to all
+    coefficients at once, direction by direction."""
 
     def __init__(self, stage: Stage) -> None:
         system = stage.system

@@ -17,7 +17,7 @@ from cip.errors import InputError, LeftDomain, NotSupported
 from cip.formulas.formula import Formula
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.velocity import Velocity, check_periodic
-from cip.grid import Grid, wall_name
+from cip.grid import Grid, check_grid, wall_name
 from cip.output.budget import Tally
 from cip.output.trajectory import Trajectory
 from cip.profiles.catalogue import LINE, moments
@@ -200,8 +200,7 @@ class Solver(Runs):
         land: Any = None,
         foot_tolerance: float | None = None,
     ) -> None:
-        if not isinstance(grid, Grid):
-            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        check_grid(grid)
         self.grid = grid
         self.velocity = velocity if isinstance(velocity, Velocity) else Velocity(velocity)
         self.form: Form = form_of(form)

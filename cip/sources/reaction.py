@@ -38,7 +38,8 @@ from cip.stages.walls import MIDDLE, Wall
 
 
 class Reaction:
-    """The separate effects of source and decay on the moments of a state, with derivatives."""
+    """The separate effects of source and decay on the moments of a state, with derivatives. Raises
+    `InputError` for a function that does not fit the grid, or a negative rate."""
 
     def __init__(
         self,
@@ -130,15 +131,6 @@ class Reaction:
             raise InputError(
                 "source: it, or a derivative that the profile needs, is NaN or infinite at a node"
             )
-
-
-def reaction(grid: GridLike, profile: str, source: Any, decay: Any, xp: Any) -> Reaction | None:
-    """The reaction of a solver, from its arguments `source` and `decay`; None without them. Raises
-    `InputError` for a function that does not fit the grid, or a negative rate.
-    """
-    if source is None and decay is None:
-        return None
-    return Reaction(grid, profile, source, decay, xp)
 
 
 class Decay:
@@ -324,14 +316,12 @@ Factors = Mapping[Orders, Any]
 
 class Products:
     r"""Moments of a product g u for a known g, shape (moments,) + grid.nodes, with the transpose.
-
     Derivatives follow by Leibniz's rule, :math:`(g u)_a = \sum_{b \le a} \binom{a}{b} g_{a-b} u_b`;
     means are those of a rule of Simpson's kind with the profile's midpoint value,
     :math:`\bar u = (u_0 + 4 u_{1/2} + u_1) / 6`, or of the rule of degree five with slopes, so that
     (g f) u = g (f u) for means too. `wanted` are the moments of g that they need, by keys: orders
     of derivatives, or for means for each direction whether it is the midpoint; slopes of profiles
-    with means have the key (2,).
-    """
+    with means have the key (2,)."""
 
     def __init__(self, grid: GridLike, profile: str, xp: Any) -> None:
         self._grid, self._xp = grid, xp

@@ -80,11 +80,9 @@ def _vector(speeds: Any, at: Array) -> Array:
 def traced(
     wind: Wind, points: Array, t_end: float, dt: float, radius: float, tolerance: float
 ) -> Array:
-    """Where the flow carried points (3, n) from, dt before t_end; `tolerance` is of angles.
-
-    The number of equal sub-steps is found on some of the points, and grows where the estimate of
-    all, the sum of the differences of both orders along a path, exceeds the tolerance.
-    """
+    """Where the flow carried points (3, n) from, dt before t_end. The number of equal sub-steps is
+    found on some of them, and grows where the estimate of all, the sum of the differences of both
+    orders along a path, exceeds the `tolerance`, an angle."""
 
     def rate(at: Array, t: float) -> Array:
         lon, lat = np.arctan2(at[1], at[0]), np.arctan2(at[2], np.hypot(at[0], at[1]))

@@ -154,9 +154,7 @@ def _weights(x: Array, degree: int) -> list[Array]:
 
 def _kept(before: Array, after: Array) -> Array:
     """Masses after a step with the sum before it: rounding is given back where there is mass.
-
-    `NotConverged` where the sums differ by more, which exact edges cannot.
-    """
+    Raises `NotConverged` where the sums differ by more, which exact edges cannot."""
     size = np.abs(after).sum((1, 2))
     lost = before.sum((1, 2)) - after.sum((1, 2))
     if not (np.abs(lost) <= 1e-11 * (size + np.abs(before).sum((1, 2)))).all():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import InputError
-from cip.formulas.sphere_spline import PAD, value_spline
+from cip.formulas.sphere_spline import interpolated, value_spline
 from cip.grid import Sphere, in_space
 from cip.profiles.catalogue import SPHERE, moments
 from cip.solver.runs import Runs
@@ -288,13 +288,10 @@ class Carrier:
         return feet
 
     def _values(self, rows: Array, feet: Array) -> Array:
-        from cip.formulas.sphere_loops import interpolate
-
         # Without the mean, so that constants are kept to rounding.
-        mean, new = rows.mean((1, 2), keepdims=True), np.empty_like(rows)
-        coefs = value_spline(rows - mean, self._degree)
-        interpolate(feet, coefs, self._degree, PAD, new.reshape(len(rows), -1))
-        return new + mean
+        mean = rows.mean((1, 2), keepdims=True)
+        new = interpolated(value_spline(rows - mean, self._degree), feet, self._degree)
+        return new.reshape(rows.shape) + mean
 
     def time_scale(self, t: float) -> float:
         """The time in which the fastest point moves by a width of latitude."""

@@ -18,7 +18,7 @@ from cip.formulas.expression import COORDINATES, ordered
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import parameters_in
 from cip.formulas.snapshots import snapshots_of
-from cip.grid import Grid
+from cip.grid import Grid, places_of
 from cip.profiles.catalogue import (
     CONSERVATIVE,
     PLANE,
@@ -168,13 +168,8 @@ class Stage:
 
     def lines(self, block: int) -> list[Array]:
         """Coordinates of these points in each direction."""
-        lines = []
-        for axis, line in enumerate(self.grid.coordinates):
-            if self.conservative and axis != self.axis and block >> axis & 1:
-                width = np.append(self.grid.widths[axis], self.grid.widths[axis][-1])[: line.size]
-                line = np.minimum(line + 0.5 * width, self.grid.bounds[axis][1])
-            lines.append(line)
-        return lines
+        across = [axis for axis in range(self.grid.dim) if axis != self.axis and block >> axis & 1]
+        return places_of(self.grid, across if self.conservative else ())
 
     def feet(self, t: float, dt: float) -> StageFeet:
         """Integrate the characteristics of this part of the step [t, t + dt]."""

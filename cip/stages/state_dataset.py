@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cip.errors import InputError
+from cip.formulas.dataset import date_of
 from cip.grid import Sphere
 from cip.profiles.catalogue import moments
 from skfem_adini.ground.errors import optional
@@ -78,13 +79,9 @@ def dated(start: Any) -> Callable[[float], str]:
 
 def _dates(times: Any, start: Any, unit: str) -> Any:
     """Times as datetime64, counted from a date."""
-    try:
-        begin = np.datetime64(start, "ns")
-    except (TypeError, ValueError) as error:
-        raise InputError(f"start: expected a date like '2026-01-01', got {start!r}") from error
-    if unit not in _UNITS or np.isnat(begin):
+    if unit not in _UNITS:
         raise InputError(f"units: t of dates has one of {', '.join(_UNITS)}, got {unit!r}")
-    return begin + np.round(times * _UNITS[unit]).astype("timedelta64[ns]")
+    return date_of(start, "start") + np.round(times * _UNITS[unit]).astype("timedelta64[ns]")
 
 
 def xarray_module() -> Any:
