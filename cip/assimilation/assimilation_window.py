@@ -40,8 +40,7 @@ class Path:
 
 class AssimilationWindow:
     """The unknowns of a window with their prior, and the map from them to the sensors. The
-    arguments are those of `cip.four_d_var`, checked here.
-    """
+    arguments are those of `cip.four_d_var`, checked here."""
 
     def __init__(
         self,
@@ -174,8 +173,7 @@ def _parameters(given: Any, solver: Solver) -> tuple[list[str], Array]:
 
 class Layout:
     """The parts of the control vector: background, parameters, and the model error of each interval
-    (None where the model is taken as exact).
-    """
+    (None where the model is taken as exact)."""
 
     def __init__(
         self, background: Covariance, parameters: int, errors: Sequence[Covariance | None]
@@ -190,8 +188,7 @@ class Layout:
 
 class Readings:
     """The sensors' values of a state on the host or a device, divided by their deviations. Only the
-    entries that they need are copied from a device, so the sums are the same as on the host.
-    """
+    entries that they need are copied from a device, so the sums are the same as on the host."""
 
     def __init__(self, rows: csr_array, deviations: Array, xp: Any) -> None:
         entries = rows.data / np.repeat(deviations, np.diff(rows.indptr))

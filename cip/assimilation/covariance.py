@@ -253,8 +253,7 @@ def _positive(given: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
 
 def _diffusion_modes(grid: Grid, axis: int) -> tuple[Array, Array]:
     """Eigenvalues and vectors of K v = lambda W v, with V^T W V = 1: K is the matrix of -d^2/dx^2
-    by finite volumes, W holds the widths of the nodes' volumes.
-    """
+    by finite volumes, W holds the widths of the nodes' volumes."""
     n, width, periodic = grid.nodes[axis], grid.widths[axis], grid.periodic[axis]
     K, W = np.zeros((n, n)), np.zeros(n)
     for cell, h in enumerate(width):
@@ -314,8 +313,7 @@ class _Without(LinearOperator):
 
 class SplineDerivatives:
     """The moments of a field from its nodal values, as `State.from_function` takes them of an
-    array, by one spline matrix for each direction; and the transpose of that map.
-    """
+    array, by one spline matrix for each direction; and the transpose of that map."""
 
     def __init__(self, grid: Grid, profile: str) -> None:
         wanted = moments(profile, grid.dim)
@@ -348,8 +346,7 @@ class SplineDerivatives:
 
 def _matrix(grid: Grid, axis: int, order: int) -> Array:
     """Columns: a derivative at the nodes (for order -1 the means over the cells that begin there,
-    0 where none begins) of the spline that is 1 at one node and 0 at the others.
-    """
+    0 where none begins) of the spline that is 1 at one node and 0 at the others."""
     n = grid.nodes[axis]
     spline = spline_along(grid, axis, np.eye(n))
     if order >= 0:

@@ -247,8 +247,7 @@ class Combined:
 
     def variances(self, prior: Array, moved: Array) -> Array:
         """Prior variances, shape (n,), less what the data determine along the directions. `moved`,
-        shape (k, n), holds each direction times a square root of the prior covariance.
-        """
+        shape (k, n), holds each direction times a square root of the prior covariance."""
         left = 1.0 / (1.0 + self.singular_values**2)
         if len(self.directions) == self.directions.shape[1]:  # a sum of what is left: no difference
             return np.asarray(left @ moved**2)
@@ -301,8 +300,7 @@ class _Search:
     @property
     def exhausted(self) -> bool:
         """Whether the data can determine nothing more: U spans the range of A. A V lies in the span
-        of U and the next combination, so V of full rank is not enough while there is a next one.
-        """
+        of U and the next combination, so V of full rank is not enough while there is a next one."""
         full = self.V.count == self.A.shape[1] and self._next is None
         return self.U.count == self.A.shape[0] or full or self._rest_is_blind
 

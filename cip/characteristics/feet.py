@@ -266,8 +266,7 @@ class _Run:
         self, y: Array, base: list[Array], crossed: NDArray[np.bool_], tau: float, step: float
     ) -> tuple[Array, Array]:
         """Age and unknowns where the paths meet the wall, by the Illinois method (false position).
-        Only the walls that the step has crossed count: a path may run along others.
-        """
+        Only the walls that the step has crossed count: a path may run along others."""
 
         def outside(y: Array) -> Array:
             worst: Array = np.where(crossed, self._beyond_each(y, base), -np.inf).max(axis=(0, 1))

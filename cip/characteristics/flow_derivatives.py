@@ -100,8 +100,7 @@ class System:
 
     def evaluator(self, functions: Mapping[str, Any]) -> Callable[..., Any]:
         """The rates as a function of x1, x2, x3, t and the jets; the last result is kept.
-        `functions` are the callables of opaque nodes and the numbers of parameters by name.
-        """
+        `functions` are the callables of opaque nodes and the numbers of parameters by name."""
         if self._evaluator is None or self._evaluator[0] != functions:
             names = [*COORDINATES, *(jet.name for jet in self.jets)]
             self._evaluator = dict(functions), numpy_function(self.rates, names, functions)

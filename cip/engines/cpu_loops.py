@@ -79,8 +79,7 @@ def run_lines(
     limits: Limits, step: Index,
 ) -> None:  # fmt: skip
     """Update rows start..stop of a sweep; `line` is the first line of the grid in its direction.
-    Row ``block line.n + i`` holds node i of ``line.stride`` adjacent lines.
-    """
+    Row ``block line.n + i`` holds node i of ``line.stride`` adjacent lines."""
     fields = m.size // step
     m, out, feet = address(m), address(out), address(feet)
     line, update, limits = at_addresses(line), Update(*update), Limits(*limits)
@@ -204,8 +203,7 @@ def run_plane_path(
     paths: Paths, x: Line, y: Line, update: Update, limits: Limits, step: Index,
 ) -> None:  # fmt: skip
     """Update rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`.
-    The first components of the feet are written to `kept`, laid out as by `run_feet`.
-    """
+    The first components of the feet are written to `kept`, laid out as by `run_feet`."""
     fields = m.size // step
     m, out, said, kept = address(m), address(out), address(said), address(kept)
     x, y, update, paths = at_addresses(x), at_addresses(y), Update(*update), Paths(*paths)

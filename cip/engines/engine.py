@@ -56,8 +56,7 @@ class Tally(Protocol):
 
 class Engine:
     """Runs the stages of a setting; subclasses implement memory and kernels of the CPU or device.
-    The last numbers of sub-steps and the feet of steady velocities are cached.
-    """
+    The last numbers of sub-steps and the feet of steady velocities are cached."""
 
     xp: Any = np  # the module of the arrays
 

@@ -45,8 +45,7 @@ def room_needed(layout: Layout, nodes: Sequence[Expression]) -> int:
 
 def spline_source(layout: Layout, name: str, nodes: Sequence[Expression]) -> list[str]:
     """Python source of the kernel ``name(x1, x2, x3, t, box, work)``, which writes the derivative
-    of node q to ``work[room + q]``. The kernels of `weight_source` come before it.
-    """
+    of node q to ``work[room + q]``. The kernels of `weight_source` come before it."""
     reals = ", ".join(f"{x}: Real" for x in COORDINATES)
     lines = [f"def {name}({reals}, box: Array, work: Out) -> None:"]
     axes = len(layout.degrees)
@@ -156,8 +155,7 @@ def interval(x: Real, box: Array, at: Index, count: Index, degree: Index, rounds
 @cache
 def _basis(degree: int, order: int) -> tuple[Expression, ...]:
     """The B-splines on an interval, or their derivatives, in terms of x and the knots around it.
-    Knot number `degree` - 1 (``k{degree - 1}``) is the left end of the interval.
-    """
+    Knot number `degree` - 1 (``k{degree - 1}``) is the left end of the interval."""
     x = variable("x")
     found = [constant(1.0)]
     for d in range(1, degree + 1):

@@ -117,8 +117,7 @@ def _reals(data: Any, name: str, *dims: str) -> Array:
 
 def seconds(times: Any, name: str, since: Any = None) -> Array:
     """Times as numbers: durations in seconds, dates in seconds since the date `since` (by default
-    the first of them), numbers as given. Messages of `InputError` call them `name`.
-    """
+    the first of them), numbers as given. Messages of `InputError` call them `name`."""
     if np.ma.is_masked(times):
         raise InputError(f"{name} holds masked times; leave them out")
     found, second = np.asarray(times), np.timedelta64(1, "s")

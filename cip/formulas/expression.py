@@ -159,8 +159,7 @@ def variable(name: str) -> Expression:
 
 def opaque(name: str, orders: tuple[int, int, int, int]) -> Expression:
     """A partial derivative, at (x1, x2, x3, t), of a function known only by its values; `orders`
-    are those in x1, x2, x3 and t.
-    """
+    are those in x1, x2, x3 and t."""
     return Expression("opaque", (), (name, orders))
 
 
@@ -168,8 +167,7 @@ def linear(
     name: str, orders: tuple[int, int, int, int], coefficients: Sequence[Expression]
 ) -> Expression:
     """A partial derivative of a sum of functions ``name0, name1, ..``, each times a coefficient;
-    the functions, and so their sum, are known only by their values, as those of `opaque`.
-    """
+    the functions, and so their sum, are known only by their values, as those of `opaque`."""
     return Expression("linear", tuple(coefficients), (name, orders))
 
 

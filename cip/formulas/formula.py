@@ -148,8 +148,7 @@ class Formula:
 
     def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
         """The callables of opaque functions and the numbers of parameters in `nodes`, by the names
-        in code; `steps` as for `derivative`.
-        """
+        in code; `steps` as for `derivative`."""
         found: dict[str, Any] = dict(self.numbers)
         for node in ordered(list(nodes)):
             if node.op == "opaque" and node.value[0] == self._name:
@@ -160,8 +159,7 @@ class Formula:
 
     def derivative(self, orders: Orders, steps: Sequence[float]) -> Callable[..., Array]:
         """A partial derivative as a function of (x1, x2, x3, t). `steps` are lengths in x1, x2, x3,
-        t over which the function changes little; difference quotients take a quarter of these.
-        """
+        t over which the function changes little; difference quotients take a quarter of these."""
         return self.evaluator(derived(self.expression, orders), steps)
 
     def evaluator(self, node: Expression, steps: Sequence[float]) -> Callable[..., Array]:
@@ -211,8 +209,7 @@ def agree(
     formulas: Sequence[Expression], function: Callable[..., Any], box: Box, time: bool
 ) -> bool:
     """Whether a callable and the formulas traced from it have the same values on two samples. False
-    also if the callable raises, or if none of the values is finite.
-    """
+    also if the callable raises, or if none of the values is finite."""
     compute = numpy_function(formulas, COORDINATES)
     finite = False
     for point in Samples(box, t=CLOCK if time else None):
@@ -366,8 +363,7 @@ def _time(t: float | None) -> list[float]:
 
 def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
     """For each entry, whether a and b agree within `tolerance` times the largest finite one of a.
-    NaN equals NaN, and infinity equals infinity of the same sign.
-    """
+    NaN equals NaN, and infinity equals infinity of the same sign."""
     a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
     with np.errstate(all="ignore"):
         largest = np.abs(a[np.isfinite(a)]).max(initial=0.0)

@@ -292,8 +292,7 @@ class LazySnapshots(Snapshots):
 
 class SnapshotFormula(Formula):
     """One component of `Snapshots`, with the derivatives of the splines. It is compiled; in code
-    `name` precedes the number of the component.
-    """
+    `name` precedes the number of the component."""
 
     def __init__(self, field: Snapshots, component: int, name: str = "snapshots") -> None:
         # The name does not depend on the data: one kernel serves all data.

@@ -394,8 +394,7 @@ class Velocity(Parametrised):
 
     def _portable(self, value: Any, dim: int | None = None) -> Any:
         """A picklable form of a callable for all components (`dim` None: traced for 1 to 3
-        directions), or for one component on grids of `dim` directions.
-        """
+        directions), or for one component on grids of `dim` directions."""
 
         def trace() -> dict[tuple[str, ...], Any]:
             found = {}
@@ -455,8 +454,7 @@ class Velocity(Parametrised):
 
 def traced_velocity(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
     """The components that a callable computes, compared with it on `box`; None if it is not plain
-    arithmetic. `time`: whether its last argument is t.
-    """
+    arithmetic. `time`: whether its last argument is t."""
     if not callable(c):
         return None
     dim = len(box)
@@ -568,8 +566,7 @@ LIMITS = _Limits()
 
 def check_periodic(velocity: Sequence[Formula], grid: Grid) -> None:
     """Raise `InputError` if a velocity jumps between opposite sides of a periodic direction. Warn
-    of a small jump, or of one of the derivative across the side.
-    """
+    of a small jump, or of one of the derivative across the side."""
     for axis in range(grid.dim):
         if not grid.periodic[axis]:
             continue

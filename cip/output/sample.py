@@ -226,8 +226,7 @@ def _boolean(slopes: bool, data: Mapping[str, Any], grid: Grid, cells: list[Cell
 
 class _Rows:
     """Linear functionals of the moments, one for each point, as rows of a sparse matrix:
-    `profile_value` computes with them as with numbers.
-    """
+    `profile_value` computes with them as with numbers."""
 
     # Makes arrays leave products and sums with rows to the methods below.
     __array_ufunc__ = None

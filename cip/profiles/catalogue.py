@@ -112,8 +112,7 @@ def line_jets(profile: str, dim: int, axis: int, advect: bool) -> tuple[Jet, ...
 
 def plane_jets(profile: str, advect: bool) -> tuple[Jet, ...]:
     """Components of the feet of a direct update, in the order in which the kernels read them;
-    derivatives of log det(dX/dx) denote those of the determinant, which replace them there.
-    """
+    derivatives of log det(dX/dx) denote those of the determinant, which replace them there."""
     found = [foot(0), foot(1), foot(0, 0), foot(0, 1), foot(1, 0), foot(1, 1)]
     if profile == "bicubic":
         found += [foot(0, 0, 1), foot(1, 0, 1)]

@@ -26,8 +26,7 @@ Array = Any  # arrays of NumPy or CuPy
 
 class Block:
     """A block of feet: number `number` of a stage, which moves the moments `rows`, with the
-    `components` of its feet among those of all blocks.
-    """
+    `components` of its feet among those of all blocks."""
 
     def __init__(self, stage: Stage, number: int, xp: Any = np) -> None:
         self.stage, self.number, self._xp = stage, number, xp
@@ -146,8 +145,7 @@ def add_whole_cells(
     grid: Grid, axis: int, pairs: tuple[Array, Array], weight: Array, back: Array
 ) -> None:
     """Add to weights of the old means, `back`, the contributions of whole cells to the new ones,
-    whose weights are `weight`; both have shape (nodes,), `pairs` come from `whole_cells`.
-    """
+    whose weights are `weight`; both have shape (nodes,), `pairs` come from `whole_cells`."""
     owner, whole = pairs
     given = np.bincount(whole, per_width(grid, axis, weight)[owner], grid.size)
     back += _times(grid, axis, given, _widths(grid, axis))
@@ -155,8 +153,7 @@ def add_whole_cells(
 
 def whole_cells(grid: Grid, axis: int, displacement: Array, xp: Any = np) -> tuple[Array, Array]:
     """All pairs of a new cell and a whole old cell that its mean contains. The displacement, shape
-    (nodes,), from each node to its foot is in cells.
-    """
+    (nodes,), from each node to its foot is in cells."""
     n, cells = grid.nodes[axis], grid.cells[axis]
     lines = xp.moveaxis(xp.arange(grid.size).reshape(grid.nodes), axis, -1).reshape(-1, n)
     ends = xp.floor(xp.moveaxis(displacement.reshape(grid.nodes), axis, -1).reshape(-1, n))

@@ -90,8 +90,7 @@ def push_all(stage: Stage, index: str) -> str:
 
 def tangent_all(stage: Stage, source: str, index: str) -> str:
     """CUDA C of the kernel ``run(lines..., t, step, count, values, out)``: `tangent` of all nodes,
-    whose `source` is that of `cip.sensitivities.path_tangent.tangent_source`.
-    """
+    whose `source` is that of `cip.sensitivities.path_tangent.tangent_source`."""
     grid = stage.grid
     x, lines = point_of(grid)
     body = [
@@ -364,8 +363,7 @@ class DeviceAdjoint:
 
     def _order(self, cells: Array, feet: Array) -> tuple[Array, ...]:
         """Nodes sorted by the cells of their feet and where each cell begins among them; for
-        conservative profiles also the new cells sorted by the whole old ones in them.
-        """
+        conservative profiles also the new cells sorted by the whole old ones in them."""
         xp, size = self._xp, self._size
         keys = xp.sort(cells.astype(np.int64) * size + xp.arange(size))
         starts = xp.searchsorted(keys, xp.arange(size + 1, dtype=np.int64) * size)

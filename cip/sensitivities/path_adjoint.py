@@ -85,8 +85,7 @@ def _pulled(
     system: System, parameters: tuple[str, ...], sums: tuple[Expression, ...] = ()
 ) -> list[Expression]:
     """``f_y^T b`` for all unknowns, then ``f_p^T b``, with b in variables b0, b1, ..., and last the
-    derivatives in `sums`, nodes of the rates.
-    """
+    derivatives in `sums`, nodes of the rates."""
     total = constant(0.0)
     for q, rate in enumerate(system.rates):
         total = total + variable(f"b{q}") * rate

@@ -43,8 +43,7 @@ _COMPILE_FROM = 20_000
 
 class Directional(System):
     """A system together with the changes of its unknowns along a direction of its parameters. The
-    changes are further `jets`, with component 4 + number, and further `parameters`.
-    """
+    changes are further `jets`, with component 4 + number, and further `parameters`."""
 
     def __init__(self, system: System) -> None:
         self.moving, self._evaluator = system.moving, None
@@ -72,8 +71,7 @@ class Directional(System):
 
 def _along(value: Expression, moves: dict[str, str]) -> Expression:
     """The derivative along the variables that are the changes of others. Coefficients of sums occur
-    nowhere else, so the changes of all of them make one sum.
-    """
+    nowhere else, so the changes of all of them make one sum."""
     sums = [node for node in ordered([value]) if node.op == "linear"]
     coefficients = {one.value for node in sums for one in node.args}
     total = constant(0.0)
@@ -218,8 +216,7 @@ def functions_along(
     stage: Stage, rates: Sequence[Expression], numbers: Mapping[str, Any]
 ) -> dict[str, Any]:
     """The functions of the sums from `changed` in some rates, by their names in code; `numbers` are
-    the changes of the coefficients by their variables.
-    """
+    the changes of the coefficients by their variables."""
     found = {}
     for node in ordered(list(rates)):
         if node.op != "linear" or not node.value[0].startswith(_CHANGE):

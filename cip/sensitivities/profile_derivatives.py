@@ -157,8 +157,7 @@ def _outputs(profile: str, advect: bool, dim: int) -> list[Expression]:
 
 def _conservative(name: str, carried: bool, line: Line) -> list[Expression]:
     """The new value (and slope if it is `carried`) and, for the mean, the integral up to the foot,
-    from which `cip.sensitivities.blocks` obtains the means.
-    """
+    from which `cip.sensitivities.blocks` obtains the means."""
     quartic, size, foot = name == "csl4", line.n, _Symbols("f")
     means = Means(0, size, (1 + quartic) * size, int(quartic))
     value, slope, mass = plain_kernels()["profile"](

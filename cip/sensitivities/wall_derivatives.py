@@ -33,8 +33,7 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 class WallDerivatives:
     """The derivatives of `Stage.corrections` in the stage's `wall_parameters`. Their formulas are
-    derived once for each wall and serve all steps.
-    """
+    derived once for each wall and serve all steps."""
 
     def __init__(self, stage: Stage) -> None:
         self._stage, self._steps = stage, _Steps(stage)
@@ -42,8 +41,7 @@ class WallDerivatives:
 
     def of(self, feet: StageFeet) -> list[Correction]:
         """The corrections' derivatives of a step, with values of shape (parameters, places); the
-        feet have their numbers of sub-steps.
-        """
+        feet have their numbers of sub-steps."""
         stage, found = self._stage, list[Correction]()
         if not feet.bounded or not stage.wall_parameters:
             return []
@@ -198,8 +196,7 @@ class _Steps:
 
     def exit_derivatives(self, feet: StageFeet, block: int, exits: Exits, substeps: int) -> Array:
         """Derivatives in the parameters of the unknowns on the wall and, last, of the time there,
-        shape (unknowns + 1, parameters, paths).
-        """
+        shape (unknowns + 1, parameters, paths)."""
         system, length = self.system, feet.t_end - feet.t_start
         base = [x.ravel()[exits.nodes] for x in self.stage.points(block)]
         functions, step = self._rates(feet.t_end), length / substeps

@@ -197,8 +197,7 @@ class Window:
         self, n: int, state: State, direction: Array, known: dict[Any, Array]
     ) -> Array | None:
         """The change of the moments after move n for a change of all parameters; None for none.
-        `known` holds the changes of the feet of a steady velocity.
-        """
+        `known` holds the changes of the feet of a steady velocity."""
         own, on_walls = direction[self._columns[n]], direction[self._wall_columns[n]]
         if not (own.any() or on_walls.any()):
             return None
@@ -398,8 +397,7 @@ def check_differentiable(profile: str, limiter: str | None) -> None:
 
 def checkpoint_distance(steps: int, checkpoints: int | None, state: int) -> int:
     """Steps between checkpoints. By default every state is kept if all of them, of `state` bytes
-    each, take at most `KEPT` bytes; otherwise about the square root of the number of steps.
-    """
+    each, take at most `KEPT` bytes; otherwise about the square root of the number of steps."""
     if checkpoints is None:
         return 1 if steps * state <= KEPT else max(1, int(np.ceil(np.sqrt(steps))))
     return max(1, -(-steps // integer("checkpoints", checkpoints, 1)))

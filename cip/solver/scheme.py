@@ -142,8 +142,7 @@ def _mixed(
 
 def parameters_of(velocity: Any, source: Any, decay: Any, boundary: Any) -> dict[str, float]:
     """The values of all parameters of the solver's arguments, in order. Raises `InputError` for two
-    values of one name, since code takes one name for one parameter.
-    """
+    values of one name, since code takes one name for one parameter."""
     found: dict[str, float] = {}
     first: dict[str, str] = {}
     functions = {"velocity": velocity, "source": source, "decay": decay, "boundary": boundary}

@@ -412,8 +412,7 @@ class Solver(Runs):
 
     def _check_times(self, state: State, end: float) -> None:
         """Raise `InputError` if velocity or sources are not known until `end`, or if data on walls
-        leave the bounds of the limiter then.
-        """
+        leave the bounds of the limiter then."""
         super()._check_times(state, end)
         rules, winds = self._scheme(state.fields).rules, snapshots_of(self._formulas)
         if winds is not None:

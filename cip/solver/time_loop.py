@@ -111,8 +111,7 @@ def checked_callback(
     callback: Any, accept: Callable[[State], Any], place: Callable[[State], State]
 ) -> Callable[[State], State] | None:
     """The callback of a run as a function that returns the next step's state. `accept` raises
-    `InputError` for a state that the solver cannot take; `place` copies one to its memory.
-    """
+    `InputError` for a state that the solver cannot take; `place` copies one to its memory."""
     if callback is None:
         return None
     if not callable(callback):

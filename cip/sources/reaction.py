@@ -233,8 +233,7 @@ class NodalMoments:
         self, node: Expression, moment: Moment, t: float, length: float, midpoints: bool = False
     ) -> Any:
         """The integral of a moment from t to t + length, shape ``grid.nodes``. With `midpoints` it
-        has the value at the midpoint of a cell in place of its mean.
-        """
+        has the value at the midpoint of a cell in place of its mean."""
         key = node, moment.orders
         if key not in self._made:  # code is made once, not in every step
             self._made[key] = self._evaluator(derived(node, moment.orders))
@@ -294,8 +293,7 @@ def reacted(
     data: dict[Wall, Formula], reaction: Reaction | None, fixed: bool
 ) -> dict[Wall, Formula]:
     """The data of all walls in the form that the transport of a step needs. `fixed` ones, of
-    `check_split`, are unchanged; raises `NotSupported` if decay would change them.
-    """
+    `check_split`, are unchanged; raises `NotSupported` if decay would change them."""
     if reaction is None:
         return data
     for (axis, side), formula in data.items() if fixed else ():
@@ -502,8 +500,7 @@ class HalfStep:
 
     def along(self, data: Any, direction: Any) -> Any:
         """The change of the moments after it for a change of the parameters, in the order of
-        `columns`. `data` are the moments before it.
-        """
+        `columns`. `data` are the moments before it."""
         reaction, added, total = self.reaction, 0.0, 0.0
         end = self._decayed(data) if self.reads_state else None
         for name, size in zip(self.columns, map(float, direction), strict=True):
@@ -517,8 +514,7 @@ class HalfStep:
 
     def pull_back(self, data: Any, weight: Any) -> tuple[Any, list[float]]:
         """The weight of the moments before it, `data`, and the derivatives of weight . (moments
-        after it) in the parameters.
-        """
+        after it) in the parameters."""
         reaction, found, weight = self.reaction, [], self._masked(weight)
         end = self._decayed(data) if self.reads_state else None
         before = reaction.decayed(weight, self.t, self.length, transpose=True)

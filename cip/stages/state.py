@@ -353,8 +353,7 @@ def state_of(
     fields: tuple[str, ...] = (),
 ) -> State:
     """The state of an array that no one else modifies, which is not copied. `bounded` are the
-    bounds of the limiter of its step; the state may exceed them as far as that step may.
-    """
+    bounds of the limiter of its step; the state may exceed them as far as that step may."""
     state = object.__new__(State)
     state.__dict__.update(grid=grid, profile=profile, data=data, t=t, fields=fields)
     if bounded is not None:

@@ -54,8 +54,7 @@ CLOCKS = _BEGIN, MIDDLE, _END = "begin", "middle", "end"
 
 def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
     """The data of each wall that has any, from the argument `boundary` of the solver. Keys are
-    (axis, side), side 0 for the lower and 1 for the upper end.
-    """
+    (axis, side), side 0 for the lower and 1 for the upper end."""
     if boundary is None:
         return {}
     known = {wall_name(*wall): wall for wall in product(range(grid.dim), (0, 1))}
