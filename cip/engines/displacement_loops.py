@@ -382,12 +382,8 @@ def run_combine(
     for first in range(start, stop, _BLOCK):
         count = min(_BLOCK, stop - first)
         for q in range(sums):
-            wa, wb, wc, wd = (
-                weights[4 * q],
-                weights[4 * q + 1],
-                weights[4 * q + 2],
-                weights[4 * q + 3],
-            )
+            wa, wb = weights[4 * q], weights[4 * q + 1]
+            wc, wd = weights[4 * q + 2], weights[4 * q + 3]
             to = out
             if q == 1:
                 to = more

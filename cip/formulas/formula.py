@@ -336,7 +336,8 @@ class Samples:
         self.points = []
         for axes in (lines, others):
             mesh = np.meshgrid(*axes, indexing="ij", sparse=sparse)
-            self.points.append([*(x if sparse else x.ravel() for x in mesh), *_time(t)])
+            time = [] if t is None else [t]
+            self.points.append([*(x if sparse else x.ravel() for x in mesh), *time])
         self._shapes = [tuple(len(line) for line in axes) for axes in (lines, others)]
 
     def __iter__(self) -> Iterator[list[Any]]:
@@ -355,10 +356,6 @@ class Samples:
             return None
         place = tuple(int(q) for q in np.argwhere(wrong)[0])
         return f"{a[place]:.6g} among {np.size(first)} and {b[place]:.6g} among {np.size(second)}"
-
-
-def _time(t: float | None) -> list[float]:
-    return [] if t is None else [t]
 
 
 def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -103,8 +104,9 @@ class Runs(Parametrised):
         return self._kinetics[fields]
 
     def _arguments(self, boundary: Any) -> tuple[Any, ...]:
-        """The arguments of the constructor, from which a copy is made."""
-        raise NotImplementedError
+        """Arguments of the constructor, from the attributes of their names, to make a copy."""
+        given = vars(self) | {"boundary": boundary, "sphere": self.grid}
+        return tuple(given[name] for name in signature(type(self)).parameters)
 
     def _portable(self) -> tuple[Any, ...]:
         """The same as they can be pickled."""

@@ -274,15 +274,6 @@ class Solver(Runs):
     def _portable(self) -> tuple[Any, ...]:
         return self._arguments(portable_boundary(self._boundary, self.grid))
 
-    def _arguments(self, boundary: Any) -> tuple[Any, ...]:
-        """The arguments of the constructor, from which a copy is made."""
-        return (
-            self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
-            boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay, self.diffusion, self.reactions, self.land,
-            self.foot_tolerance,
-        )  # fmt: skip
-
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
         """`State.from_function` with the grid, profile and precision of this solver.
 

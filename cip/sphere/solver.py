@@ -156,12 +156,6 @@ class SphereSolver(Runs):
             self._schemes[fields] = Scheme([stage], rules)
         return self._schemes[fields]
 
-    def _arguments(self, boundary: Any) -> tuple[Any, ...]:
-        return (
-            self.grid, self.velocity, self.form, self.profile, self.limiter, self.bounds,
-            self.foot_tolerance, self.source, self.decay, self.diffusion, self.reactions,
-        )  # fmt: skip
-
     def __repr__(self) -> str:
         return f"SphereSolver({self.grid}, form={self.form!r}, profile={self.profile!r})"
 

@@ -13,7 +13,7 @@ from cip.grid import Sphere
 from cip.profiles.catalogue import moments
 from skfem_adini.ground.errors import optional
 
-_AXES = {"lon": "X", "lat": "Y"}
+_AXES, _DEGREES = {"lon": "X", "lat": "Y"}, {"lon": "degrees_east", "lat": "degrees_north"}
 # Nanoseconds in each unit of time that dates are counted in.
 _UNITS = {"s": 1e9, "min": 6e10, "h": 3.6e12, "d": 8.64e13}
 
@@ -57,9 +57,7 @@ def _describe(dataset: Any, units: Mapping[str, str], fields: Sequence[str]) -> 
     for name in dataset.coords:
         dataset[name].attrs["axis"] = _AXES.get(str(name), str(name)[0].upper())
         if name in _AXES:
-            dataset[name].attrs["units"] = {"lon": "degrees_east", "lat": "degrees_north"}[
-                str(name)
-            ]
+            dataset[name].attrs["units"] = _DEGREES[str(name)]
         unit = units.get(name, units.get(str(name)[0]))
         if unit is not None:
             dataset[name].attrs["units"] = unit
