@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator
 
@@ -16,7 +15,7 @@ from cip.assimilation.covariance import Covariance
 from cip.assimilation.sensors import Reports, Sensors
 from cip.characteristics.feet import check_step
 from cip.errors import InputError
-from cip.grid import same_grid
+from cip.grid import Array, same_grid
 from cip.output.trajectory import Trajectory
 from cip.sensitivities.window import Window
 from cip.solver.derivatives import derivative
@@ -24,8 +23,6 @@ from cip.solver.solver import Solver
 from cip.stages.state import State, one_field, state_of
 from skfem_adini.ground.arguments import real_number
 from skfem_adini.ground.arrays import host
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

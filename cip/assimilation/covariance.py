@@ -11,19 +11,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from cip.errors import InputError
 from cip.formulas.formula import spline_along
 from cip.formulas.snapshots import product_along
-from cip.grid import Grid, check_grid
+from cip.grid import Array, Grid, check_grid
 from cip.profiles.catalogue import moments
 from cip.stages.state import State, state_of
 from skfem_adini.ground.arguments import real_array, real_number
-
-Array = NDArray[np.float64]
 
 
 class Covariance:

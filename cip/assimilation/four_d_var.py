@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lstsq, svd
 from scipy.sparse.linalg import LinearOperator
 
@@ -23,11 +22,11 @@ from cip.assimilation.assimilation_window import AssimilationWindow, Path
 from cip.assimilation.covariance import Covariance
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
+from cip.grid import Array
 from cip.solver.solver import Solver
 from cip.stages.state import State
 from skfem_adini.ground.arguments import integer, real_number
 
-Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 
 

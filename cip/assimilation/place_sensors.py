@@ -14,12 +14,10 @@ from cip.assimilation.assimilation_window import AssimilationWindow, Linearised
 from cip.assimilation.covariance import Covariance
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError
-from cip.grid import Grid
+from cip.grid import Array, Grid
 from cip.solver.solver import Solver
 from cip.stages.state import State
 from skfem_adini.ground.arguments import choice, real_array, real_number
-
-Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):  # limits of the choice and of its relaxation

@@ -14,15 +14,13 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 from cip.errors import InputError
 from cip.formulas.dataset import seconds
 from cip.formulas.snapshots import increasing
-from cip.grid import AXES, Grid, check_grid
+from cip.grid import AXES, Array, Grid, check_grid
 from cip.output.sample import sample_rows
 from cip.output.stored import read_words, reading, write_words
 from cip.output.trajectory import Trajectory
 from cip.stages.state import State, one_field
 from cip.stages.state_dataset import xarray_module
 from skfem_adini.ground.arguments import integer, masked_array, real_array, real_number
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

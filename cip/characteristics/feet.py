@@ -13,10 +13,8 @@ from cip.characteristics.flow_derivatives import Jet, System
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
 from cip.formulas.expression import Expression, rows_of
 from cip.formulas.formula import Formula, functions_of
-from cip.grid import Grid, node_name, wall_name
+from cip.grid import Array, Grid, node_name, wall_name
 from skfem_adini.ground.arguments import real_number
-
-Array = NDArray[np.float64]
 
 
 class _Feet(NamedTuple):  # limits of characteristics

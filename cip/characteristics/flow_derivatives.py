@@ -18,6 +18,7 @@ from typing import Any
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
+    Orders,
     apply,
     constant,
     numpy_function,
@@ -26,7 +27,6 @@ from cip.formulas.expression import (
 )
 from cip.formulas.parameters import parameters_in
 
-Orders = tuple[int, int, int, int]
 ZERO: Orders = (0, 0, 0, 0)
 
 

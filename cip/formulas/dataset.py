@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError
-from cip.grid import AXES, Grid
+from cip.grid import AXES, Array, Grid
 from skfem_adini.ground.arguments import real_array
-
-Array = NDArray[np.float64]
 
 
 class _Reader(NamedTuple):

@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 COORDINATES = ("x1", "x2", "x3", "t")
+Orders = tuple[int, int, int, int]  # of derivatives in these
 OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
     "**": operator.pow,
@@ -157,21 +158,19 @@ def variable(name: str) -> Expression:
     return Expression("variable", (), name)
 
 
-def opaque(name: str, orders: tuple[int, int, int, int]) -> Expression:
+def opaque(name: str, orders: Orders) -> Expression:
     """A partial derivative, at (x1, x2, x3, t), of a function known only by its values; `orders`
     are those in x1, x2, x3 and t."""
     return Expression("opaque", (), (name, orders))
 
 
-def linear(
-    name: str, orders: tuple[int, int, int, int], coefficients: Sequence[Expression]
-) -> Expression:
+def linear(name: str, orders: Orders, coefficients: Sequence[Expression]) -> Expression:
     """A partial derivative of a sum of functions ``name0, name1, ..``, each times a coefficient;
     the functions, and so their sum, are known only by their values, as those of `opaque`."""
     return Expression("linear", tuple(coefficients), (name, orders))
 
 
-def raised(orders: tuple[int, int, int, int], place: int, by: int = 1) -> tuple[int, int, int, int]:
+def raised(orders: Orders, place: int, by: int = 1) -> Orders:
     """Derivative orders, increased in the coordinate with index `place`."""
     i, j, k, l = (order + by * (q == place) for q, order in enumerate(orders))
     return i, j, k, l

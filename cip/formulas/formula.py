@@ -14,6 +14,7 @@ from cip.errors import InputError
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
+    Orders,
     derived,
     numpy_function,
     opaque,
@@ -24,11 +25,8 @@ from cip.formulas.expression import (
 from cip.formulas.parameters import bound
 from cip.formulas.parsing import parse
 from cip.formulas.sphere_spline import at_places
-from cip.grid import Grid, GridLike, Sphere
+from cip.grid import Array, Grid, GridLike, Sphere
 from skfem_adini.ground.arguments import real_array, real_number
-
-Array = NDArray[np.float64]
-Orders = tuple[int, int, int, int]
 
 # Time at which callables are tested: 1 / sqrt(7), neither zero nor a period of usual functions.
 CLOCK = 0.3779644730092272

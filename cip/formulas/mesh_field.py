@@ -15,11 +15,9 @@ from cip.errors import DivergenceWarning, InputError
 from cip.formulas.expression import raised
 from cip.formulas.formula import Formula, spline
 from cip.formulas.snapshots import Snapshots
-from cip.grid import Grid, check_grid
+from cip.grid import Array, Grid, check_grid
 from skfem_adini.ground.arguments import flag, real_array
 from skfem_adini.ground.errors import warn
-
-Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):

@@ -14,15 +14,12 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError, NotSupported
-from cip.formulas.expression import opaque
-from cip.formulas.formula import Formula, Orders, spline_along
-from cip.grid import Grid, check_grid
+from cip.formulas.expression import Orders, opaque
+from cip.formulas.formula import Formula, spline_along
+from cip.grid import Array, Grid, check_grid
 from skfem_adini.ground.arguments import real_array
-
-Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):

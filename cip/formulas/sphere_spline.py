@@ -10,11 +10,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cip.grid import in_space
-
-Array = NDArray[np.float64]
+from cip.grid import Array, in_space
 
 PAD = 4  # coefficients kept beyond each side, at least half of the largest degree + 1
 

@@ -7,16 +7,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError
-from cip.formulas.expression import Expression, constant, linear, ordered
-from cip.formulas.formula import Formula, Orders
+from cip.formulas.expression import Expression, Orders, constant, linear, ordered
+from cip.formulas.formula import Formula
 from cip.formulas.parameters import parameter
-from cip.grid import Grid
+from cip.grid import Array, Grid
 from skfem_adini.ground.arguments import real_array
-
-Array = NDArray[np.float64]
 
 
 class SplineBasis:

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from cip.errors import InputError, PeriodicityWarning
 from cip.formulas.dataset import gridded_arrays, meaning
-from cip.formulas.expression import COORDINATES, raised, traced
-from cip.formulas.formula import CLOCK, Box, Formula, Orders, agree, spline
+from cip.formulas.expression import COORDINATES, Orders, raised, traced
+from cip.formulas.formula import CLOCK, Box, Formula, agree, spline
 from cip.formulas.mesh_field import MeshField
 from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.snapshots import LazySnapshots, SnapshotFormula, Snapshots
 from cip.formulas.spline_basis import SplineFormula
 from cip.formulas.traced_function import clock_of, portable, timed, with_time
-from cip.grid import AXES, Grid
+from cip.grid import AXES, Array, Grid
 from skfem_adini.ground.arguments import flag, own_array, real_number
 from skfem_adini.ground.errors import warn
 
@@ -547,9 +547,6 @@ def formulas_by_values(
         formulas.append(Formula.by_values(part(q), dim, name, time, known, hint))
         formulas[-1].check_pointwise(grid.bounds, name, time)
     return tuple(formulas)
-
-
-Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):  # jumps between sides of a periodic direction, over the largest value

@@ -19,14 +19,12 @@ from cip.formulas.parameters import parameter
 from cip.formulas.snapshots import increasing
 from cip.formulas.spline_velocity import SplineVelocity
 from cip.formulas.velocity import Velocity
-from cip.grid import Grid
+from cip.grid import Array, Grid
 from cip.inverse.identifiability import SEEN
 from cip.solver.solver import Solver
 from cip.stages.state import State, one_field
 from skfem_adini.ground.arguments import masked_array, real_array, real_number
 from skfem_adini.ground.arrays import host
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cip.grid import Grid, GridLike, wall_name
-
-Array = NDArray[np.float64]
+from cip.grid import Array, Grid, GridLike, wall_name
 
 
 @dataclass(frozen=True)

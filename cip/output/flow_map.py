@@ -14,11 +14,10 @@ from cip.characteristics.flow_derivatives import System, foot
 from cip.errors import InputError
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.velocity import Velocity, check_periodic
-from cip.grid import Grid, check_grid
+from cip.grid import Array, Grid, check_grid
 from cip.output.plot import plot_map
 from skfem_adini.ground.arguments import real_number
 
-Array = NDArray[np.float64]
 CELLS = 32.0  # that the fastest node crosses in a piece of the map; gradients are multiplied
 
 

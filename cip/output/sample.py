@@ -13,13 +13,12 @@ from scipy.sparse import csr_array, diags_array
 
 from cip.errors import InputError, NotSupported
 from cip.formulas.sphere_spline import at_places, centre_values
-from cip.grid import Grid, Sphere
+from cip.grid import Array, Grid, Sphere
 from cip.profiles.catalogue import SPHERE, moments
 from cip.profiles.plain import slope_weights
 from cip.stages.state import State, state_of, values_of
 from skfem_adini.ground.arguments import real_array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 from typing import Any, Protocol, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cip.errors import InputError, NotSupported
-from cip.grid import Sphere, in_space, shares
+from cip.grid import Array, Sphere, in_space, shares
 from cip.output.recorder import HEAD, Gauges, gauges_of, read_run
 from cip.output.sample import sample, sample_sea
 from cip.profiles.catalogue import moments
@@ -20,8 +20,6 @@ from cip.stages.state import State, by_field, states_in, values_of
 from cip.stages.state_dataset import dated, state_dataset
 from cip.stages.state_files import SUFFIXES, read_states, write_states
 from skfem_adini.ground.vtk_files import write_series
-
-Array = NDArray[np.float64]
 
 
 class Scheme(Protocol):

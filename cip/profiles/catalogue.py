@@ -10,8 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, Orders, foot
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, foot
 from cip.errors import InputError
+from cip.formulas.expression import Orders
 from skfem_adini.ground.jit import Array, Index, Real, Widths
 
 LINE = ("linear", "piecewise_linear", "smoothed", "cubic", "quintic", "csl2", "csl4")

@@ -25,10 +25,9 @@ from cip.formulas.expression import (
     rows_of,
     variable,
 )
+from cip.grid import Array
 from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.walls import CLOCKS, GAUSS_TIMES, Spread, WallMoments
-
-Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class WallDerivatives:

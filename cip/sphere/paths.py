@@ -7,14 +7,12 @@ from inspect import Parameter, signature
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError, NotConverged, NotFinite
 from cip.formulas.sphere_spline import interpolated, value_spline
-from cip.grid import Sphere, in_space
+from cip.grid import Array, Sphere, in_space
 from skfem_adini.ground.arguments import real_array
 
-Array = NDArray[np.float64]
 Wind = Callable[[Array, Array, float], Any]
 
 # Dormand and Prince's pair of orders 5 and 4 (J. Comput. Appl. Math. 6, 1980, 19-26): rows of

@@ -26,10 +26,8 @@ from cip.formulas.sphere_spline import (
     resolved,
     sines,
 )
-from cip.grid import Sphere, in_space
+from cip.grid import Array, Sphere, in_space
 from cip.sphere.paths import Wind, traced
-
-Array = NDArray[np.float64]
 
 # Of an edge: inner nodes that are traced, and points of Gauss's rule on the curve through them.
 INNER, POINTS = 3, 4

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError
 from cip.formulas.sphere_spline import interpolated, value_spline
-from cip.grid import Sphere, in_space
+from cip.grid import Array, Sphere, in_space
 from cip.profiles.catalogue import SPHERE, moments
 from cip.solver.runs import Runs
 from cip.solver.scheme import Rule, Scheme, form_of, tolerance_of
@@ -26,7 +25,6 @@ from skfem_adini.ground.arguments import (
     real_number,
 )
 
-Array = NDArray[np.float64]
 PROFILES = {
     "transport": ("quintic_spline", "cubic_spline"),
     "advection": ("csl4_spline", "csl2_spline"),

@@ -18,7 +18,7 @@ from cip.formulas.expression import COORDINATES, ordered
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import parameters_in
 from cip.formulas.snapshots import snapshots_of
-from cip.grid import Grid, places_of
+from cip.grid import Array, Grid, places_of
 from cip.profiles.catalogue import (
     CONSERVATIVE,
     PLANE,
@@ -30,7 +30,6 @@ from cip.profiles.catalogue import (
 from cip.stages.coast import Coast, Stops
 from cip.stages.walls import CLOCKS, SplitData, Spread, Wall, WallMoments
 
-Array = NDArray[np.float64]
 _ACROSS = np.polynomial.legendre.leggauss(3)
 
 

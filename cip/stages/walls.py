@@ -21,14 +21,14 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.characteristics.feet import Exits
-from cip.characteristics.flow_derivatives import ZERO, Composite, Jet, Orders
+from cip.characteristics.flow_derivatives import ZERO, Composite, Jet
 from cip.errors import InputError, NotSupported
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
+    Orders,
     apply,
     derived,
     numpy_function,
@@ -41,9 +41,8 @@ from cip.formulas.expression import (
 from cip.formulas.formula import Formula, functions_of
 from cip.formulas.source import Source
 from cip.formulas.traced_function import portable, timed
-from cip.grid import Grid, wall_name
+from cip.grid import Array, Grid, wall_name
 
-Array = NDArray[np.float64]
 Wall = tuple[int, int]
 _FIELD = "w"
 GAUSS_TIMES = np.polynomial.legendre.leggauss(8)  # exact to degree 15
