@@ -263,14 +263,10 @@ def _greedy(
 
 
 def _distances(points: Array, point: Array, grid: Grid) -> Array:
-    total = np.zeros(points.shape[1])
-    for x, y, (low, high), periodic in zip(points, point, grid.bounds, grid.periodic, strict=True):
-        d = np.abs(x - y)
-        if periodic:
-            d = d % (high - low)
-            d = np.minimum(d, high - low - d)
-        total += d * d
-    return np.asarray(np.sqrt(total))
+    pairs = zip(grid.bounds, grid.periodic, strict=True)
+    turn = np.array([[high - low if periodic else np.inf] for (low, high), periodic in pairs])
+    d = np.abs(points - point[:, None]) % turn
+    return np.asarray(np.linalg.norm(np.minimum(d, turn - d), axis=0))
 
 
 @dataclass(frozen=True)
