@@ -79,20 +79,6 @@ def test_a_run_back_undoes_them():
     np.testing.assert_allclose(back["a"], start["a"], atol=1e-4)
 
 
-def test_a_run_goes_on_with_the_same_reactions_alone(tmp_path):
-    def solver(rate, kappa):
-        return made(box(1), ("0.5",), "cubic", reactions={"a": f"-{rate}*a"}, diffusion=kappa)
-
-    def run(one, end, **more):
-        return one.run(one.state({"a": 1.0}), end, dt=0.1, snapshots=[0.2, 0.4], **more)
-
-    run(solver(1, 0.1), 0.4, save=tmp_path / "run")
-    assert run(solver(1, 0.1), 0.4, save=tmp_path / "run", resume=True).final.t == 0.4
-    for other in (solver(2, 0.1), solver(1, 0.2)):
-        with pytest.raises(InputError):
-            run(other, 0.4, save=tmp_path / "run", resume=True)
-
-
 def test_refused():
     ring = box(1)
     for rates in (3, "a", {}, ["-a"]):

@@ -159,12 +159,3 @@ def test_the_forms_of_a_source(kind):
     other = pickle.loads(pickle.dumps(solver)) if kind != "opaque" else copy.deepcopy(solver)
     again = other.run(other.state(0.0), 1.0, dt=0.25).final
     np.testing.assert_allclose(again.data, end.data, rtol=0, atol=1e-14)
-
-
-def test_runs_report_what_happened(tmp_path):
-    solver = Solver(PERIODIC, SPEED, source=Source.from_expression("q", {"q": 2.0}), decay=0.5)
-    run = solver.run(solver.state(0.0), 0.5, dt=0.05, snapshots=2)
-    assert run.solver.source.parameters == {"q": 2.0}
-    expected = 2 * (1 - np.exp(-0.5 * run.times)) / 0.5
-    np.testing.assert_allclose(run.diagnostics.mass, expected, rtol=0, atol=2e-4)
-    assert run.save(tmp_path / "run.pvd")[0].exists()
