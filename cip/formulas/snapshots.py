@@ -104,7 +104,7 @@ class Snapshots:
 
     def derivative(self, component: int, orders: Orders) -> Callable[..., Array]:
         """A partial derivative of a component as a function of (x1, x2, x3, t)."""
-        from cip.formulas.spline_sums import run_sums
+        from cip.formulas.spline_loops import run_sums
 
         dim, nu = self.grid.dim, (orders[3], *orders[: self.grid.dim])
 
@@ -135,7 +135,7 @@ class Snapshots:
     def _basis(self, axis: int, given: Any, shape: Any, order: int) -> Any:
         """The B-splines of an axis at points; those of the last points are kept, as equations ask
         for many derivatives at the same ones."""
-        from cip.formulas.spline_sums import basis
+        from cip.formulas.spline_loops import basis
 
         last = self._last  # another thread may replace it
         if not all(map(np.array_equal, last[0], given)):

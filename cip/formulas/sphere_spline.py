@@ -83,7 +83,7 @@ def value_spline(values: Array, degree: int) -> Array:
 
 def interpolated(coefs: Array, points: Array, degree: int = 5) -> Array:
     """`value_spline`s of a degree, (fields, ..), at points in space (3, ...): (fields, ...)."""
-    from cip.formulas.sphere_loops import interpolate
+    from cip.formulas.spline_loops import interpolate
 
     found = np.empty((len(coefs), points[0].size))
     interpolate(points.reshape(3, -1), coefs, degree, PAD, found)

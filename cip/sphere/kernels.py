@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cip.formulas.sphere_loops import weights
+from cip.formulas.spline_loops import weights
 from skfem_adini.ground.jit import loop
 
 

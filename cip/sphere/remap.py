@@ -115,7 +115,7 @@ class Remap:
 
     def _turns(self, lon: Array, mean: Array, top: Array) -> Array:
         """The integral of P at the north pole over lon, from end to end of the edges."""
-        from cip.formulas.sphere_loops import weights
+        from cip.formulas.spline_loops import weights
 
         nlon, nlat = self.sphere.cells
         # The mean over lon vanishes with the mean of the field.
