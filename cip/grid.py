@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import reduce
 from math import prod
 from typing import Any
@@ -219,14 +219,8 @@ class Grid(_Lines):
         Those of the trapezoidal rule, shape `nodes`: on a uniform periodic grid h^dim everywhere,
         at an end that is not periodic half a cell.
         """
-        result: Array = np.ones(())
-        for width, periodic in zip(self.widths, self.periodic, strict=True):
-            if periodic:
-                share = 0.5 * (width + np.roll(width, 1))
-            else:
-                share = 0.5 * (np.append(width, 0.0) + np.append(0.0, width))
-            result = result[..., None] * share
-        return result
+        parts = [shares(self, axis) for axis in range(self.dim)]
+        return np.asarray(reduce(np.multiply.outer, parts))
 
     @property
     def volumes(self) -> Array:
@@ -351,6 +345,40 @@ def in_space(lon: ArrayLike, lat: ArrayLike) -> Array:
     """Points of the unit sphere, shape (3, ...)."""
     lon, lat = np.broadcast_arrays(lon, lat)
     return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+
+
+def shares(grid: Grid, axis: int) -> Array:
+    """For each node of a line along an axis half the widths of its cells."""
+    width = grid.widths[axis]
+    if grid.periodic[axis]:
+        return np.asarray(0.5 * (width + np.roll(width, 1)))
+    return np.asarray(0.5 * (np.append(width, 0.0) + np.append(0.0, width)))
+
+
+def places_of(grid: GridLike, averaged: Collection[int]) -> list[Array]:
+    """Coordinates of nodes, or of the middles of cells in some directions, in each direction."""
+    lines = list(grid.coordinates)
+    for axis in averaged:
+        line = grid.edges[axis][: grid.nodes[axis]]
+        lines[axis] = line + 0.5 * np.append(grid.widths[axis], 0.0)[: line.size]
+    return lines
+
+
+def same_grid(one: GridLike, other: GridLike) -> bool:
+    """Whether two grids have the same nodes."""
+    alike = one.nodes == other.nodes and one.periodic == other.periodic
+    return one is other or (alike and all(map(np.array_equal, one.edges, other.edges)))
+
+
+def check_grid(grid: Any) -> None:
+    """Raise `InputError` unless the argument `grid` is one."""
+    if not isinstance(grid, Grid):
+        raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+
+
+def wall_name(axis: int, side: int) -> str:
+    """Name of the lower (0) or upper (1) wall of a direction, in arguments and messages."""
+    return f"{AXES[axis]}{'-+'[side]}"
 
 
 def node_name(grid: GridLike, flat: int) -> str:

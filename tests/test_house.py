@@ -124,7 +124,6 @@ def test_modules_hold_one_concept() -> None:
 # Modules below 150 lines that only one other imports, faces not counted, and why they stay alone.
 ALONE = {
     "skfem_adini.ground.progress": "the one door to tqdm, for whoever has a loop of steps",
-    "cip.formulas.spline_sums": "sums that numba compiles, imported where they run",
     "cip.sphere.kernels": "kernels that numba compiles, imported where they run",
     "contact.condensation.bisection": "kernels that numba compiles, imported where they run",
     "contact.nonlinear.arc_length": "its stepper would pass 800 lines with it",

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.formulas.velocity import Velocity
+from cip.grid import Array
 from cip.stages.state import State
 from cip.stages.state_dataset import state_dataset
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator
 
@@ -16,6 +15,7 @@ from cip.assimilation.covariance import Covariance
 from cip.assimilation.sensors import Reports, Sensors
 from cip.characteristics.feet import check_step
 from cip.errors import InputError
+from cip.grid import Array, same_grid
 from cip.output.trajectory import Trajectory
 from cip.sensitivities.window import Window
 from cip.solver.derivatives import derivative
@@ -23,8 +23,6 @@ from cip.solver.solver import Solver
 from cip.stages.state import State, one_field, state_of
 from skfem_adini.ground.arguments import real_number
 from skfem_adini.ground.arrays import host
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -39,8 +37,7 @@ class Path:
 
 class AssimilationWindow:
     """The unknowns of a window with their prior, and the map from them to the sensors. The
-    arguments are those of `cip.four_d_var`, checked here.
-    """
+    arguments are those of `cip.four_d_var`, checked here."""
 
     def __init__(
         self,
@@ -66,7 +63,7 @@ class AssimilationWindow:
         self.errors = _errors(model_error, solver, len(self.ends))
         self.names, self.spreads = _parameters(parameters, solver)
         known = list(solver.parameters)
-        self._columns = np.array([known.index(name) for name in self.names], dtype=np.int64)
+        self.columns = np.array([known.index(name) for name in self.names], dtype=np.int64)
         self.layout = Layout(self.covariance, len(self.names), self.errors)
 
     @property
@@ -110,11 +107,8 @@ class AssimilationWindow:
 
     def linearised(self, path: Path) -> Linearised:
         """The derivative of the predicted reports in the control vector at a path."""
-        return Linearised(
-            self.layout, self.covariance, self.errors, self.reports,
-            [derivative(path.solver, run) for run in path.runs], self._columns,
-            self.spreads, self.first, path.solver._kernels.xp,
-        )  # fmt: skip
+        derivatives = [derivative(path.solver, run) for run in path.runs]
+        return Linearised(self, derivatives, path.solver._kernels.xp)
 
     def _moved(self, state: State, change: Any) -> State:
         data = state.data + np.reshape(change, state.data.shape)
@@ -125,12 +119,7 @@ def _fitting(covariance: Any, solver: Solver, name: str) -> Covariance:
     if not isinstance(covariance, Covariance):
         raise InputError(f"{name}: expected a Covariance, got {type(covariance).__name__}")
     grid = covariance.grid
-    same = grid is solver.grid or (
-        grid.nodes == solver.grid.nodes
-        and grid.periodic == solver.grid.periodic
-        and all(np.array_equal(a, b) for a, b in zip(grid.edges, solver.grid.edges, strict=True))
-    )
-    if covariance.profile != solver.profile or not same:
+    if covariance.profile != solver.profile or not same_grid(grid, solver.grid):
         raise InputError(
             f"{name}: it is of {covariance.profile!r} on {grid}, the solver of "
             f"{solver.profile!r} on {solver.grid}"
@@ -181,8 +170,7 @@ def _parameters(given: Any, solver: Solver) -> tuple[list[str], Array]:
 
 class Layout:
     """The parts of the control vector: background, parameters, and the model error of each interval
-    (None where the model is taken as exact).
-    """
+    (None where the model is taken as exact)."""
 
     def __init__(
         self, background: Covariance, parameters: int, errors: Sequence[Covariance | None]
@@ -197,8 +185,7 @@ class Layout:
 
 class Readings:
     """The sensors' values of a state on the host or a device, divided by their deviations. Only the
-    entries that they need are copied from a device, so the sums are the same as on the host.
-    """
+    entries that they need are copied from a device, so the sums are the same as on the host."""
 
     def __init__(self, rows: csr_array, deviations: Array, xp: Any) -> None:
         entries = rows.data / np.repeat(deviations, np.diff(rows.indptr))
@@ -217,34 +204,24 @@ class Readings:
 
 
 class Linearised:
-    """The operator :math:`A = R^{-1/2} H M S` of a window and its transpose. Columns for parameters
-    are computed once, by one tangent run each; other columns are applied by tangent runs. `first`:
-    whether the first reports are at the start; `xp`: array module."""
+    """The operator :math:`A = R^{-1/2} H M S` of a window, from the derivatives of its runs, and
+    its transpose. Columns for parameters are computed once, by one tangent run each; other columns
+    are applied by tangent runs. `xp`: array module."""
 
-    def __init__(
-        self,
-        layout: Layout,
-        background: Covariance,
-        errors: Sequence[Covariance | None],
-        reports: Reports,
-        derivatives: Sequence[Window],
-        columns: NDArray[np.int64],
-        spreads: Array,
-        first: bool,
-        xp: Any = np,
-    ) -> None:
-        self._xp, self._layout = xp, layout
-        self._background, self._errors = background, errors
-        self._derivatives, self._columns, self._spreads = derivatives, columns, spreads
+    def __init__(self, window: AssimilationWindow, derivatives: list[Window], xp: Any) -> None:
+        self._xp, self._layout, reports = xp, window.layout, window.reports
+        self._background, self._errors = window.covariance, window.errors
+        self._derivatives, self._columns = derivatives, window.columns
+        self._spreads = window.spreads
         self._runs = [one.state_operator() for one in derivatives]
         found: list[Readings | None] = [
             Readings(rows, deviation, xp)
             for rows, deviation in zip(reports.operators, reports.deviations, strict=True)
         ]
         # One for the start, one for the end of each interval.
-        self._readings = found if first else [None, *found]
+        self._readings = found if window.first else [None, *found]
         self.reports = sum(len(one) for one in reports.deviations)
-        self._size = background.root.shape[0]
+        self._size = window.covariance.root.shape[0]
 
     def operator(self) -> LinearOperator:
         """A as a linear operator."""

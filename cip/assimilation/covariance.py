@@ -11,17 +11,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from cip.errors import InputError
-from cip.grid import Grid
+from cip.formulas.formula import spline_along
+from cip.formulas.snapshots import product_along
+from cip.grid import Array, Grid, check_grid
 from cip.profiles.catalogue import moments
 from cip.stages.state import State, state_of
 from skfem_adini.ground.arguments import real_array, real_number
-
-Array = NDArray[np.float64]
 
 
 class Covariance:
@@ -68,8 +68,7 @@ class Covariance:
     """
 
     def __init__(self, grid: Grid, profile: str, root: Any, deviations: ArrayLike) -> None:
-        if not isinstance(grid, Grid):
-            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        check_grid(grid)
         size = len(moments(profile, grid.dim)) * grid.size
         if isinstance(root, LinearOperator):
             operator = root
@@ -136,8 +135,7 @@ class Covariance:
             gradients of finite variance.
         """
         power = real_number("order", order)
-        if not isinstance(grid, Grid):
-            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        check_grid(grid)
         if not (np.isfinite(power) and 2.0 * power > grid.dim + 2.0):
             raise InputError(f"order: expected more than {(grid.dim + 2) / 2}, got {order!r}")
         lengths = _positive(length, (grid.dim,), "length")
@@ -149,7 +147,7 @@ class Covariance:
         half = spectrum ** (-0.5 * power)
         variance = half**2
         for axis, (_, vectors) in enumerate(modes):
-            variance = along(vectors**2, variance, axis)
+            variance = product_along(vectors**2, variance, axis)
         wanted = _positive(deviation, grid.nodes, "deviation")
         scale = wanted / np.sqrt(variance)
         return cls(
@@ -214,10 +212,7 @@ class Covariance:
         weights = np.zeros((count, *self.grid.nodes))
         state = state_of(self.grid, self.profile, weights)
         if "mean" in state.names:
-            volume: Any = np.ones(())
-            for width in self.grid.widths:
-                volume = volume[..., None] * width
-            state["mean"][...] = volume
+            state["mean"][...] = self.grid.volumes
         else:
             state["u"][...] = self.grid.weights
         along_mass = self.root.rmatvec(weights.ravel())
@@ -256,8 +251,7 @@ def _positive(given: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
 
 def _diffusion_modes(grid: Grid, axis: int) -> tuple[Array, Array]:
     """Eigenvalues and vectors of K v = lambda W v, with V^T W V = 1: K is the matrix of -d^2/dx^2
-    by finite volumes, W holds the widths of the nodes' volumes.
-    """
+    by finite volumes, W holds the widths of the nodes' volumes."""
     n, width, periodic = grid.nodes[axis], grid.widths[axis], grid.periodic[axis]
     K, W = np.zeros((n, n)), np.zeros(n)
     for cell, h in enumerate(width):
@@ -283,7 +277,7 @@ class _ModeRoot(LinearOperator):
 
     def _in_modes(self, values: Array, transposed: bool) -> Array:
         for axis, matrix in enumerate(self._vectors):
-            values = along(matrix.T if transposed else matrix, values, axis)
+            values = product_along(matrix.T if transposed else matrix, values, axis)
         return values
 
     def _matvec(self, numbers: Any) -> Array:
@@ -317,8 +311,7 @@ class _Without(LinearOperator):
 
 class SplineDerivatives:
     """The moments of a field from its nodal values, as `State.from_function` takes them of an
-    array, by one spline matrix for each direction; and the transpose of that map.
-    """
+    array, by one spline matrix for each direction; and the transpose of that map."""
 
     def __init__(self, grid: Grid, profile: str) -> None:
         wanted = moments(profile, grid.dim)
@@ -345,29 +338,15 @@ class SplineDerivatives:
         for axis, order in enumerate(orders):
             if order:
                 matrix = self._matrices[axis, order]
-                values = along(matrix.T if transposed else matrix, values, axis)
+                values = product_along(matrix.T if transposed else matrix, values, axis)
         return values
-
-
-def along(matrix: Array, values: Array, axis: int) -> Array:
-    """Apply a matrix along one direction of an array."""
-    return np.moveaxis(np.tensordot(matrix, values, axes=(1, axis)), 0, axis)
 
 
 def _matrix(grid: Grid, axis: int, order: int) -> Array:
     """Columns: a derivative at the nodes (for order -1 the means over the cells that begin there,
-    0 where none begins) of the spline that is 1 at one node and 0 at the others.
-    """
-    from scipy.interpolate import make_interp_spline
-
-    n, periodic = grid.nodes[axis], grid.periodic[axis]
-    ones: Any = np.eye(n)
-    if periodic:
-        ones = np.concatenate([ones, ones[:1]])
-    degree = 5 if grid.cells[axis] >= 6 else 3
-    spline = make_interp_spline(
-        grid.edges[axis], ones, k=degree, bc_type="periodic" if periodic else None
-    )
+    0 where none begins) of the spline that is 1 at one node and 0 at the others."""
+    n = grid.nodes[axis]
+    spline = spline_along(grid, axis, np.eye(n))
     if order >= 0:
         return np.asarray(spline(grid.coordinates[axis], nu=order))
     found = np.zeros((n, n))

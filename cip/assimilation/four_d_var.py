@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lstsq, svd
 from scipy.sparse.linalg import LinearOperator
 
@@ -23,11 +22,11 @@ from cip.assimilation.assimilation_window import AssimilationWindow, Path
 from cip.assimilation.covariance import Covariance
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
+from cip.grid import Array
 from cip.solver.solver import Solver
 from cip.stages.state import State
-from skfem_adini.ground.arguments import real_number
+from skfem_adini.ground.arguments import integer, real_number
 
-Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 
 
@@ -133,7 +132,8 @@ def four_d_var(
     window = AssimilationWindow(
         solver, background, covariance, sensors, dt, parameters, model_error
     )
-    most, outer, least = _counts(max_iterations, max_outer, vectors)
+    most, outer = integer("max_iterations", max_iterations, 1), integer("max_outer", max_outer, 1)
+    least = integer("vectors", vectors, 0)
     accuracy = real_number("tol", tol)
     if not 0.0 < accuracy < 1.0:
         raise InputError(f"tol: expected a number in (0, 1), got {tol!r}")
@@ -202,16 +202,6 @@ def _step(
     )
 
 
-def _counts(max_iterations: int, max_outer: int, vectors: int) -> tuple[int, int, int]:
-    given = {"max_iterations": max_iterations, "max_outer": max_outer, "vectors": vectors}
-    for name, value in given.items():
-        least = 0 if name == "vectors" else 1
-        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        if not whole or value < least:
-            raise InputError(f"{name}: expected a whole number >= {least}, got {value!r}")
-    return int(max_iterations), int(max_outer), int(vectors)
-
-
 def _analysis(
     window: AssimilationWindow,
     control: Array,
@@ -256,8 +246,7 @@ class Combined:
 
     def variances(self, prior: Array, moved: Array) -> Array:
         """Prior variances, shape (n,), less what the data determine along the directions. `moved`,
-        shape (k, n), holds each direction times a square root of the prior covariance.
-        """
+        shape (k, n), holds each direction times a square root of the prior covariance."""
         left = 1.0 / (1.0 + self.singular_values**2)
         if len(self.directions) == self.directions.shape[1]:  # a sum of what is left: no difference
             return np.asarray(left @ moved**2)
@@ -310,8 +299,7 @@ class _Search:
     @property
     def exhausted(self) -> bool:
         """Whether the data can determine nothing more: U spans the range of A. A V lies in the span
-        of U and the next combination, so V of full rank is not enough while there is a next one.
-        """
+        of U and the next combination, so V of full rank is not enough while there is a next one."""
         full = self.V.count == self.A.shape[1] and self._next is None
         return self.U.count == self.A.shape[0] or full or self._rest_is_blind
 

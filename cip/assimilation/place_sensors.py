@@ -14,12 +14,10 @@ from cip.assimilation.assimilation_window import AssimilationWindow, Linearised
 from cip.assimilation.covariance import Covariance
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError
-from cip.grid import Grid
+from cip.grid import Array, Grid
 from cip.solver.solver import Solver
 from cip.stages.state import State
-from skfem_adini.ground.arguments import real_array, real_number
-
-Array = NDArray[np.float64]
+from skfem_adini.ground.arguments import choice, real_array, real_number
 
 
 class _Limits(NamedTuple):  # limits of the choice and of its relaxation
@@ -167,8 +165,7 @@ def place_sensors(
     window = AssimilationWindow(
         solver, background, covariance, candidates, dt, parameters, model_error
     )
-    if criterion not in ("A", "D"):
-        raise InputError(f"criterion: expected 'A' or 'D', got {criterion!r}")
+    choice("criterion", criterion, ("A", "D"))
     allowed = _allowed(excluded, candidates.points)
     whole = isinstance(budget, int | np.integer) and not isinstance(budget, bool)
     if not whole or not 1 <= budget <= np.count_nonzero(allowed):
@@ -266,14 +263,10 @@ def _greedy(
 
 
 def _distances(points: Array, point: Array, grid: Grid) -> Array:
-    total = np.zeros(points.shape[1])
-    for x, y, (low, high), periodic in zip(points, point, grid.bounds, grid.periodic, strict=True):
-        d = np.abs(x - y)
-        if periodic:
-            d = d % (high - low)
-            d = np.minimum(d, high - low - d)
-        total += d * d
-    return np.asarray(np.sqrt(total))
+    pairs = zip(grid.bounds, grid.periodic, strict=True)
+    turn = np.array([[high - low if periodic else np.inf] for (low, high), periodic in pairs])
+    d = np.abs(points - point[:, None]) % turn
+    return np.asarray(np.linalg.norm(np.minimum(d, turn - d), axis=0))
 
 
 @dataclass(frozen=True)

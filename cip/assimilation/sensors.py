@@ -13,15 +13,14 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from cip.errors import InputError
 from cip.formulas.dataset import seconds
-from cip.grid import AXES, Grid
+from cip.formulas.snapshots import increasing
+from cip.grid import AXES, Array, Grid, check_grid
 from cip.output.sample import sample_rows
 from cip.output.stored import read_words, reading, write_words
 from cip.output.trajectory import Trajectory
 from cip.stages.state import State, one_field
 from cip.stages.state_dataset import xarray_module
-from skfem_adini.ground.arguments import masked_array, real_array, real_number
-
-Array = NDArray[np.float64]
+from skfem_adini.ground.arguments import integer, masked_array, real_array, real_number
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +87,7 @@ class Sensors:
             )
         if not np.isfinite(place).all():
             raise InputError("points: expected finite coordinates")
-        self.points, self.times = place, checked_times(times)
+        self.points, self.times = place, increasing(times)
         shape = (self.times.size, place.shape[1])
         self.values = checked_values(values, shape)
         self.deviations = checked_deviations(deviations, shape)
@@ -267,9 +266,7 @@ class Sensors:
         share = real_number("dropouts", dropouts)
         if not 0.0 <= share < 1.0:
             raise InputError(f"dropouts: expected a probability in [0, 1), got {dropouts!r}")
-        if not isinstance(seed, int | np.integer) or seed < 0:
-            raise InputError(f"seed={seed!r}: expected a whole number, 0 or more")
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(integer("seed", seed, 0))
         values = self.values + self.deviations * rng.standard_normal(self.values.shape)
         values[rng.random(values.shape) < share] = np.nan
         return self.with_values(values)
@@ -396,22 +393,11 @@ class Sensors:
         return cls(points, seconds(times, "dataset: 't'", since), value.values, spread)
 
     def _require(self, grid: Grid) -> None:
-        if not isinstance(grid, Grid):
-            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        check_grid(grid)
         if grid.dim != self.points.shape[0]:
             raise InputError(
                 f"grid: it has {grid.dim} dimensions, the sensors' points {self.points.shape[0]}"
             )
-
-
-def checked_times(times: ArrayLike) -> Array:
-    """Increasing finite times."""
-    found = np.atleast_1d(real_array("times", times).astype(float))
-    if found.ndim != 1 or not found.size or not np.isfinite(found).all():
-        raise InputError(f"times: expected finite times, shape (k,), got {times!r}")
-    if np.any(np.diff(found) <= 0.0):
-        raise InputError(f"times: expected increasing times, got {times!r}")
-    return found
 
 
 def checked_values(values: ArrayLike | None, shape: tuple[int, int]) -> Array:

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from cip.characteristics.flow_derivatives import Jet, System
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
-from cip.formulas.formula import Formula
-from cip.grid import Grid
+from cip.formulas.expression import Expression, rows_of
+from cip.formulas.formula import Formula, functions_of
+from cip.grid import Array, Grid, node_name, wall_name
 from skfem_adini.ground.arguments import real_number
-
-Array = NDArray[np.float64]
 
 
 class _Feet(NamedTuple):  # limits of characteristics
@@ -76,28 +75,18 @@ def integrate(
     places: NDArray[np.int64] | None = None,
 ) -> Feet:
     """Follow the characteristics through `points` from `t_end` back by `dt` (forward where it is
-    negative), or to a wall.
-
-    Classical Runge-Kutta with n equal sub-steps: `substeps`, or doubled until the difference of two
-    results over 15 is below the tolerance. For a velocity that depends on t, n becomes 2 n + 1:
-    with 2 n, both results could sample a periodic velocity at the same phases. `known` holds the
-    numbers and functions in the rates that the velocity does not have, by their names in code;
-    `places` the nodes of the points for messages, if they are not all nodes.
-    """
-    # Lengths for difference quotients, which formulas do not need.
-    exact = all(formula.exact for formula in formulas)
-    clock = 1.0 if exact else time_scale(grid, formulas, t_end)
-    steps = (*grid.spacing, *([1.0] * (3 - grid.dim)), clock)
-    functions: dict[str, Any] = dict(known or {})
-    for formula in formulas:
-        functions.update(formula.functions(system.rates, steps))
-    rates = system.evaluator(functions)
+    negative), or to a wall, in `substeps` equal steps or as many as the tolerance asks for.
+    `known` are numbers and functions in the rates that the velocity does not have, by their names
+    in code; `places` the nodes of the points for messages, if they are not all nodes."""
+    functions = functions_at(grid, formulas, system.rates, t_end)
+    rates = system.evaluator({**(known or {}), **functions})
     flat = [np.ravel(x) for x in points]
     run = _Run(grid, system, rates, flat, t_end, dt, places)
     if substeps is not None:
         return Feet(*run.follow(substeps), substeps)
     count = run.first_guess()
     coarse = run.follow(count)
+    # With 2 n sub-steps both results could sample a velocity of period dt / n at the same phases.
     one_more = int(not all(formula.steady for formula in formulas))
     while True:
         count = 2 * count + one_more
@@ -113,6 +102,16 @@ def integrate(
             )
         coarse = fine
     return Feet(*fine, count)
+
+
+def functions_at(
+    grid: Grid, formulas: Sequence[Formula], nodes: Sequence[Expression], t: float
+) -> dict[str, Any]:
+    """The callables and the numbers of parameters in `nodes`, by their names in code. Callables
+    known by their values change with the time t: it sets the length of difference quotients."""
+    exact = all(formula.exact for formula in formulas)
+    clock = 1.0 if exact else time_scale(grid, formulas, t)
+    return functions_of(formulas, nodes, (*grid.spacing, *([1.0] * (3 - grid.dim)), clock))
 
 
 def time_scale(grid: Grid, formulas: Sequence[Formula], t: float) -> float:
@@ -137,19 +136,12 @@ def check_inside(grid: Grid, exits: Exits | None, allowed: set[tuple[int, int]],
             continue
         first = int(np.flatnonzero((exits.axis == axis) & (exits.side == side))[0])
         where = ", ".join(f"{x[first]:.6g}" for x in exits.points)
-        wall = f"{'xyz'[axis]}{'-+'[side]}"
+        wall, node = wall_name(axis, side), int(exits.nodes[first]) % grid.size
         raise LeftDomain(
-            f"boundary: the characteristic of {_place(grid, int(exits.nodes[first]))} at t = "
-            f"{t:.6g} comes in through the wall {wall!r} at ({where}), t = "
-            f"{t - exits.ages[first]:.6g}, where no data is given; "
-            f"pass boundary={{{wall!r}: value}}"
+            f"boundary: the characteristic of {node_name(grid, node)} at t = {t:.6g} comes in "
+            f"through the wall {wall!r} at ({where}), t = {t - exits.ages[first]:.6g}, where no "
+            f"data is given; pass boundary={{{wall!r}: value}}"
         )
-
-
-def _place(grid: Grid, node: int) -> str:
-    from cip.grid import node_name
-
-    return node_name(grid, node % grid.size)
 
 
 _Result = tuple[dict[Jet, Array], "Exits | None"]
@@ -173,7 +165,8 @@ class _Run:
         self.walls = [axis for axis in system.moving if not grid.periodic[axis]]
 
     def _named(self, point: int) -> str:
-        return _place(self.grid, point if self.places is None else int(self.places[point]))
+        node = point if self.places is None else int(self.places[point])
+        return node_name(self.grid, node % self.grid.size)
 
     def first_guess(self) -> int:
         y = self._start(np.arange(self.size))
@@ -255,10 +248,11 @@ class _Run:
 
     def _advance(self, y: Array, base: Sequence[Array], tau: float, step: Array) -> Array:
         """One step of the classical Runge-Kutta method; every point has its own step length."""
-        k1 = _stack(self._rates(y, base, tau), y)
-        k2 = _stack(self._rates(y + 0.5 * step * k1, base, tau + 0.5 * step), y)
-        k3 = _stack(self._rates(y + 0.5 * step * k2, base, tau + 0.5 * step), y)
-        k4 = _stack(self._rates(y + step * k3, base, tau + step), y)
+        shape = y.shape[1:]
+        k1 = rows_of(self._rates(y, base, tau), shape)
+        k2 = rows_of(self._rates(y + 0.5 * step * k1, base, tau + 0.5 * step), shape)
+        k3 = rows_of(self._rates(y + 0.5 * step * k2, base, tau + 0.5 * step), shape)
+        k4 = rows_of(self._rates(y + step * k3, base, tau + step), shape)
         return y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
     def _outside(self, y: Array, base: Sequence[Array]) -> Array:
@@ -270,8 +264,7 @@ class _Run:
         self, y: Array, base: list[Array], crossed: NDArray[np.bool_], tau: float, step: float
     ) -> tuple[Array, Array]:
         """Age and unknowns where the paths meet the wall, by the Illinois method (false position).
-        Only the walls that the step has crossed count: a path may run along others.
-        """
+        Only the walls that the step has crossed count: a path may run along others."""
 
         def outside(y: Array) -> Array:
             worst: Array = np.where(crossed, self._beyond_each(y, base), -np.inf).max(axis=(0, 1))
@@ -346,13 +339,6 @@ class _Run:
                     f"{self.t_end - tau:.6g}, too far to tell places in a cell apart; take a "
                     "smaller dt"
                 )
-
-
-def _stack(rates: list[Array], like: Array) -> Array:
-    out = np.empty_like(like)
-    for row, rate in zip(out, rates, strict=True):
-        row[:] = rate
-    return out
 
 
 def check_step(dt: float, name: str = "dt") -> float:

@@ -18,6 +18,7 @@ from typing import Any
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
+    Orders,
     apply,
     constant,
     numpy_function,
@@ -26,7 +27,6 @@ from cip.formulas.expression import (
 )
 from cip.formulas.parameters import parameters_in
 
-Orders = tuple[int, int, int, int]
 ZERO: Orders = (0, 0, 0, 0)
 
 
@@ -64,6 +64,16 @@ def foot(component: int, *axes: int) -> Jet:
     return Jet(component, ZERO).along(*axes)
 
 
+def exponential(jet: Jet, exponent: Callable[[Jet], Any], E: Any) -> Any:
+    """The derivative of E = exp(l) of the orders of a jet, at most two, from those of l, which are
+    `exponent` of the jets of log det."""
+    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
+    first = [exponent(LOG_DETERMINANT.along(axis)) for axis in axes]
+    if not axes:
+        return E
+    return E * first[0] if len(axes) == 1 else E * (exponent(jet) + first[0] * first[1])
+
+
 class System:
     """The equations of the displacement of the foot in the `moving` directions and of the `wanted`
     jets, for the velocity components `c`; jets that the equations need are added. `rates` are the
@@ -90,8 +100,7 @@ class System:
 
     def evaluator(self, functions: Mapping[str, Any]) -> Callable[..., Any]:
         """The rates as a function of x1, x2, x3, t and the jets; the last result is kept.
-        `functions` are the callables of opaque nodes and the numbers of parameters by name.
-        """
+        `functions` are the callables of opaque nodes and the numbers of parameters by name."""
         if self._evaluator is None or self._evaluator[0] != functions:
             names = [*COORDINATES, *(jet.name for jet in self.jets)]
             self._evaluator = dict(functions), numpy_function(self.rates, names, functions)
@@ -126,8 +135,7 @@ class System:
                 divergence = divergence + self._c[axis].derivative(COORDINATES[axis])
             return -divergence
         axis = max(q for q in range(3) if jet.orders[q])
-        i, j, k, l = (order - (q == axis) for q, order in enumerate(jet.orders))
-        return self.total(self._rate(Jet(jet.component, (i, j, k, l))), axis)
+        return self.total(self._rate(Jet(jet.component, raised(jet.orders, axis, -1))), axis)
 
 
 class Composite:
@@ -155,8 +163,7 @@ class Composite:
         if orders == ZERO:
             return self._value
         axis = max(q for q in range(3) if orders[q])
-        i, j, k, l = (order - (q == axis) for q, order in enumerate(orders))
-        return self._total(self.moment((i, j, k, l)), axis)
+        return self._total(self.moment(raised(orders, axis, -1)), axis)
 
     def _total(self, f: Expression, axis: int) -> Expression:
         result = constant(0.0)

@@ -50,8 +50,7 @@ def block_room(moments: int, dtype: DTypeLike, widths: list[Any]) -> Any:
 @kernel
 def offsets(feet: Array, o: Index, count: Index, at: Out, inside: Out) -> tuple[Index, Index]:
     """Split the displacements of nodes o, .., o + count - 1 into whole cells (`at`) and fractions
-    (`inside`); return the least and the largest number of whole cells.
-    """
+    (`inside`); return the least and the largest number of whole cells."""
     low = floor(feet[o])
     high = low
     for q in range(count):
@@ -186,8 +185,7 @@ def corners(
     at: Array, near: Out,
 ) -> None:  # fmt: skip
     """Copy each moment at the four corners of the cells, then the widths, to `near`. On a uniform
-    grid `block_room` has already set the widths.
-    """
+    grid `block_room` has already set the widths."""
     for q in range(count):
         k = at[q]
         l = at[_PLANE_BLOCK + q]

@@ -80,8 +80,7 @@ class CpuEngine(Engine):
         return tuple(Limits(self.limiter, *self.bounds(stage), self.setting.bounds_tolerance))
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any, prefix: str = "node_") -> None:
-        """Run a stage's kernel over all nodes with stored feet; the arrays are flat. `prefix`
-        chooses another one than the update."""
+        """As in the base class."""
         from cip.engines import cpu_blocks, cpu_loops, cpu_sweeps
         from skfem_adini.ground.jit import loop_over
 
@@ -130,8 +129,7 @@ class CpuEngine(Engine):
         count: int,
         kept: Any = None,
     ) -> int:
-        """Run a stage's kernel that computes the feet too, and store them in `kept` if given. The
-        result is the bitwise or of `PATH.left` and `PATH.coarse`."""
+        """As in the base class; the feet are stored in `kept` if given."""
         from cip.engines import cpu_loops
         from skfem_adini.ground.jit import loop_over
 

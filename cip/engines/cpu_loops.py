@@ -26,7 +26,18 @@ from cip.grid import Grid
 from cip.profiles.catalogue import Foot, Limits, Line, Update
 from cip.stages.stage import Stage
 from skfem_adini.ground.arrays import cores
-from skfem_adini.ground.jit import Array, Index, Out, Real, generated, kernel, pointer, room, shift
+from skfem_adini.ground.jit import (
+    Array,
+    Index,
+    Out,
+    Real,
+    generated,
+    kernel,
+    loop_over,
+    pointer,
+    room,
+    shift,
+)
 
 address, shifted = pointer(), shift()
 
@@ -68,8 +79,7 @@ def run_lines(
     limits: Limits, step: Index,
 ) -> None:  # fmt: skip
     """Update rows start..stop of a sweep; `line` is the first line of the grid in its direction.
-    Row ``block line.n + i`` holds node i of ``line.stride`` adjacent lines.
-    """
+    Row ``block line.n + i`` holds node i of ``line.stride`` adjacent lines."""
     fields = m.size // step
     m, out, feet = address(m), address(out), address(feet)
     line, update, limits = at_addresses(line), Update(*update), Limits(*limits)
@@ -149,6 +159,25 @@ class Paths(NamedTuple):
     box: Array  # of `box_of`, then the values of parameters
 
 
+def follow_all(
+    path: Any, stage: Stage, block: int, t: float, step: float, count: int, box: Any, out: Any
+) -> Any:
+    """Write what the kernel `path` finds for all points of a block of feet to `out`, components one
+    after the other; its codes, one for each point."""
+    size = stage.grid.size
+    run, said = loop_over(run_feet, path=path), np.empty(size, np.int64)
+    points: list[Any] = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
+    points += [np.zeros(size)] * (3 - stage.grid.dim)
+    x, y, z = points
+    paths = tuple(Paths(x, y, z, t, step, count, box))
+
+    def work(start: int, stop: int) -> None:
+        run(start, stop, out, said, paths, size, out.size // size)
+
+    share(work, size, size)
+    return said
+
+
 def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
     """The compiled kernel `path` of a stage, and the array for its argument `box`."""
     box = box_of(grid, stage.system, stage.limit, float(np.finfo(float).eps))
@@ -174,8 +203,7 @@ def run_plane_path(
     paths: Paths, x: Line, y: Line, update: Update, limits: Limits, step: Index,
 ) -> None:  # fmt: skip
     """Update rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`.
-    The first components of the feet are written to `kept`, laid out as by `run_feet`.
-    """
+    The first components of the feet are written to `kept`, laid out as by `run_feet`."""
     fields = m.size // step
     m, out, said, kept = address(m), address(out), address(said), address(kept)
     x, y, update, paths = at_addresses(x), at_addresses(y), Update(*update), Paths(*paths)

@@ -58,9 +58,6 @@ class DeviceDisplacements(Displacements):
         held = [] if self.field else self._flow(self.stage.blocks[0]).held
         return len(TIMES) * len(held) <= 400
 
-    def _host(self, a: Array) -> Array:
-        return a.get()
-
     def _displace(self, row: Array, block: int, times: tuple[float, float], count: int) -> None:
         found, said = self.follow(block, times, count)
         self.judge(said.get())

@@ -17,7 +17,6 @@ from numpy import floor
 
 from cip.engines.cpu_loops import address, shifted
 from cip.engines.path_kernel import plain
-from cip.engines.snapshot_kernel import with_names
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
@@ -25,6 +24,7 @@ from cip.formulas.expression import (
     ordered,
     statements,
     variable,
+    with_names,
 )
 from skfem_adini.ground.jit import Array, Index, Out, Real, kernel, loop, room
 
@@ -382,12 +382,8 @@ def run_combine(
     for first in range(start, stop, _BLOCK):
         count = min(_BLOCK, stop - first)
         for q in range(sums):
-            wa, wb, wc, wd = (
-                weights[4 * q],
-                weights[4 * q + 1],
-                weights[4 * q + 2],
-                weights[4 * q + 3],
-            )
+            wa, wb = weights[4 * q], weights[4 * q + 1]
+            wc, wd = weights[4 * q + 2], weights[4 * q + 3]
             to = out
             if q == 1:
                 to = more

@@ -81,13 +81,10 @@ def _listed(name: str, count: int) -> str:
 
 class FollowSource:
     """Kernels of a sub-step of `DeviceDisplacements`: of all nodes (`every`), and of the estimate
-    of its error (`halved`).
-
-    Arguments of both: ``old, new, chosen, lines.., step, fresh`` (1: the displacements are zero
-    before); of the second one the error, an integer; the velocity at three or all `TIMES`: numbers
-    that do not depend on the place or, for snapshots, three arrays of coefficients combined in time
-    or all `tables` and their weights.
-    """
+    of its error (`halved`). Their arguments: ``old, new, chosen, lines.., step, fresh`` (1: the
+    displacements are zero before); of the second the error, an integer; the velocity at three or
+    all `TIMES`: numbers that do not depend on the place or, for snapshots, three arrays of
+    coefficients combined in time, or all `tables` and their weights."""
 
     def __init__(self, moved: Any, flow: Any, tables: int, index: str) -> None:
         self._moved, self._flow, self._index, self._tables = moved, flow, index, tables

@@ -25,9 +25,10 @@ import numpy as np
 
 from cip.characteristics.feet import FEET, Exits, check_inside, integrate
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, foot
-from cip.formulas.expression import numpy_function
-from cip.formulas.snapshots import Snapshots, snapshots_of
+from cip.formulas.expression import numpy_function, raised
+from cip.formulas.snapshots import Snapshots, product_along, snapshots_of
 from cip.stages.stage import Stage, StageFeet
+from skfem_adini.ground.arrays import host
 
 Array = Any
 
@@ -169,10 +170,7 @@ class _SplineFlow(Flow):
         for axis, h in zip(self._components, self.unit, strict=True):
             part = self._field.coefficient(m)[axis] / h
             for q, matrix in enumerate(self._matrices):
-                moved = np.moveaxis(part, q, 0)
-                shape = (-1, *moved.shape[1:])
-                product = matrix @ moved.reshape(len(moved), -1)
-                part = np.moveaxis(product.reshape(shape), 0, q)
+                part = product_along(matrix, part, q)
             parts.append(part)
         return np.ascontiguousarray(np.stack(parts, axis=-1)).reshape(-1)
 
@@ -276,11 +274,9 @@ class Displacements:
     def _flow(self, block: int) -> Any:
         key, field = (self.stage.moving, block), snapshots_of(self.stage.velocity)
         if key not in self._flows:
-            self._flows[key] = (
-                _FormulaFlow(self.stage, block)
-                if field is None
-                else _SplineFlow(field, self.stage, block)
-            )
+            given = self.stage, block
+            made = _FormulaFlow(*given) if field is None else _SplineFlow(field, *given)
+            self._flows[key] = made
         return self._flows[key]
 
     def _displace(self, row: Array, block: int, times: tuple[float, float], count: int) -> None:
@@ -293,15 +289,12 @@ class Displacements:
         """Write the feet of the nodes that have none; the paths of them that begin on walls."""
         flow = self._flow(block)
         bad = self.xp.flatnonzero(self.xp.isnan(row).any(axis=0))
-        nodes, left = self._host(bad), np.isnan(self._host(row[0, bad]))
+        nodes, left = host(bad), np.isnan(host(row[0, bad]))
         near = flow.points.some(nodes, self.grid.nodes[-1]).arrays
         part = self._closely(flow, near, times, count, left)
         exits = self._to_walls(part, block, times, nodes)
         row[:, bad] = self.xp.asarray(part)
         return exits
-
-    def _host(self, a: Array) -> Array:
-        return a
 
     def bounds(self, flow: Flow) -> Array:
         """Lowest and highest coordinates of paths in the units of the flow, by direction."""
@@ -383,8 +376,7 @@ class Displacements:
             if not any(jet.orders):
                 continue
             axis = max(q for q in range(3) if jet.orders[q])
-            i, j, k, _ = (order - (q == axis) for q, order in enumerate(jet.orders))
-            lower = Jet(jet.component, (i, j, k, 0))
+            lower = Jet(jet.component, raised(jet.orders, axis, -1))
             h, limit = self.grid.spacing[axis], self._slopes
             factor, plus = 1.0 / h, 0.0
             if jet.component < 3 and not any(lower.orders):

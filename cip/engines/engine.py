@@ -56,8 +56,7 @@ class Tally(Protocol):
 
 class Engine:
     """Runs the stages of a setting; subclasses implement memory and kernels of the CPU or device.
-    The last numbers of sub-steps and the feet of steady velocities are cached.
-    """
+    The last numbers of sub-steps and the feet of steady velocities are cached."""
 
     xp: Any = np  # the module of the arrays
 
@@ -168,7 +167,8 @@ class Engine:
                 self.launch(part, m[own], new[own], feet.data)
         else:
             self.launch(stage, m, new, feet.data)
-        for part, own in zip(stage.parts or [stage] * len(fields), fields, strict=True):
+        own_stages = stage.parts or [stage] * len(fields)
+        for part, own in zip(own_stages, fields, strict=True):
             for correction in part.corrections(feet):
                 if not homogeneous:
                     self.correct(new[own], correction.places, correction.values, correction.add)
@@ -177,7 +177,6 @@ class Engine:
             for stops in feet.stops:
                 new[own][self.xp.asarray(stops.values)] = new[own][self.xp.asarray(stops.means)]
         if tallies and stage.axis is not None and not self.grid.periodic[stage.axis]:
-            own_stages = stage.parts or [stage] * len(fields)
             areas = self.xp.asarray(stage.areas)
             for tally, part, own in zip(tallies, own_stages, fields, strict=True):
                 tally.enter(part.entered(feet))
@@ -268,28 +267,16 @@ class Engine:
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
         from cip.engines import cpu_loops
-        from skfem_adini.ground.jit import loop_over
 
         path, box = self._path(stage)
-        run_feet, size = loop_over(cpu_loops.run_feet, path=path), self.grid.size
         t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
-
-        feet = np.empty((len(stage.blocks), len(stage.jets) * size))
-        said = np.empty(size, np.int64)
+        feet = np.empty((len(stage.blocks), len(stage.jets) * self.grid.size))
 
         def attempt(count: int) -> int:
             found = 0
             for row, block in zip(feet, stage.blocks, strict=True):
-                points: list[Any] = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
-                points += [np.zeros(size)] * (3 - self.grid.dim)
-                x, y, z = points
-                paths = tuple(cpu_loops.Paths(x, y, z, t_end, length / count, count, box))
-                arguments = (row, said, paths, size, len(stage.jets))
-
-                def work(start: int, stop: int, arguments: Any = arguments) -> None:
-                    run_feet(start, stop, *arguments)
-
-                cpu_loops.share(work, size, size)
+                given = t_end, length / count, count, box, row
+                said = cpu_loops.follow_all(path, stage, block, *given)
                 found |= int(np.bitwise_or.reduce(said))
             return found
 

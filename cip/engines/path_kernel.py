@@ -20,10 +20,16 @@ from cip.engines.snapshot_kernel import (
     room_needed,
     spline_source,
     weight_source,
-    with_names,
 )
 from cip.errors import NotSupported
-from cip.formulas.expression import COORDINATES, Expression, ordered, statements, variable
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    ordered,
+    statements,
+    variable,
+    with_names,
+)
 from cip.formulas.snapshots import Snapshots
 from cip.grid import Grid
 
@@ -81,14 +87,11 @@ def path_source(
     constant: bool = True,
     field: Snapshots | None = None,
 ) -> str:
-    """Python source of the kernels `rates`, `velocity` and `path`.
-
-    ``path(feet, x1, x2, x3, t, step, count, box)`` writes the jets `wanted`, displacements in
-    cells, and returns 0; `PATH.left` if it leaves the box or is not finite; `PATH.coarse` if, for
-    even `count`, the defect of Simpson's rule, |y_{n+2} - y_n - (f_n + 4 f_{n+1} + f_{n+2}) h / 3|
-    = O(h^5), is too large. `box` (omitted if empty) holds `box_of` unless `constant`, then
-    parameters, then the table of a `field` from snapshots.
-    """
+    """Python source of `rates`, `velocity` and ``path(feet, x1, x2, x3, t, step, count, box)``,
+    which writes the jets `wanted`, displacements in cells, and returns 0; `PATH.left` if it leaves
+    the box or is not finite; `PATH.coarse` if, for even `count`, the defect of Simpson's rule,
+    |y_{n+2} - y_n - (f_n + 4 f_{n+1} + f_{n+2}) h / 3| = O(h^5), is too large. `box` (omitted if
+    empty) holds `box_of` unless `constant`, then parameters, then the table of a `field`."""
     numbers = [repr(x) if constant else f"box[{q}]" for q, x in enumerate(box)]
     first = 0 if constant else len(box)
     more = ", box: Array" if system.parameters or field or not constant else ""

@@ -8,7 +8,7 @@ data come as one array of numbers (`cip.formulas.snapshots.Snapshots.table`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -17,7 +17,6 @@ from cip.formulas.expression import (
     Expression,
     constant,
     ordered,
-    rebuilt,
     statements,
     variable,
 )
@@ -38,17 +37,6 @@ def derivatives_in(rates: Sequence[Expression]) -> list[Expression]:
     return sorted(found, key=lambda node: node.value)
 
 
-def with_names(
-    rates: Sequence[Expression], names: Mapping[Expression, Expression]
-) -> list[Expression]:
-    """The formulas with variables in place of the derivatives of the splines."""
-    done: dict[Expression, Expression] = {}
-    for node in ordered(list(rates)):
-        args = [done[argument] for argument in node.args]
-        done[node] = names[node] if node in names else rebuilt(node, args)
-    return [done[rate] for rate in rates]
-
-
 def room_needed(layout: Layout, nodes: Sequence[Expression]) -> int:
     """Length of the array of a kernel for these derivatives: their values, then the weights."""
     weights = sum(len(orders) * (k + 1) for orders, k in _wanted(layout, nodes))
@@ -57,8 +45,7 @@ def room_needed(layout: Layout, nodes: Sequence[Expression]) -> int:
 
 def spline_source(layout: Layout, name: str, nodes: Sequence[Expression]) -> list[str]:
     """Python source of the kernel ``name(x1, x2, x3, t, box, work)``, which writes the derivative
-    of node q to ``work[room + q]``. The kernels of `weight_source` come before it.
-    """
+    of node q to ``work[room + q]``. The kernels of `weight_source` come before it."""
     reals = ", ".join(f"{x}: Real" for x in COORDINATES)
     lines = [f"def {name}({reals}, box: Array, work: Out) -> None:"]
     axes = len(layout.degrees)
@@ -168,8 +155,7 @@ def interval(x: Real, box: Array, at: Index, count: Index, degree: Index, rounds
 @cache
 def _basis(degree: int, order: int) -> tuple[Expression, ...]:
     """The B-splines on an interval, or their derivatives, in terms of x and the knots around it.
-    Knot number `degree` - 1 (``k{degree - 1}``) is the left end of the interval.
-    """
+    Knot number `degree` - 1 (``k{degree - 1}``) is the left end of the interval."""
     x = variable("x")
     found = [constant(1.0)]
     for d in range(1, degree + 1):

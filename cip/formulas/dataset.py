@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError
-from cip.grid import AXES, Grid
+from cip.grid import AXES, Array, Grid
 from skfem_adini.ground.arguments import real_array
-
-Array = NDArray[np.float64]
 
 
 class _Reader(NamedTuple):
@@ -117,15 +114,14 @@ def _reals(data: Any, name: str, *dims: str) -> Array:
 
 def seconds(times: Any, name: str, since: Any = None) -> Array:
     """Times as numbers: durations in seconds, dates in seconds since the date `since` (by default
-    the first of them), numbers as given. Messages of `InputError` call them `name`.
-    """
+    the first of them), numbers as given. Messages of `InputError` call them `name`."""
     if np.ma.is_masked(times):
         raise InputError(f"{name} holds masked times; leave them out")
     found, second = np.asarray(times), np.timedelta64(1, "s")
     if since is not None and found.dtype.kind != "M":
         raise InputError(f"since: {name} holds {found.dtype}, no dates; leave since out")
     if found.dtype.kind == "M":
-        found = (found - (found.flat[0] if since is None else _date(since))) / second
+        found = (found - (found.flat[0] if since is None else date_of(since, "since"))) / second
     elif found.dtype.kind == "m":
         found = found / second
     elif found.dtype.kind not in "fiu":
@@ -136,13 +132,12 @@ def seconds(times: Any, name: str, since: Any = None) -> Array:
     return found.astype(float)
 
 
-def _date(since: Any) -> np.datetime64:
+def date_of(given: Any, name: str) -> np.datetime64:
+    """The argument `name` as a date."""
     try:
-        found = np.datetime64(since, "ns")
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"since: expected a date such as '2010-05-04T12:00', got {since!r}: {error}"
-        ) from error
-    if isinstance(since, int | np.integer) or np.isnat(found):
-        raise InputError(f"since: expected a date such as '2010-05-04T12:00', got {since!r}")
+        found = np.datetime64(given, "ns")
+    except (TypeError, ValueError):
+        found = np.datetime64("NaT")
+    if isinstance(given, int | np.integer) or np.isnat(found):
+        raise InputError(f"{name}: expected a date such as '2010-05-04T12:00', got {given!r}")
     return found

@@ -9,12 +9,18 @@ numbering).
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
 COORDINATES = ("x1", "x2", "x3", "t")
+Orders = tuple[int, int, int, int]  # of derivatives in these
+OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
+    "**": operator.pow,
+}  # fmt: skip
 
 
 class Expression:
@@ -152,25 +158,21 @@ def variable(name: str) -> Expression:
     return Expression("variable", (), name)
 
 
-def opaque(name: str, orders: tuple[int, int, int, int]) -> Expression:
+def opaque(name: str, orders: Orders) -> Expression:
     """A partial derivative, at (x1, x2, x3, t), of a function known only by its values; `orders`
-    are those in x1, x2, x3 and t.
-    """
+    are those in x1, x2, x3 and t."""
     return Expression("opaque", (), (name, orders))
 
 
-def linear(
-    name: str, orders: tuple[int, int, int, int], coefficients: Sequence[Expression]
-) -> Expression:
+def linear(name: str, orders: Orders, coefficients: Sequence[Expression]) -> Expression:
     """A partial derivative of a sum of functions ``name0, name1, ..``, each times a coefficient;
-    the functions, and so their sum, are known only by their values, as those of `opaque`.
-    """
+    the functions, and so their sum, are known only by their values, as those of `opaque`."""
     return Expression("linear", tuple(coefficients), (name, orders))
 
 
-def raised(orders: tuple[int, int, int, int], place: int) -> tuple[int, int, int, int]:
-    """Derivative orders, increased by one in the coordinate with index `place`."""
-    i, j, k, l = (order + (q == place) for q, order in enumerate(orders))
+def raised(orders: Orders, place: int, by: int = 1) -> Orders:
+    """Derivative orders, increased in the coordinate with index `place`."""
+    i, j, k, l = (order + by * (q == place) for q, order in enumerate(orders))
     return i, j, k, l
 
 
@@ -203,14 +205,21 @@ def _restored(rows: Sequence[tuple[str, tuple[int, ...], Any]]) -> Expression:
     return nodes[-1]
 
 
-def rebuilt(node: Expression, args: Sequence[Expression]) -> Expression:
-    """The same operation on other arguments."""
-    if all(new is old for new, old in zip(args, node.args, strict=True)):
-        return node
-    operators = {"+": _add, "-": _subtract, "*": _multiply, "/": _divide, "**": _power}
-    if node.op in operators:
-        return operators[node.op](*args)
-    return apply(node.op, args[0])
+def with_names(
+    roots: Sequence[Expression], names: Mapping[Expression, Expression]
+) -> list[Expression]:
+    """The formulas with others in place of some of their nodes."""
+    done: dict[Expression, Expression] = {}
+    for node in ordered(roots):
+        args = [done[argument] for argument in node.args]
+        if node in names:
+            done[node] = names[node]
+        elif all(new is old for new, old in zip(args, node.args, strict=True)):
+            done[node] = node
+        else:
+            binary = OPERATORS.get(node.op)
+            done[node] = binary(*args) if binary else apply(node.op, args[0])
+    return [done[root] for root in roots]
 
 
 def traced(function: Callable[..., Any], names: Sequence[str]) -> Expression | None:
@@ -428,6 +437,14 @@ def numpy_function(
     exec("\n".join(body), namespace)
     evaluate: Callable[..., tuple[Any, ...]] = namespace["evaluate"]
     return evaluate
+
+
+def rows_of(values: Sequence[Any], shape: tuple[int, ...]) -> Array:
+    """The results of such a function as rows of an array, each of this shape."""
+    found = np.empty((len(values), *shape))
+    for row, value in zip(found, values, strict=True):
+        row[:] = value
+    return found
 
 
 def derived(node: Expression, orders: Sequence[int]) -> Expression:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,20 +14,19 @@ from cip.errors import InputError
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
+    Orders,
     derived,
     numpy_function,
     opaque,
     ordered,
+    raised,
     traced,
 )
 from cip.formulas.parameters import bound
 from cip.formulas.parsing import parse
 from cip.formulas.sphere_spline import at_places
-from cip.grid import GridLike, Sphere
+from cip.grid import Array, Grid, GridLike, Sphere
 from skfem_adini.ground.arguments import real_array, real_number
-
-Array = NDArray[np.float64]
-Orders = tuple[int, int, int, int]
 
 # Time at which callables are tested: 1 / sqrt(7), neither zero nor a period of usual functions.
 CLOCK = 0.3779644730092272
@@ -49,15 +49,21 @@ class Formula:
 
     @classmethod
     def of(
-        cls, value: Any, box: Box, name: str, time: bool = False, sparse: bool = False
+        cls,
+        value: Any,
+        box: Box,
+        name: str,
+        time: bool = False,
+        sparse: bool = False,
+        parameters: Mapping[str, float] | None = None,
     ) -> Formula:
-        """A formula from a number, a text, or a callable of the coordinates (and of t, if `time`),
-        defined on `box`. It is tested with flat arrays or, if `sparse`, with one array for each
-        direction, which broadcast."""
+        """A formula from a number, a text with `parameters`, or a callable of the coordinates (and
+        of t, if `time`), defined on `box`. It is tested with flat arrays or, if `sparse`, with one
+        array for each direction, which broadcast."""
         dim = len(box)
         names = [*COORDINATES[:dim], *(["t"] if time else [])]
         if isinstance(value, str):
-            expression = parse(value, name)
+            expression = parse(value, name, parameters or ())
         elif callable(value):
             expression = traced(value, names)  # type: ignore[assignment]
             if expression is None or not agree([expression], value, box, time):
@@ -67,10 +73,9 @@ class Formula:
         else:
             kinds = f"{name}: expected a number, a text or a callable"
             expression = parse(repr(real_number(kinds, value)), name)
-        unknown = expression.variables() - {*COORDINATES[:dim], "t"}
-        if unknown:
-            raise InputError(f"{name}: {sorted(unknown)} occur, but the grid has {dim} directions")
-        return cls(expression, dim)
+        if beyond := expression.variables() & {*COORDINATES[dim:3]}:
+            raise InputError(f"{name}: {sorted(beyond)} occur, but the grid has {dim} directions")
+        return cls(expression, dim, parameters=parameters)
 
     @classmethod
     def by_values(
@@ -141,8 +146,7 @@ class Formula:
 
     def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
         """The callables of opaque functions and the numbers of parameters in `nodes`, by the names
-        in code; `steps` as for `derivative`.
-        """
+        in code; `steps` as for `derivative`."""
         found: dict[str, Any] = dict(self.numbers)
         for node in ordered(list(nodes)):
             if node.op == "opaque" and node.value[0] == self._name:
@@ -153,8 +157,7 @@ class Formula:
 
     def derivative(self, orders: Orders, steps: Sequence[float]) -> Callable[..., Array]:
         """A partial derivative as a function of (x1, x2, x3, t). `steps` are lengths in x1, x2, x3,
-        t over which the function changes little; difference quotients take a quarter of these.
-        """
+        t over which the function changes little; difference quotients take a quarter of these."""
         return self.evaluator(derived(self.expression, orders), steps)
 
     def evaluator(self, node: Expression, steps: Sequence[float]) -> Callable[..., Array]:
@@ -178,9 +181,20 @@ class Formula:
         if orders in self.known:
             return self.known[orders]
         place = max(q for q in range(4) if orders[q])
-        i, j, k, l = (order - (q == place) for q, order in enumerate(orders))
         # The truncation error is below that of the profiles, the rounding error about 4 eps / h.
-        return _difference(self._opaque((i, j, k, l), steps), place, 0.25 * steps[place])
+        return _difference(
+            self._opaque(raised(orders, place, -1), steps), place, 0.25 * steps[place]
+        )
+
+
+def functions_of(
+    formulas: Sequence[Formula], nodes: Sequence[Expression], steps: Sequence[float]
+) -> dict[str, Any]:
+    """`Formula.functions` of several formulas together."""
+    found: dict[str, Any] = {}
+    for formula in formulas:
+        found.update(formula.functions(nodes, steps))
+    return found
 
 
 def padded(point: Sequence[Any], dim: int, time: bool) -> list[Any]:
@@ -193,8 +207,7 @@ def agree(
     formulas: Sequence[Expression], function: Callable[..., Any], box: Box, time: bool
 ) -> bool:
     """Whether a callable and the formulas traced from it have the same values on two samples. False
-    also if the callable raises, or if none of the values is finite.
-    """
+    also if the callable raises, or if none of the values is finite."""
     compute = numpy_function(formulas, COORDINATES)
     finite = False
     for point in Samples(box, t=CLOCK if time else None):
@@ -235,11 +248,9 @@ def _difference(function: Callable[..., Any], place: int, step: float) -> Callab
 def spline(
     values: Any, grid: GridLike, name: str, of: Sequence[int] = (0, 0, 0), factor: float = 1.0
 ) -> Formula:
-    """The interpolating quintic tensor spline of nodal values (cubic in a direction of fewer than 6
-    cells), periodic where the grid is; or its derivative of the orders `of`, times a factor. On a
-    sphere that of values at the centres of cells, without derivatives.
-    """
-    from scipy.interpolate import NdBSpline, make_interp_spline
+    """The tensor spline through nodal values, one `spline_along` each direction; or its derivative
+    of the orders `of`, times a factor. On a sphere that of values in cells, without derivatives."""
+    from scipy.interpolate import NdBSpline
 
     array = real_array(name, values)
     if array.dtype.kind not in "fiu" or array.shape != grid.nodes:
@@ -254,22 +265,13 @@ def spline(
         whole = array.astype(float)
         lone = {(0, 0, 0, 0): lambda lon, lat, *rest: at_places(whole, lon, lat)}
         return Formula(opaque(_label(name, lone), (0, 0, 0, 0)), grid.dim, lone)
-    coefficients, knots = array.astype(float), []
-    degree = [5 if n >= 6 else 3 for n in grid.cells]
+    coefficients, lines = array.astype(float), []
     for axis in range(grid.dim):
-        if grid.periodic[axis]:
-            first = np.take(coefficients, [0], axis=axis)
-            coefficients = np.concatenate([coefficients, first], axis=axis)
-        one = make_interp_spline(
-            grid.edges[axis],
-            coefficients,
-            k=degree[axis],
-            axis=axis,
-            bc_type="periodic" if grid.periodic[axis] else None,
-        )
-        coefficients = np.moveaxis(np.asarray(one.c), 0, axis)
-        knots.append(one.t)
-    interpolant = NdBSpline(tuple(knots), coefficients, tuple(degree))
+        lines.append(spline_along(grid, axis, np.moveaxis(coefficients, axis, 0)))
+        coefficients = np.moveaxis(np.asarray(lines[-1].c), 0, axis)
+    interpolant = NdBSpline(
+        tuple(line.t for line in lines), coefficients, tuple(line.k for line in lines)
+    )
 
     def derivative(orders: Orders) -> Callable[..., Any]:
         def evaluate(*point: Any) -> Any:
@@ -285,15 +287,21 @@ def spline(
 
         return evaluate
 
-    every = [
-        (i, j, k, 0)
-        for i in range(4)
-        for j in range(4 if grid.dim > 1 else 1)
-        for k in range(4 if grid.dim > 2 else 1)
-        if i + j + k <= 3
-    ]
+    counts = [range(4 if axis < grid.dim else 1) for axis in range(3)]
+    every = [(i, j, k, 0) for i, j, k in product(*counts) if i + j + k <= 3]
     known = {orders: derivative(orders) for orders in every}
     return Formula(opaque(_label(name, known), (0, 0, 0, 0)), grid.dim, known)
+
+
+def spline_along(grid: Grid, axis: int, values: Array, degree: int | None = None) -> Any:
+    """The interpolating spline of nodal values along a direction of a grid, which is the first of
+    the array; by default quintic, or cubic in a direction of fewer than 6 cells."""
+    from scipy.interpolate import make_interp_spline
+
+    if periodic := grid.periodic[axis]:
+        values = np.concatenate([values, values[:1]])
+    k = degree or (5 if grid.cells[axis] >= 6 else 3)
+    return make_interp_spline(grid.edges[axis], values, k, bc_type="periodic" if periodic else None)
 
 
 def _label(name: str, known: dict[Orders, Callable[..., Any]]) -> str:
@@ -326,7 +334,8 @@ class Samples:
         self.points = []
         for axes in (lines, others):
             mesh = np.meshgrid(*axes, indexing="ij", sparse=sparse)
-            self.points.append([*(x if sparse else x.ravel() for x in mesh), *_time(t)])
+            time = [] if t is None else [t]
+            self.points.append([*(x if sparse else x.ravel() for x in mesh), *time])
         self._shapes = [tuple(len(line) for line in axes) for axes in (lines, others)]
 
     def __iter__(self) -> Iterator[list[Any]]:
@@ -347,14 +356,9 @@ class Samples:
         return f"{a[place]:.6g} among {np.size(first)} and {b[place]:.6g} among {np.size(second)}"
 
 
-def _time(t: float | None) -> list[float]:
-    return [] if t is None else [t]
-
-
 def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
     """For each entry, whether a and b agree within `tolerance` times the largest finite one of a.
-    NaN equals NaN, and infinity equals infinity of the same sign.
-    """
+    NaN equals NaN, and infinity equals infinity of the same sign."""
     a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
     with np.errstate(all="ignore"):
         largest = np.abs(a[np.isfinite(a)]).max(initial=0.0)
@@ -363,10 +367,8 @@ def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
 
 
 def check_pointwise(function: Callable[..., Any], samples: Samples, name: str) -> None:
-    """Raise `InputError` if values at a point depend on the other points of the call, as for a
-    callable that subtracts a mean, or shifts or sums along the array. Tracing cannot detect that,
-    and along a characteristic the callable is evaluated at other points than the nodes.
-    """
+    """Raise `InputError` if values at a point depend on the other points of the call, which tracing
+    cannot detect: along a characteristic a callable is evaluated at other points than the nodes."""
     where = samples.differ(*(function(*point) for point in samples))
     if where is not None:
         raise InputError(

@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import DivergenceWarning, InputError
+from cip.formulas.expression import raised
 from cip.formulas.formula import Formula, spline
 from cip.formulas.snapshots import Snapshots
-from cip.grid import Grid
+from cip.grid import Array, Grid, check_grid
 from skfem_adini.ground.arguments import flag, real_array
 from skfem_adini.ground.errors import warn
-
-Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):
@@ -71,10 +70,10 @@ class MeshField:
             if stream:
                 value, div = np.stack([gradient[1], -gradient[0]]), np.zeros(1)
             found = np.stack([c.derivative((0, 0, 0, 0), steps)(*points, t) for c in formulas])
-            slopes = []
-            for axis, c in enumerate(formulas):
-                i, j, k = (int(axis == q) for q in range(3))
-                slopes.append(c.derivative((i, j, k, 0), steps)(*points, t))
+            slopes = [
+                c.derivative(raised((0, 0, 0, 0), axis), steps)(*points, t)
+                for axis, c in enumerate(formulas)
+            ]
             worst = max(worst, float(np.abs(sum(slopes)).max(initial=0.0)))
             given = max(given, float(np.abs(div).max(initial=0.0)))
             error = max(error, float(np.abs(found - value).max(initial=0.0)))
@@ -202,8 +201,7 @@ def coefficients(basis: Any, u: Any, several: bool) -> Array:
 
 def check_basis(basis: Any, grid: Any, stream: bool) -> None:
     """Raise `InputError` for a basis or a grid that does not fit."""
-    if not isinstance(grid, Grid):
-        raise InputError(f"grid: expected the Grid of the solver, got {type(grid).__name__}")
+    check_grid(grid)
     if not all(hasattr(basis, name) for name in ("probes", "mesh", "elem", "mapping")):
         raise InputError(f"basis: expected a skfem.Basis of cells, got {type(basis).__name__}")
     if basis.tind is not None:

@@ -86,8 +86,7 @@ def reserved(name: str) -> bool:
 
 def checked(values: Any) -> dict[str, float]:
     """The argument `parameters` as names and finite numbers. Raises `InputError` for names that a
-    formula cannot contain or that have another meaning in it.
-    """
+    formula cannot contain or that have another meaning in it."""
     if values is None:
         return {}
     if not isinstance(values, Mapping):

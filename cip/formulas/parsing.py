@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import ast
 import math
-import operator
-from collections.abc import Callable, Collection
-from typing import Any
+from collections.abc import Collection
 
 from cip.errors import InputError
 from cip.formulas.expression import (
     COORDINATES,
+    OPERATORS,
     RULES,
     Expression,
     apply,
@@ -75,17 +74,12 @@ def _parsed(tree: ast.expr, text: str, name: str, parameters: Collection[str]) -
             f"{name}: {tree.id!r} in {text!r} is none of {known_names}; other names need values in "
             "parameters={name: value}"
         )
-    operators: dict[type, Callable[[Any, Any], Any]] = {
-        ast.Add: operator.add,
-        ast.Sub: operator.sub,
-        ast.Mult: operator.mul,
-        ast.Div: operator.truediv,
-        ast.Pow: operator.pow,
-    }
-    if isinstance(tree, ast.BinOp) and type(tree.op) in operators:
+    signs = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
+    sign = signs.get(type(tree.op)) if isinstance(tree, ast.BinOp) else None
+    if isinstance(tree, ast.BinOp) and sign is not None:
         left = _parsed(tree.left, text, name, parameters)
         right = _parsed(tree.right, text, name, parameters)
-        found: Expression = operators[type(tree.op)](left, right)
+        found: Expression = OPERATORS[sign](left, right)
         return found
     if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub | ast.UAdd):
         inner = _parsed(tree.operand, text, name, parameters)

@@ -14,15 +14,12 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError, NotSupported
-from cip.formulas.expression import opaque
-from cip.formulas.formula import Formula, Orders
-from cip.grid import Grid
+from cip.formulas.expression import Orders, opaque
+from cip.formulas.formula import Formula, spline_along
+from cip.grid import Array, Grid, check_grid
 from skfem_adini.ground.arguments import real_array
-
-Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):
@@ -52,15 +49,14 @@ class Snapshots:
         self._begin(times, grid, degree, time, components)
         values = np.moveaxis(_values(arrays, self.times, grid, self.components), 1, 0)
         in_time = make_interp_spline(self.times, np.eye(self.times.size), k=self.degrees[0])
-        values = self._in_space(_product(np.asarray(in_time.c), values, 1), 2)
+        values = self._in_space(product_along(np.asarray(in_time.c), values, 1), 2)
         self.coefficients = np.ascontiguousarray(values)
 
     def _begin(self, times: Any, grid: Any, degree: Any, time: Any, components: Any) -> None:
         """Check all but the arrays; keep degrees, knots and the matrices that fit in space."""
         from scipy.interpolate import make_interp_spline
 
-        if not isinstance(grid, Grid):
-            raise InputError(f"grid: expected the Grid of the arrays, got {type(grid).__name__}")
+        check_grid(grid)
         if np.ndim(degree) or degree not in (3, 5):
             raise InputError(f"degree: expected 3 or 5, got {degree!r}")
         if min(grid.cells) < degree + 1:
@@ -70,7 +66,7 @@ class Snapshots:
             )
         if not isinstance(time, str) or time not in _IN_TIME:
             raise InputError(f"time: expected 'linear' or 'cubic', got {time!r}")
-        self.grid, self.times = grid, _times(times)
+        self.grid, self.times = grid, increasing(times, 2)
         self.components: int = components or grid.dim
         self._last: tuple[list[Any], dict[Any, Any]] = ([np.array(np.nan)], {})
         self.degrees = (min(_IN_TIME[time], self.times.size - 1), *([int(degree)] * grid.dim))
@@ -78,18 +74,15 @@ class Snapshots:
         self.knots: list[Array] = [np.asarray(some.t, dtype=float)]
         # A product of matrices is several times faster than the solution for so many lines.
         self._fits: list[Array] = []
-        for axis, line in enumerate(grid.edges):
-            unit = np.eye(grid.nodes[axis])
-            ends: Any = "periodic" if grid.periodic[axis] else None
-            unit = np.concatenate([unit, unit[:1]]) if ends else unit
-            one = make_interp_spline(line, unit, k=self.degrees[axis + 1], bc_type=ends)
+        for axis in range(grid.dim):
+            one = spline_along(grid, axis, np.eye(grid.nodes[axis]), self.degrees[axis + 1])
             self.knots.append(np.asarray(one.t, dtype=float))
             self._fits.append(np.asarray(one.c))
 
     def _in_space(self, values: Array, first: int) -> Array:
         """Coefficients in place of values along the axes from `first` on."""
         for axis, fit in enumerate(self._fits):
-            values = _product(fit, values, axis + first)
+            values = product_along(fit, values, axis + first)
         return values
 
     def coefficient(self, m: int) -> Array:
@@ -111,7 +104,7 @@ class Snapshots:
 
     def derivative(self, component: int, orders: Orders) -> Callable[..., Array]:
         """A partial derivative of a component as a function of (x1, x2, x3, t)."""
-        from cip.formulas.spline_sums import run_sums
+        from cip.formulas.spline_loops import run_sums
 
         dim, nu = self.grid.dim, (orders[3], *orders[: self.grid.dim])
 
@@ -142,7 +135,7 @@ class Snapshots:
     def _basis(self, axis: int, given: Any, shape: Any, order: int) -> Any:
         """The B-splines of an axis at points; those of the last points are kept, as equations ask
         for many derivatives at the same ones."""
-        from cip.formulas.spline_sums import basis
+        from cip.formulas.spline_loops import basis
 
         last = self._last  # another thread may replace it
         if not all(map(np.array_equal, last[0], given)):
@@ -296,8 +289,7 @@ class LazySnapshots(Snapshots):
 
 class SnapshotFormula(Formula):
     """One component of `Snapshots`, with the derivatives of the splines. It is compiled; in code
-    `name` precedes the number of the component.
-    """
+    `name` precedes the number of the component."""
 
     def __init__(self, field: Snapshots, component: int, name: str = "snapshots") -> None:
         # The name does not depend on the data: one kernel serves all data.
@@ -319,19 +311,22 @@ def snapshots_of(formulas: Sequence[Formula]) -> Snapshots | None:
     return first.field if isinstance(first, SnapshotFormula) else None
 
 
-def _product(matrix: Array, values: Array, axis: int) -> Array:
+def product_along(matrix: Array, values: Array, axis: int) -> Array:
     """The product of a matrix with arrays along an axis."""
     moved = np.moveaxis(values, axis, 0)
     found = matrix @ moved.reshape(len(moved), -1)
     return np.moveaxis(found.reshape(-1, *moved.shape[1:]), 0, axis)
 
 
-def _times(times: Any) -> Array:
-    found = real_array("times", times).astype(float)
-    if found.ndim != 1 or found.size < 2:
-        raise InputError(f"times: expected at least 2 times in one row, got shape {found.shape}")
+def increasing(times: Any, least: int = 1, name: str = "times") -> Array:
+    """The argument `times` as increasing, finite numbers, at least so many."""
+    found = np.atleast_1d(real_array(name, times).astype(float))
+    if found.ndim != 1 or found.size < least:
+        raise InputError(
+            f"{name}: expected at least {least} times in one row, got shape {found.shape}"
+        )
     if not np.isfinite(found).all() or np.any(np.diff(found) <= 0.0):
-        raise InputError("times: expected finite, increasing times")
+        raise InputError(f"{name}: expected finite, increasing times, got {times!r}")
     return found
 
 

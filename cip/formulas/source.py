@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,7 +13,7 @@ from cip.formulas.formula import Box, Formula, spline
 from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.parsing import parse
 from cip.formulas.snapshots import SnapshotFormula, Snapshots
-from cip.formulas.traced_function import clock_of, portable, timed
+from cip.formulas.traced_function import clocks_in, portable, timed
 from cip.grid import Grid, GridLike, Sphere
 from skfem_adini.ground.arguments import own_array, real_number
 
@@ -52,7 +51,7 @@ class Source(Parametrised):
         self._parameters: dict[str, float] = {}
         self._snapshots: Snapshots | None = None
         self._text: str | None = None
-        self._time = isinstance(s, str) or _takes_time(s)
+        self._time = isinstance(s, str) or bool(clocks_in(s))
         if isinstance(s, str):
             self._text = s
             parse(s, self._name)
@@ -209,13 +208,8 @@ class Source(Parametrised):
             self._snapshots.check_cover(grid, self._name)
             return SnapshotFormula(self._snapshots, 0, f"{self._name}_snapshots")
         if self._text is not None:
-            expression = parse(self._text, self._name, self._parameters)
-            beyond = expression.variables() & {*COORDINATES} - {*COORDINATES[: grid.dim], "t"}
-            if beyond:
-                raise InputError(
-                    f"{self._name}: {sorted(beyond)} occur, but the grid has {grid.dim} directions"
-                )
-            return Formula(expression, grid.dim, parameters=self._parameters)
+            known = self._parameters
+            return Formula.of(self._text, grid.bounds, self._name, parameters=known)
         if not callable(self._value) and np.ndim(self._value):
             return spline(self._value, grid, self._name)
         return self._formula(grid.bounds)
@@ -237,15 +231,3 @@ class Source(Parametrised):
             return found
 
         return {**self.__dict__, "_value": portable(self._value, self._name, trace)}
-
-
-def _takes_time(function: Any) -> bool:
-    """Whether a callable has an argument for the time."""
-    if not callable(function):
-        return False
-    if clock_of(function) is not None:
-        return True
-    try:
-        return bool({"t", "time"} & set(inspect.signature(function).parameters))
-    except (TypeError, ValueError):  # one of C without a signature
-        return False

@@ -10,11 +10,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cip.grid import in_space
-
-Array = NDArray[np.float64]
+from cip.grid import Array, in_space
 
 PAD = 4  # coefficients kept beyond each side, at least half of the largest degree + 1
 
@@ -26,17 +24,14 @@ def over_poles(values: Array, sign: float) -> Array:
 
 
 def resolved(values: Array) -> Array:
-    """Values without waves along a circle of latitude that are short against the cells.
-
-    What is left has m <= 2 + 1.5 (nlon / 2) cos(lat) waves around the pole, more than the spacing
-    of latitudes resolves; sums along the circle stay. Without this, noise in the narrow cells
-    at a pole grew without bound in short steps over it.
-    """
+    """Values without more than 2 + 1.5 (nlon / 2) cos(lat) waves around a pole, beyond what the
+    spacing of latitudes resolves; sums along the circle stay. Noise in the narrow cells at a pole
+    would grow without bound in short steps over it."""
     import scipy.fft as fft
 
     nlon, nlat = values.shape[-2:]
     waves = fft.rfft(values, axis=-2)
-    most = 2.0 + 0.75 * nlon * np.sin((np.arange(nlat) + 0.5) * np.pi / nlat)
+    most = 2.0 + 0.75 * nlon * _middles(nlat)
     waves *= np.arange(waves.shape[-2])[:, None] <= most
     return np.asarray(fft.irfft(waves, n=nlon, axis=-2))
 
@@ -48,7 +43,8 @@ def at_integers(degree: int) -> Array:
 
 
 def _central(degree: int, x: float) -> float:
-    """The central B-spline of a degree at x, by the recursion of de Boor and Cox."""
+    """The central B-spline of a degree at x, by the recursion of de Boor and Cox: at integers all
+    digits are right, of SciPy's the last is not."""
     if degree == 0:
         return float(-0.5 <= x < 0.5)
     left, right = 0.5 * (degree + 1) + x, 0.5 * (degree + 1) - x
@@ -85,12 +81,12 @@ def value_spline(values: Array, degree: int) -> Array:
     return padded(coefficients(over_poles(resolved(values), 1.0), degree), values.shape[-1])
 
 
-def interpolated(coefs: Array, points: Array) -> Array:
-    """Quintic `value_spline`s, (fields, ..), at points in space (3, ...): (fields, ...)."""
-    from cip.formulas.sphere_loops import interpolate
+def interpolated(coefs: Array, points: Array, degree: int = 5) -> Array:
+    """`value_spline`s of a degree, (fields, ..), at points in space (3, ...): (fields, ...)."""
+    from cip.formulas.spline_loops import interpolate
 
     found = np.empty((len(coefs), points[0].size))
-    interpolate(points.reshape(3, -1), coefs, 5, PAD, found)
+    interpolate(points.reshape(3, -1), coefs, degree, PAD, found)
     return found.reshape(-1, *points.shape[1:])
 
 

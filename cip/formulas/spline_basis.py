@@ -7,16 +7,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError
-from cip.formulas.expression import Expression, constant, linear, ordered
-from cip.formulas.formula import Formula, Orders
+from cip.formulas.expression import Expression, Orders, constant, linear, ordered
+from cip.formulas.formula import Formula
 from cip.formulas.parameters import parameter
-from cip.grid import Grid
+from cip.grid import Array, Grid
 from skfem_adini.ground.arguments import real_array
-
-Array = NDArray[np.float64]
 
 
 class SplineBasis:
@@ -63,8 +60,7 @@ class SplineBasis:
 
     def rows(self, point: tuple[Any, ...], axis: int, order: int) -> Array:
         """Derivatives of the functions of one direction, shape (functions, points). Values at the
-        points of the last call are kept, as a velocity takes all derivatives at the same arrays.
-        """
+        points of the last call are kept, as a velocity takes all derivatives at the same arrays."""
         known, rows = self._last
         if not all(one is other for one, other in zip(known, point, strict=True)):
             known, rows = point, {}
@@ -90,8 +86,7 @@ class SplineBasis:
 
     def sum(self, coefficients: Array, orders: Orders) -> Callable[..., Any]:
         """A derivative of the sum of all functions times coefficients of shape `counts`, as a
-        function of (x1, x2, x3, t), whose arrays broadcast against each other.
-        """
+        function of (x1, x2, x3, t), whose arrays broadcast against each other."""
         last = len(self.counts) - 1
 
         def values(x1: Any, x2: Any, x3: Any, t: Any) -> Any:
@@ -108,8 +103,7 @@ class SplineBasis:
 
     def weighted(self, point: tuple[Any, ...], orders: Orders, weight: Array) -> Array:
         """The transpose of `sum`: for each function, shape (functions,), the sum over the points of
-        its values times the weights.
-        """
+        its values times the weights."""
         axes = range(len(self.counts))
         first, *others = (self.rows(point, axis, orders[axis]) for axis in axes)
         found = first * np.ravel(weight)
@@ -131,8 +125,7 @@ class SplineBasis:
 
 class SplineFormula(Formula):
     """A sum of basis functions, or of their derivative of `orders` in x1, x2, x3, t, each times a
-    named parameter; `label` names the sum in formulas.
-    """
+    named parameter; `label` names the sum in formulas."""
 
     def __init__(
         self,

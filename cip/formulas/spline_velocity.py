@@ -10,7 +10,7 @@ from cip.errors import InputError
 from cip.formulas.formula import Formula
 from cip.formulas.spline_basis import SplineBasis, SplineFormula, check_pieces
 from cip.formulas.velocity import Velocity
-from cip.grid import Grid
+from cip.grid import Grid, check_grid
 from skfem_adini.ground.arguments import real_array
 
 
@@ -65,8 +65,7 @@ class SplineVelocity(Velocity):
     def __init__(
         self, grid: Grid, pieces: Any, start: Any = 0.0, degree: int = 5, stream: bool = False
     ) -> None:
-        if not isinstance(grid, Grid):
-            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        check_grid(grid)
         if isinstance(degree, bool) or degree not in (3, 5):
             raise InputError(f"degree: expected 3 or 5, got {degree!r}")
         if stream and grid.dim != 2:

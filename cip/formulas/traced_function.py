@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import operator
 import pickle
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cip.errors import InputError
-from cip.formulas.expression import Expression, ordered
+from cip.formulas.expression import OPERATORS, Expression, ordered
 
 
 class TracedFunction:
@@ -29,10 +28,6 @@ class TracedFunction:
             raise TypeError(f"it was traced with {sorted(map(len, self._outputs))} arguments")
         known, formulas = dict(zip(fitting[0], point, strict=True)), self._outputs[fitting[0]]
         values: dict[Expression, Any] = {}
-        operators = {
-            "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
-            "**": operator.pow,
-        }  # fmt: skip
         for node in ordered(formulas):
             args = [values[argument] for argument in node.args]
             if node.op == "constant":
@@ -40,7 +35,7 @@ class TracedFunction:
             elif node.op == "variable":
                 values[node] = known[node.value]
             else:
-                values[node] = (operators.get(node.op) or getattr(np, node.op))(*args)
+                values[node] = (OPERATORS.get(node.op) or getattr(np, node.op))(*args)
         found = tuple(values[formula] for formula in formulas)
         return found if len(found) > 1 else found[0]
 
@@ -78,17 +73,22 @@ class WithTime:
         return self._function(*point[:-1], **named)
 
 
-def clock_of(function: Any) -> str | None:
-    """The name of the argument for the time (``t`` or ``time``) if it has a default, else None."""
+def clocks_in(function: Any) -> dict[str, Any] | None:
+    """Which arguments ``t`` and ``time`` a callable has, with their defaults; None where that is
+    not known."""
     try:
         parameters = inspect.signature(function).parameters
     except (TypeError, ValueError):  # no callable, or one of C without a signature
         return None
-    for name in ("t", "time"):
-        found = parameters.get(name)
-        if found is not None and found.default is not inspect.Parameter.empty:
-            return name
-    return None
+    return {name: parameters[name].default for name in ("t", "time") if name in parameters}
+
+
+def clock_of(function: Any) -> str | None:
+    """The name of the argument for the time (``t`` or ``time``) if it has a default, else None."""
+    known = clocks_in(function) or {}
+    return next(
+        (name for name, default in known.items() if default is not inspect.Parameter.empty), None
+    )
 
 
 def timed(function: Any) -> Any:
@@ -101,8 +101,4 @@ def with_time(function: Any) -> Any:
     """As `timed`; a callable without an argument for the time is wrapped so that it ignores t."""
     if not callable(function) or clock_of(function) is not None:
         return timed(function)
-    try:
-        known = set(inspect.signature(function).parameters) & {"t", "time"}
-    except (TypeError, ValueError):
-        return function
-    return function if known else WithTime(function, None)
+    return WithTime(function, None) if clocks_in(function) == {} else function

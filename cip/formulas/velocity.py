@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from cip.errors import InputError, PeriodicityWarning
 from cip.formulas.dataset import gridded_arrays, meaning
-from cip.formulas.expression import COORDINATES, raised, traced
-from cip.formulas.formula import CLOCK, Box, Formula, Orders, agree, spline
+from cip.formulas.expression import COORDINATES, Orders, raised, traced
+from cip.formulas.formula import CLOCK, Box, Formula, agree, spline
 from cip.formulas.mesh_field import MeshField
 from cip.formulas.parameters import Parametrised, checked, require_held
-from cip.formulas.parsing import parse
 from cip.formulas.snapshots import LazySnapshots, SnapshotFormula, Snapshots
 from cip.formulas.spline_basis import SplineFormula
 from cip.formulas.traced_function import clock_of, portable, timed, with_time
-from cip.grid import AXES, Grid
+from cip.grid import AXES, Array, Grid
 from skfem_adini.ground.arguments import flag, own_array, real_number
 from skfem_adini.ground.errors import warn
 
@@ -151,17 +150,11 @@ class Velocity(Parametrised):
         values = checked(parameters)
         formulas = []
         for q, text in enumerate(components):
-            if isinstance(text, bool):
-                raise InputError(f"component {q + 1}: expected a text or a number, got {text!r}")
-            if isinstance(text, int | float | np.integer | np.floating):
-                text = repr(float(text))
-            expression = parse(text, f"component {q + 1}", values)
-            formulas.append(Formula(expression, len(components), parameters=values))
-            beyond = {*COORDINATES} - {*COORDINATES[: len(components)], "t"}
-            if expression.variables() & beyond:
-                raise InputError(
-                    f"component {q + 1}: {text!r} holds a coordinate beyond x{len(components)}"
-                )
+            name = f"component {q + 1}"
+            if not isinstance(text, str):
+                text = real_number(f"{name}: expected a text or a number", text)
+            box = [(0.0, 1.0)] * len(components)
+            formulas.append(Formula.of(text, box, name, parameters=values))
         require_held(values, [formula.expression for formula in formulas])
         self._formulas = tuple(formulas)
         self._parameters = values
@@ -401,21 +394,18 @@ class Velocity(Parametrised):
 
     def _portable(self, value: Any, dim: int | None = None) -> Any:
         """A picklable form of a callable for all components (`dim` None: traced for 1 to 3
-        directions), or for one component on grids of `dim` directions.
-        """
+        directions), or for one component on grids of `dim` directions."""
 
         def trace() -> dict[tuple[str, ...], Any]:
             found = {}
             for n in (1, 2, 3) if dim is None else (dim,):
                 names = (*COORDINATES[:n], *(() if self.steady else ("t",)))
-                if dim is None:
-                    formulas = traced_velocity(value, self._where(n), not self.steady)
-                    if formulas is not None:
-                        found[names] = [formula.expression for formula in formulas]
-                else:
-                    formula = Formula.of(value, self._where(n), "c", not self.steady)
-                    if formula.exact:
-                        found[names] = [formula.expression]
+                given = value, self._where(n)
+                formulas = traced_velocity(*given, not self.steady) if dim is None else ()
+                if dim is not None:
+                    formulas = (Formula.of(*given, "c", not self.steady),)
+                if formulas and all(formula.exact for formula in formulas):
+                    found[names] = [formula.expression for formula in formulas]
             return found
 
         return portable(value, "velocity", trace)
@@ -443,39 +433,28 @@ class Velocity(Parametrised):
             return self._snapshots.on(grid)
         if self._mesh is not None:
             return self._mesh.on(grid)
-        if self._formulas is not None:
-            return self._check(self._formulas, grid)
-        if callable(self._c):
-            formulas = traced_velocity(self._c, grid.bounds, not self.steady)
-            return self._check(
-                formulas
-                or formulas_by_values(self._c, self._jacobian, self._hessian, self.steady, grid),
-                grid,
-            )
-        parts = self._c
-        if len(parts) != grid.dim:
+        parts = self._c if self._formulas is None else self._formulas
+        if not callable(parts) and len(parts) != grid.dim:
             raise InputError(
                 f"velocity: {len(parts)} components on a grid of {grid.dim} directions"
             )
+        if self._formulas is not None:
+            return self._formulas
+        if callable(self._c):
+            more = self._jacobian, self._hessian, self.steady, grid
+            found = traced_velocity(self._c, grid.bounds, not self.steady)
+            return found or formulas_by_values(self._c, *more)
         return tuple(
             Formula.of(part, grid.bounds, f"c{q + 1}", not self.steady)
             if callable(part) or isinstance(part, str) or np.ndim(part) == 0
             else spline(part, grid, f"c{q + 1}")
-            for q, part in enumerate(parts)
+            for q, part in enumerate(self._c)
         )
-
-    def _check(self, formulas: tuple[Formula, ...], grid: Grid) -> tuple[Formula, ...]:
-        if len(formulas) != grid.dim:
-            raise InputError(
-                f"velocity: {len(formulas)} components on a grid of {grid.dim} directions"
-            )
-        return formulas
 
 
 def traced_velocity(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
     """The components that a callable computes, compared with it on `box`; None if it is not plain
-    arithmetic. `time`: whether its last argument is t.
-    """
+    arithmetic. `time`: whether its last argument is t."""
     if not callable(c):
         return None
     dim = len(box)
@@ -570,9 +549,6 @@ def formulas_by_values(
     return tuple(formulas)
 
 
-Array = NDArray[np.float64]
-
-
 class _Limits(NamedTuple):  # jumps between sides of a periodic direction, over the largest value
     rounding: float = 1e-6  # jumps below are rounding, of difference quotients too
     jump: float = 1e-3  # a field that jumps by more is not periodic
@@ -587,8 +563,7 @@ LIMITS = _Limits()
 
 def check_periodic(velocity: Sequence[Formula], grid: Grid) -> None:
     """Raise `InputError` if a velocity jumps between opposite sides of a periodic direction. Warn
-    of a small jump, or of one of the derivative across the side.
-    """
+    of a small jump, or of one of the derivative across the side."""
     for axis in range(grid.dim):
         if not grid.periodic[axis]:
             continue
@@ -649,10 +624,9 @@ def _values(
     formula: Formula, order: int, axis: int, grid: Grid, points: Sequence[Array], clock: float
 ) -> Array:
     """The velocity, or its derivative in the direction of an axis, at points of the box."""
-    i, j, k = (order * (axis == q) for q in range(3))
     steps = (*grid.spacing, *([1.0] * (4 - grid.dim)))
     point = [*points, *([np.zeros(())] * (3 - grid.dim))]
-    found = formula.derivative((i, j, k, 0), steps)(*point, clock)
+    found = formula.derivative(raised((0, 0, 0, 0), axis, order), steps)(*point, clock)
     return np.broadcast_to(found, points[0].shape)
 
 

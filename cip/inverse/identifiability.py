@@ -8,9 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.grid import AXES, Grid
-
-Array = NDArray[np.float64]
+from cip.grid import AXES, Array, Grid
 
 
 class _Seen(NamedTuple):  # thresholds of identifiability

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from cip.errors import InputError
 from cip.formulas.velocity import Velocity
-from cip.grid import Grid
+from cip.grid import Array, Grid
 from cip.inverse.identifiability import Identifiability
 from cip.inverse.problem import field, field_slopes
 from cip.output.stored import fields_from, read_words, reading, write_words
-
-Array = NDArray[np.float64]
 
 
 class MisfitWarning(UserWarning):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cip.errors import InputError, NotConverged
 from cip.formulas.spline_velocity import SplineVelocity
+from cip.grid import Array
 from cip.inverse.identifiability import (
     Identifiability,
     IdentifiabilityWarning,
@@ -24,8 +25,6 @@ from cip.inverse.problem import Problem, bounds_of, linearised, problem_of, rule
 from cip.solver.solver import Solver
 from skfem_adini.ground.arguments import real_number
 from skfem_adini.ground.errors import warn
-
-Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):

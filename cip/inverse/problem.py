@@ -16,16 +16,15 @@ from cip.characteristics.feet import check_step
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
 from cip.formulas.expression import COORDINATES, Expression
 from cip.formulas.parameters import parameter
+from cip.formulas.snapshots import increasing
 from cip.formulas.spline_velocity import SplineVelocity
 from cip.formulas.velocity import Velocity
-from cip.grid import Grid
+from cip.grid import Array, Grid
 from cip.inverse.identifiability import SEEN
 from cip.solver.solver import Solver
 from cip.stages.state import State, one_field
 from skfem_adini.ground.arguments import masked_array, real_array, real_number
 from skfem_adini.ground.arrays import host
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -246,8 +245,7 @@ class Roughness:
     r"""The rows whose sum of squares is the seminorm of `kind` ("H1", "H2", None: no rows) of the
     velocity at time `t`; `names` are its parameters. It is the sum over components of
     :math:`\int |\nabla c|^2` (H1), :math:`\int |\nabla^2 c|^2` (H2), with the weights of the grid.
-    It vanishes for constant velocities, unlike the L2 norm, which draws all velocities to zero.
-    """
+    It vanishes for constant velocities, unlike the L2 norm, which draws all velocities to zero."""
 
     def __init__(self, grid: Grid, kind: str | None, names: Sequence[str], t: float) -> None:
         self._grid, self._names, self._t = grid, names, t
@@ -542,9 +540,7 @@ def _snapshots(
 
 
 def _observed(given: Observations, size: int) -> tuple[list[float], list[Array], list[Any]]:
-    times = real_array("data: times", given.times).astype(float)
-    if times.ndim != 1 or not times.size or np.any(np.diff(times) <= 0.0):
-        raise InputError("data: expected increasing times")
+    times = increasing(given.times, name="data: times")
     for one in (given.values, given.operators):
         if not (hasattr(one, "__len__") and len(one) == times.size):
             raise InputError("data: expected values and an operator for each time")

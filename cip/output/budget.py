@@ -8,11 +8,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cip.grid import AXES, Grid, GridLike
-
-Array = NDArray[np.float64]
+from cip.grid import Array, Grid, GridLike, wall_name
 
 
 @dataclass(frozen=True)
@@ -130,10 +127,8 @@ class Tally:
             self._rows.append([sum(self._sums[key]) for key in self._keys])
         found = dict(zip(self._keys, np.array(self._rows).T, strict=True))
         ways: dict[str, dict[str, Array]] = {"in": {}, "out": {}}
-        for axis in self._axes:
-            for side in (0, 1):
-                for way, walls in ways.items():
-                    walls[f"{AXES[axis]}{'-+'[side]}"] = found[axis, side, way]
+        for axis, side, way in product(self._axes, (0, 1), ways):
+            ways[way][wall_name(axis, side)] = found[axis, side, way]
         rest = found["added"], found["decayed"], found["replaced"], found["reacted"]
         return Budget(t, mass, ways["in"], ways["out"], *rest)
 

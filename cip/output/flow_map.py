@@ -14,11 +14,10 @@ from cip.characteristics.flow_derivatives import System, foot
 from cip.errors import InputError
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.velocity import Velocity, check_periodic
-from cip.grid import Grid
+from cip.grid import Array, Grid, check_grid
 from cip.output.plot import plot_map
 from skfem_adini.ground.arguments import real_number
 
-Array = NDArray[np.float64]
 CELLS = 32.0  # that the fastest node crosses in a piece of the map; gradients are multiplied
 
 
@@ -153,8 +152,7 @@ def flow_map(
     >>> float(run.lyapunov[10, 10].round(8))
     1.0
     """
-    if not isinstance(grid, Grid):
-        raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+    check_grid(grid)
     start, end = real_number("t_start", t_start), real_number("t_end", t_end)
     if not (np.isfinite(start) and np.isfinite(end) and start != end):
         raise InputError(f"t_end: expected finite times that differ, got {start!r} and {end!r}")

@@ -11,15 +11,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError, NotSupported
+from cip.grid import Array
 from cip.output.sample import profile_value
 from cip.profiles.catalogue import PLANE, moments
 from cip.stages.state import State, state_of
 from skfem_adini.ground.arguments import real_number
-
-Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):

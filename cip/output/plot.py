@@ -63,8 +63,7 @@ def animate_states(
     when: Callable[[float], str] = NUMBERS,
 ) -> Any:
     """A matplotlib animation of snapshots in one or two dimensions, a panel for each field, written
-    to `path` (.gif, or .mp4 by ffmpeg).
-    """
+    to `path` (.gif, or .mp4 by ffmpeg)."""
     import matplotlib.pyplot as plt
     from matplotlib.animation import FuncAnimation, writers
 

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError
+from cip.grid import Array
 from cip.output.sample import points_of, sample
 from cip.output.stored import read_words, reading, write_words
 from cip.stages.state import State, by_field, states_in
@@ -22,7 +22,6 @@ from cip.stages.state_files import read_states, write_states
 from skfem_adini.ground.arguments import shown
 from skfem_adini.ground.files import remove_unfinished
 
-Array = NDArray[np.float64]
 FORM, HEAD = "run of cip 1", "run.json"
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
+from functools import reduce
 from itertools import product
 from typing import Any
 
@@ -12,24 +13,22 @@ from scipy.sparse import csr_array, diags_array
 
 from cip.errors import InputError, NotSupported
 from cip.formulas.sphere_spline import at_places, centre_values
-from cip.grid import Grid, Sphere
+from cip.grid import Array, Grid, Sphere
 from cip.profiles.catalogue import SPHERE, moments
+from cip.profiles.plain import slope_weights
 from cip.stages.state import State, state_of, values_of
 from skfem_adini.ground.arguments import real_array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
 def sample(state: State, points: ArrayLike) -> Array:
     """The profile of a state, without limiter, at points of shape (dim, ...), or (...) on lines.
-
     Profiles in one dimension and ``bicubic`` are evaluated as the schemes do; ``csl2`` and ``csl4``
     by their tensor products; all others, ``adini`` among them, by the multilinear interpolant plus,
     for each edge of the cell, the cubic bubble of the slopes at its ends times the linear weights
     of the other directions: Adini's profile in two dimensions, its Boolean sum in three. On a
-    sphere by quintic splines of the values at the centres of cells.
-    """
+    sphere by quintic splines of the values at the centres of cells."""
     state = state.host()
     if isinstance(state.grid, Sphere):
         return _on_sphere(state, points_of(points, 2))
@@ -75,8 +74,7 @@ def profile_value(
 ) -> Any:
     """The profile of these moments at points of shape (dim, n). The moments are arrays, or anything
     that can be indexed by nodes, added, and multiplied by arrays. A `shift` of all points, which
-    may be imaginary, continues the polynomial of their cells.
-    """
+    may be imaginary, continues the polynomial of their cells."""
     cells = [_cells(grid, axis, x) for axis, x in enumerate(points)]
     if shift is not None:
         cells = [(k, r, s + d / h, h) for (k, r, s, h), d in zip(cells, shift, strict=True)]
@@ -152,6 +150,7 @@ def _quartic(a: Any, b: Any, va: Any, vb: Any, m: Any, s: Array) -> Any:
 def _tensor_means(profile: str, data: Mapping[str, Any], grid: Grid, cells: list[Cell]) -> Array:
     """Apply the profile of values and means in one direction after the other."""
     names = list(data)
+    rules = [slope_weights(grid, axis) for axis in range(grid.dim if profile == "csl4" else 0)]
 
     def reduced(bits: int, axis: int, index: tuple[Indices, ...]) -> Array:
         if axis == grid.dim:
@@ -167,78 +166,47 @@ def _tensor_means(profile: str, data: Mapping[str, Any], grid: Grid, cells: list
         a, b, m = value(k), value(r), mean(k)
         if profile == "csl2":
             return _quadratic(a, b, m, s)
-        va = width * _slope(grid, axis, k, value, mean)
-        vb = width * _slope(grid, axis, r, value, mean)
+        va = width * _slope(rules[axis], k, value, mean)
+        vb = width * _slope(rules[axis], r, value, mean)
         return _quartic(a, b, va, vb, m, s)
 
     return reduced(0, 0, ())
 
 
-def _slope(
-    grid: Grid,
-    axis: int,
-    node: Indices,
-    value: Callable[[Indices], Any],
-    mean: Callable[[Indices], Any],
-) -> Any:
-    """Slope at a node from means and values of two cells, see
-    `cip.profiles.conservative_kernels.slope_of`.
-    """
-    n, cells, widths = grid.nodes[axis], grid.cells[axis], grid.widths[axis]
-    first = node - 1
-    if not grid.periodic[axis]:
-        first = np.clip(first, 0, cells - 2)
-    h0, h1 = widths[first % n], widths[(first + 1) % n]
-    parts = [mean(first % n), mean((first + 1) % n), *(value((first + q) % n) for q in range(3))]
+def _slope(rule: tuple[Any, Any], node: Indices, value: Any, mean: Any) -> Any:
+    """Slopes at nodes, by a rule of `slope_weights`, from functions that give values at nodes and
+    means of cells."""
+    place, weights = rule
+    parts = [value(place[q, node]) for q in range(3)] + [mean(place[q, node]) for q in range(2)]
     total: Any = 0.0
-    for unit, part in zip(np.eye(5), parts, strict=True):
-        total = total + _slope_of(h0, h1, node - first, unit[:2], unit[2:]) * part
+    for weight, part in zip(weights, parts, strict=True):
+        total = total + weight[node] * part
     return total
-
-
-def _slope_of(h0: Array, h1: Array, own: Indices, means: Array, values: Array) -> Array:
-    """The slope at node `own` of two cells of these widths, for two means and three values."""
-    # Coordinates of the three nodes relative to the left one, and the integrals up to them.
-    x = np.stack([np.zeros_like(h0), h0, h0 + h1])
-    M = np.stack([np.zeros_like(h0), h0 * means[0], h0 * means[0] + h1 * means[1]])
-    columns = np.arange(own.size)
-    others = np.stack([np.where(own == 0, 1, 0), np.where(own == 2, 1, 2)])
-    y = x[others, columns] - x[own, columns]
-    here = values[own]
-    g = ((M[others, columns] - M[own, columns]) / y - here) / y
-    d = ((values[others] - here) / y - 2 * g) / y
-    width = y[1] - y[0]
-    slope: Array = 2 * _cubic(g[0], g[1], width * d[0], width * d[1], -y[0] / width)
-    return slope
 
 
 def _bicubic(data: Mapping[str, Any], grid: Grid, cells: list[Cell]) -> Any:
     (k, r, s, hx), (l, q, t, hy) = cells
-    rows = []
-    for j in (l, q):
-        u = _cubic(
-            data["u"][k, j], data["u"][r, j], hx * data["u_x"][k, j], hx * data["u_x"][r, j], s
-        )
-        v = _cubic(
-            data["u_y"][k, j],
-            data["u_y"][r, j],
-            hx * data["u_xy"][k, j],
-            hx * data["u_xy"][r, j],
-            s,
-        )
-        rows.append((u, hy * v))
-    return _cubic(rows[0][0], rows[1][0], rows[0][1], rows[1][1], t)
+
+    def along(name: str, j: Indices) -> Any:
+        a, b = data[name][k, j], data[name][r, j]
+        slope = data["u_x" if name == "u" else "u_xy"]
+        return _cubic(a, b, hx * slope[k, j], hx * slope[r, j], s)
+
+    low, high = ((along("u", j), hy * along("u_y", j)) for j in (l, q))
+    return _cubic(low[0], high[0], low[1], high[1], t)
+
+
+def _linear(cells: list[Cell], sides: Sequence[int]) -> Any:
+    """The multilinear weight of a corner of the cell of each point."""
+    parts = [cell[2] if side else 1.0 - cell[2] for cell, side in zip(cells, sides, strict=True)]
+    return reduce(np.multiply, parts, np.ones(()))
 
 
 def _boolean(slopes: bool, data: Mapping[str, Any], grid: Grid, cells: list[Cell]) -> Any:
     total: Any = 0.0
-    count = cells[0][0].size
     for corner in product((0, 1), repeat=grid.dim):
         index = tuple(cell[side] for cell, side in zip(cells, corner, strict=True))
-        weight = np.ones(count)
-        for cell, side in zip(cells, corner, strict=True):
-            weight = weight * (cell[2] if side else 1.0 - cell[2])
-        total = total + weight * data["u"][index]
+        total = total + _linear(cells, corner) * data["u"][index]
     if not slopes:
         return total
     for axis, (k, r, s, h) in enumerate(cells):
@@ -248,9 +216,7 @@ def _boolean(slopes: bool, data: Mapping[str, Any], grid: Grid, cells: list[Cell
             inner = [cell[side] for cell, side in zip(others, corner, strict=True)]
             left = (*inner[:axis], k, *inner[axis:])
             right = (*inner[:axis], r, *inner[axis:])
-            weight = np.ones(count)
-            for cell, side in zip(others, corner, strict=True):
-                weight = weight * (cell[2] if side else 1.0 - cell[2])
+            weight = _linear(others, corner)
             d = data["u"][right] - data["u"][left]
             bubble = (h * slope[left] - d) * (1.0 - s) - (h * slope[right] - d) * s
             total = total + weight * s * (1.0 - s) * bubble
@@ -259,8 +225,7 @@ def _boolean(slopes: bool, data: Mapping[str, Any], grid: Grid, cells: list[Cell
 
 class _Rows:
     """Linear functionals of the moments, one for each point, as rows of a sparse matrix:
-    `profile_value` computes with them as with numbers.
-    """
+    `profile_value` computes with them as with numbers."""
 
     # Makes arrays leave products and sums with rows to the methods below.
     __array_ufunc__ = None

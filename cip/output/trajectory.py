@@ -9,10 +9,10 @@ from types import SimpleNamespace
 from typing import Any, Protocol, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cip.errors import InputError, NotSupported
-from cip.grid import Sphere, in_space
+from cip.grid import Array, Sphere, in_space, shares
 from cip.output.recorder import HEAD, Gauges, gauges_of, read_run
 from cip.output.sample import sample, sample_sea
 from cip.profiles.catalogue import moments
@@ -20,8 +20,6 @@ from cip.stages.state import State, by_field, states_in, values_of
 from cip.stages.state_dataset import dated, state_dataset
 from cip.stages.state_files import SUFFIXES, read_states, write_states
 from skfem_adini.ground.vtk_files import write_series
-
-Array = NDArray[np.float64]
 
 
 class Scheme(Protocol):
@@ -161,17 +159,8 @@ class Trajectory:
         for state in self.states:
             u = np.asarray(values_of(state), dtype=float)
             w = state.grid.weights
-            rows.append(
-                (
-                    state.t,
-                    state.mass,
-                    total_variation(state),
-                    u.min(),
-                    u.max(),
-                    np.sum(w * np.abs(u)),
-                    np.sqrt(np.sum(w * u**2)),
-                )
-            )
+            norms = np.sum(w * np.abs(u)), np.sqrt(np.sum(w * u**2))
+            rows.append((state.t, state.mass, total_variation(state), u.min(), u.max(), *norms))
         return Diagnostics(*np.array(rows, dtype=float).T)
 
     @property
@@ -464,15 +453,8 @@ def total_variation(state: State) -> float:
             continue
         jumps = jumps.sum(axis=axis)
         for other in (b for b in range(grid.dim) if b != axis):
-            width = grid.widths[other]
-            share = (
-                0.5 * (width + np.roll(width, 1))
-                if grid.periodic[other]
-                else 0.5 * (np.append(width, 0.0) + np.append(0.0, width))
-            )
-            place = other - (other > axis)
             shape = [1] * jumps.ndim
-            shape[place] = share.size
-            jumps = jumps * share.reshape(shape)
+            shape[other - (other > axis)] = -1
+            jumps = jumps * shares(grid, other).reshape(shape)
         total += float(jumps.sum())
     return total

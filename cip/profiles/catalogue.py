@@ -10,8 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, Orders, foot
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, foot
 from cip.errors import InputError
+from cip.formulas.expression import Orders
 from skfem_adini.ground.jit import Array, Index, Real, Widths
 
 LINE = ("linear", "piecewise_linear", "smoothed", "cubic", "quintic", "csl2", "csl4")
@@ -112,8 +113,7 @@ def line_jets(profile: str, dim: int, axis: int, advect: bool) -> tuple[Jet, ...
 
 def plane_jets(profile: str, advect: bool) -> tuple[Jet, ...]:
     """Components of the feet of a direct update, in the order in which the kernels read them;
-    derivatives of log det(dX/dx) denote those of the determinant, which replace them there.
-    """
+    derivatives of log det(dX/dx) denote those of the determinant, which replace them there."""
     found = [foot(0), foot(1), foot(0, 0), foot(0, 1), foot(1, 0), foot(1, 1)]
     if profile == "bicubic":
         found += [foot(0, 0, 1), foot(1, 0, 1)]

@@ -46,8 +46,7 @@ def slope_of(m: Array, line: Line, value: Index, mean: Index, i: Index) -> Real:
     """Slope at node i of the quartic through values and means of the adjacent cells (at an end of a
     line the two nearest): with the integral M from the node, :math:`g(x) = (M(x) - M'(0) x) / x^2`
     is a cubic known at the other two nodes with its derivatives, and the slope is
-    :math:`M''(0) = 2 g(0)`.
-    """
+    :math:`M''(0) = 2 g(0)`."""
     h = line.h
     n = line.n
     stride = line.stride

@@ -77,8 +77,7 @@ def slope_root(c1: Real, c2: Real, c3: Real, c4: Real, left: Real, right: Real) 
 @kernel
 def quartic_range(c0: Real, c1: Real, c2: Real, c3: Real, c4: Real) -> tuple[Real, Real]:
     """Least and largest value of a quartic on [0, 1]. Its slope is monotone between the inflections
-    p and q, so has at most one root in each part.
-    """
+    p and q, so has at most one root in each part."""
     end = c0 + c1 + c2 + c3 + c4
     least = min(c0, end)
     most = max(c0, end)

@@ -67,8 +67,7 @@ def hermite(
     limiter: Index, piecewise: Index,
 ) -> None:  # fmt: skip
     """Cubic or piecewise linear profile of values and slopes, with the limiters of the cubic.
-    `piecewise` is 0 for the cubic, 1 for the piecewise linear profile, 2 for its smoothed form.
-    """
+    `piecewise` is 0 for the cubic, 1 for the piecewise linear profile, 2 for its smoothed form."""
     feet = foot.feet
     size = update.size
     axis = update.axis

@@ -22,8 +22,7 @@ from skfem_adini.ground.jit import Array, Index, Real, kernel
 @kernel
 def locate(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Index, Real]:
     """The cell of the foot d cells from node i: left node, right node, local coordinate. Outside a
-    line that is not periodic the nearest end is taken.
-    """
+    line that is not periodic the nearest end is taken."""
     f = floor(d)
     s = d - f
     k = i + f
@@ -93,8 +92,7 @@ def tangents(a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real) -> tuple[Re
 @kernel
 def smoothed(a: Real, b: Real, va: Real, vb: Real, s: Real, width: Real) -> tuple[Real, Real]:
     """As `tangents`, with the smooth weights of King 2012, (2.18), signs corrected. The width of
-    the transition, c = 1e-6, has the unit of u for values and of u_x for slopes, as printed.
-    """
+    the transition, c = 1e-6, has the unit of u for values and of u_x for slopes, as printed."""
     c = 1e-6
     left = a + va * s
     right = b - vb * (1.0 - s)
@@ -107,11 +105,9 @@ def smoothed(a: Real, b: Real, va: Real, vb: Real, s: Real, width: Real) -> tupl
 
 @kernel
 def rational(a: Real, b: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
-    """Value and derivative in s of the rational profile; the cubic if the slopes agree in sign.
-
-    With p = va - d, q = vb - d, P = |p|, Q = |q|: :math:`a + d s + s (1-s) [p Q (1-s) - q P s] / [Q
-    (1-s) + P s]`, without cancellation of large numbers.
-    """
+    """Value and derivative in s of the rational profile, :math:`a + d s + s (1-s) [p Q (1-s) - q P
+    s] / [Q (1-s) + P s]`, p = va - d, q = vb - d, P = |p|, Q = |q|, without cancellation of large
+    numbers; the cubic if the slopes agree in sign."""
     d = b - a
     p = va - d
     q = vb - d
@@ -200,8 +196,7 @@ def around(
 @kernel
 def lagrange(m: Array, line: Line, moment: Index, k: Index, s: Real) -> tuple[Real, Real]:
     """Value and slope (per length) of the cubic through a moment at four nodes around a cell; `k`
-    is the left node of the cell, `s` in [0, 1] the local coordinate.
-    """
+    is the left node of the cell, `s` in [0, 1] the local coordinate."""
     base = moment + line.first
     stride = line.stride
     n0, n1, n2, n3, x0, x1, x2, x3 = around(line, k)

@@ -51,8 +51,7 @@ def adini_sum(
     u00: Real, jump: Edges, bubble: Edges, slope: Edges, a: Real, b: Real, s: Real, t: Real
 ) -> tuple[Real, Real, Real]:
     """Value and gradient of Adini's profile in a cell of widths a, b, from the value at its lower
-    left corner and, for each edge, the difference of end values, the bubble and its slope.
-    """
+    left corner and, for each edge, the difference of end values, the bubble and its slope."""
     d0 = jump.bottom
     d1 = jump.top
     e0 = jump.left

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from cip.grid import Grid
-from cip.profiles.catalogue import Line
-from cip.sensitivities.profile_derivatives import plain_kernels
+from cip.profiles.plain import slope_weights
 from cip.stages.stage import Stage
 
 Array = Any  # arrays of NumPy or CuPy
@@ -27,8 +26,7 @@ Array = Any  # arrays of NumPy or CuPy
 
 class Block:
     """A block of feet: number `number` of a stage, which moves the moments `rows`, with the
-    `components` of its feet among those of all blocks.
-    """
+    `components` of its feet among those of all blocks."""
 
     def __init__(self, stage: Stage, number: int, xp: Any = np) -> None:
         self.stage, self.number, self._xp = stage, number, xp
@@ -79,12 +77,11 @@ def blocks_of(stage: Stage, xp: Any = np) -> list[Block]:
 
 class NodeSlopes:
     """The slopes that csl4 takes from values and means along an axis, at all nodes, as a linear map
-    with transpose. Its weights are those of `slope_of` in `cip.profiles.conservative_kernels`,
-    plain Python, for one moment that is 1 and others 0."""
+    with transpose."""
 
     def __init__(self, grid: Grid, axis: int, xp: Any = np) -> None:
         self._grid, self._axis, self._xp = grid, axis, xp
-        place, weights = _weights(grid, axis)
+        place, weights = slope_weights(grid, axis)
         forward = [_Rows(place[:3], weights[:3]), _Rows(place[:2], weights[3:])]
         self._forward = [rows.on(xp) for rows in forward]
         self._backward = [rows.transposed().on(xp) for rows in forward]
@@ -132,25 +129,6 @@ class _Rows:
         return _Rows(place, weight)
 
 
-def _weights(grid: Grid, axis: int) -> tuple[Array, Array]:
-    """For each node the three nodes of its quartic, shape (3, nodes), and the weights of its
-    moments, shape (5, nodes). The cells of the quartic begin at the first two of the nodes.
-    """
-    nodes, moments = 3, 5  # values at the nodes and means of the cells between
-    n, widths = grid.nodes[axis], grid.widths[axis]
-    node = np.arange(n)
-    first = node - 1 if grid.periodic[axis] else np.clip(node - 1, 0, n - nodes)
-    place = (first + np.arange(nodes)[:, None]) % n
-    slope_of, weights = plain_kernels()["slope_of"], np.empty((moments, n))
-    for role in range(nodes):
-        own = node - first == role
-        line = Line(widths[place[:2, own]], 0, 1, nodes, 0)
-        for q in range(moments):
-            unit = [float(p == q) for p in range(moments)]
-            weights[q, own] = slope_of(unit, line, 0, nodes, role)
-    return place, weights
-
-
 def mean_changes(grid: Grid, axis: int, change: Array, xp: Any = np) -> Array:
     """The change of all new means for changes of the integrals L, both of shape (nodes,)."""
     along = change.reshape(grid.nodes)
@@ -167,8 +145,7 @@ def add_whole_cells(
     grid: Grid, axis: int, pairs: tuple[Array, Array], weight: Array, back: Array
 ) -> None:
     """Add to weights of the old means, `back`, the contributions of whole cells to the new ones,
-    whose weights are `weight`; both have shape (nodes,), `pairs` come from `whole_cells`.
-    """
+    whose weights are `weight`; both have shape (nodes,), `pairs` come from `whole_cells`."""
     owner, whole = pairs
     given = np.bincount(whole, per_width(grid, axis, weight)[owner], grid.size)
     back += _times(grid, axis, given, _widths(grid, axis))
@@ -176,8 +153,7 @@ def add_whole_cells(
 
 def whole_cells(grid: Grid, axis: int, displacement: Array, xp: Any = np) -> tuple[Array, Array]:
     """All pairs of a new cell and a whole old cell that its mean contains. The displacement, shape
-    (nodes,), from each node to its foot is in cells.
-    """
+    (nodes,), from each node to its foot is in cells."""
     n, cells = grid.nodes[axis], grid.cells[axis]
     lines = xp.moveaxis(xp.arange(grid.size).reshape(grid.nodes), axis, -1).reshape(-1, n)
     ends = xp.floor(xp.moveaxis(displacement.reshape(grid.nodes), axis, -1).reshape(-1, n))

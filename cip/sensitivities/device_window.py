@@ -31,18 +31,13 @@ class DeviceWindow(Window):
     """As `Window`, with CuPy vectors; derivatives of inflow are computed on the host."""
 
     def __init__(self, engine: Any, *arguments: Any) -> None:
+        from cupyx.scipy.sparse.linalg import LinearOperator
+
         super().__init__(*arguments)
-        self._xp, self._engine = engine.xp, engine
+        self._xp, self._engine, self._kind = engine.xp, engine, LinearOperator
         self._stages: dict[int, DeviceAdjoint] = {}
         self._pushes: dict[Stage, DevicePush] = {}
         self._orders: dict[Any, Any] = {}
-
-    def _linear(self, tangent: Any, adjoint: Any, columns: int) -> Any:
-        """A linear operator of CuPy."""
-        from cupyx.scipy.sparse.linalg import LinearOperator
-
-        shape = (self._start.data.size, columns)
-        return LinearOperator(shape, tangent, rmatvec=adjoint, dtype=np.float64)
 
     def _on_device(self, n: int) -> DeviceAdjoint:
         stage = self._moves[n].stage
@@ -95,8 +90,7 @@ def push_all(stage: Stage, index: str) -> str:
 
 def tangent_all(stage: Stage, source: str, index: str) -> str:
     """CUDA C of the kernel ``run(lines..., t, step, count, values, out)``: `tangent` of all nodes,
-    whose `source` is that of `cip.sensitivities.path_tangent.tangent_source`.
-    """
+    whose `source` is that of `cip.sensitivities.path_tangent.tangent_source`."""
     grid = stage.grid
     x, lines = point_of(grid)
     body = [
@@ -314,13 +308,10 @@ def unwind_all(stage: Stage, count: int, index: str) -> str:
 
 
 class DeviceAdjoint:
-    """The transposed steps of a stage on the device of an engine, whose sums have a fixed order.
-
-    Each node writes what it contributes to the moments at the corners of its foot's cell; then each
-    node sums the contributions of the feet in the cells around it, in the order of their nodes,
-    which are sorted by the cells of their feet. No two threads add to the same number, so the
-    result does not depend on their schedule.
-    """
+    """The transposed steps of a stage on the device of an engine. Each node writes what it gives to
+    the moments at the corners of its foot's cell; then each node sums what the feet in the cells
+    around it give, sorted by their cells and nodes. No two threads add to the same number, so the
+    result does not depend on their schedule."""
 
     def __init__(self, engine: Any, stage: Stage) -> None:
         import cupy
@@ -372,8 +363,7 @@ class DeviceAdjoint:
 
     def _order(self, cells: Array, feet: Array) -> tuple[Array, ...]:
         """Nodes sorted by the cells of their feet and where each cell begins among them; for
-        conservative profiles also the new cells sorted by the whole old ones in them.
-        """
+        conservative profiles also the new cells sorted by the whole old ones in them."""
         xp, size = self._xp, self._size
         keys = xp.sort(cells.astype(np.int64) * size + xp.arange(size))
         starts = xp.searchsorted(keys, xp.arange(size + 1, dtype=np.int64) * size)

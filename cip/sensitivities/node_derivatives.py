@@ -50,8 +50,7 @@ def _corner(*sides: int) -> str:
 
 def _beginning(update: Traced, used: set[str]) -> list[str]:
     """Code that locates the foot and reads its components and the old moments that are `used`. The
-    widths of its cell are called h0 and h1.
-    """
+    widths of its cell are called h0 and h1."""
     code = []
     for axis, line in enumerate("xy"[: update.dim]):
         displacement = f"feet[{axis} * stride + first]"

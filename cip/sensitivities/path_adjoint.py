@@ -26,7 +26,6 @@ import numpy as np
 from cip.characteristics.flow_derivatives import Jet, System
 from cip.engines.cpu_loops import address, kernel_of, share
 from cip.engines.path_kernel import PATH, kinds
-from cip.engines.snapshot_kernel import with_names
 from cip.formulas.expression import (
     COORDINATES,
     RULES,
@@ -35,9 +34,12 @@ from cip.formulas.expression import (
     gradient,
     numpy_function,
     ordered,
+    rows_of,
     statements,
     variable,
+    with_names,
 )
+from cip.formulas.formula import functions_of
 from cip.formulas.snapshots import snapshots_of
 from cip.sensitivities.blocks import blocks_of
 from cip.sensitivities.path_tangent import Sums, component
@@ -83,8 +85,7 @@ def _pulled(
     system: System, parameters: tuple[str, ...], sums: tuple[Expression, ...] = ()
 ) -> list[Expression]:
     """``f_y^T b`` for all unknowns, then ``f_p^T b``, with b in variables b0, b1, ..., and last the
-    derivatives in `sums`, nodes of the rates.
-    """
+    derivatives in `sums`, nodes of the rates."""
     total = constant(0.0)
     for q, rate in enumerate(system.rates):
         total = total + variable(f"b{q}") * rate
@@ -109,9 +110,7 @@ def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: A
     sums = Sums(stage)
     pulled = _pulled(system, sums.others, sums.nodes)
     steps = (*stage.grid.spacing, *([1.0] * (3 - stage.grid.dim)), 1.0)
-    functions: dict[str, Any] = {}
-    for formula in stage.velocity:
-        functions.update(formula.functions([*system.rates, *pulled], steps))
+    functions = functions_of(stage.velocity, [*system.rates, *pulled], steps)
     arguments = [*COORDINATES, *jets]
     backward = [*arguments, *(f"b{q}" for q in range(len(jets)))]
     rates = numpy_function(system.rates, arguments, functions)
@@ -129,7 +128,7 @@ def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: A
         for n in range(count):
             y, stages = run.forward(y, n)
             trail.append(stages)
-        slopes = _rows(seed(*y, *g[:, part]), y.shape)
+        slopes = rows_of(seed(*y, *g[:, part]), y.shape[1:])
         for n in range(count - 1, -1, -1):
             slopes, more = run.backward(slopes, trail[n], n)
             found += more
@@ -149,19 +148,20 @@ class _Chunk:
         k, total, stages = np.zeros_like(y), np.zeros_like(y), []
         for s in range(4):
             stages.append(y + PATH.shift[s] * self.step * k)
-            k = _rows(self.rates(*self._point(stages[s], n, s), *stages[s]), y.shape)
+            k = rows_of(self.rates(*self._point(stages[s], n, s), *stages[s]), y.shape[1:])
             total += PATH.weight[s] * k
         return y + self.step / 6.0 * total, stages
 
     def backward(self, slopes: Any, stages: list[Any], n: int) -> tuple[Any, Any]:
         """Derivatives with respect to the unknowns before a sub-step, and to the parameters."""
-        found, total, v = np.zeros(len(self.system.parameters)), 0.0, np.zeros_like(slopes)
+        found, v = np.zeros(len(self.system.parameters)), np.zeros_like(slopes)
+        total = np.zeros_like(slopes)
         for s in (3, 2, 1, 0):
             later = PATH.shift[s + 1] * self.step * v if s < 3 else 0.0
             b = self.step / 6.0 * PATH.weight[s] * slopes + later
             point = self._point(stages[s], n, s)
             values = self.pull(*point, *stages[s], *b)
-            v = _rows(values[: len(b)], slopes.shape)
+            v = rows_of(values[: len(b)], slopes.shape[1:])
             self.sums.add(found, point, values[len(b) :], b.shape[1:])
             total = total + v
         return slopes + total, found
@@ -171,13 +171,6 @@ class _Chunk:
         point = [x + y[place[axis]] if axis in place else x for axis, x in enumerate(self.base)]
         point += [np.zeros(())] * (3 - len(point))
         return [*point, self.t_end - n * self.step - PATH.shift[s] * self.step]
-
-
-def _rows(values: Any, shape: tuple[int, ...]) -> Any:
-    found = np.empty(shape)
-    for row, value in zip(found, values, strict=True):
-        row[:] = value
-    return found
 
 
 @_once_a_system

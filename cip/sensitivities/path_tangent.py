@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cip.characteristics.feet import integrate
-from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System, exponential
 from cip.engines.path_kernel import rate_function, runge_kutta
 from cip.formulas.expression import (
     COORDINATES,
@@ -27,6 +27,7 @@ from cip.formulas.expression import (
     linear,
     numpy_function,
     ordered,
+    rows_of,
     statements,
     variable,
 )
@@ -42,8 +43,7 @@ _COMPILE_FROM = 20_000
 
 class Directional(System):
     """A system together with the changes of its unknowns along a direction of its parameters. The
-    changes are further `jets`, with component 4 + number, and further `parameters`.
-    """
+    changes are further `jets`, with component 4 + number, and further `parameters`."""
 
     def __init__(self, system: System) -> None:
         self.moving, self._evaluator = system.moving, None
@@ -71,8 +71,7 @@ class Directional(System):
 
 def _along(value: Expression, moves: dict[str, str]) -> Expression:
     """The derivative along the variables that are the changes of others. Coefficients of sums occur
-    nowhere else, so the changes of all of them make one sum.
-    """
+    nowhere else, so the changes of all of them make one sum."""
     sums = [node for node in ordered([value]) if node.op == "linear"]
     coefficients = {one.value for node in sums for one in node.args}
     total = constant(0.0)
@@ -89,11 +88,8 @@ def component(jet: Jet) -> Expression:
     if jet.component < 3:
         return variable(jet.name)
     E = apply("exp", variable(LOG_DETERMINANT.name))
-    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
-    first = [variable(LOG_DETERMINANT.along(axis).name) for axis in axes]
-    if not axes:
-        return E
-    return E * first[0] if len(axes) == 1 else E * (variable(jet.name) + first[0] * first[1])
+    found: Expression = exponential(jet, lambda one: variable(one.name), E)
+    return found
 
 
 def tangent_source(system: Directional, wanted: tuple[Jet, ...]) -> str:
@@ -157,21 +153,10 @@ class PathTangent:
 
     def _by_kernel(self, block: Block, feet: StageFeet, values: Array, out: Array) -> None:
         """The changes for formulas on many nodes."""
-        from cip.engines import cpu_loops
-        from skfem_adini.ground.jit import loop_over
+        from cip.engines.cpu_loops import follow_all, kernel_of
 
-        stage, size = self._stage, self._stage.grid.size
-        kernel = cpu_loops.kernel_of(self.source)
-        run = loop_over(cpu_loops.run_feet, path=kernel)
-        points: list[Any] = [np.ascontiguousarray(x.ravel()) for x in stage.points(block.bits)]
-        x, y, z = points + [np.zeros(size)] * (3 - stage.grid.dim)
-        paths = tuple(cpu_loops.Paths(x, y, z, feet.t_end, *self._step(block, feet), values))
-        said, flat = np.empty(size, np.int64), out.reshape(-1)
-
-        def work(start: int, stop: int) -> None:
-            run(start, stop, flat, said, paths, size, len(out))
-
-        cpu_loops.share(work, size, size)
+        given = feet.t_end, *self._step(block, feet), values, out.reshape(-1)
+        follow_all(kernel_of(self.source), self._stage, block.bits, *given)
 
     def _by_numpy(self, block: Block, feet: StageFeet, direction: Array) -> Array:
         """The changes for velocities known by their values, and for few nodes."""
@@ -188,10 +173,7 @@ class PathTangent:
         changes = numpy_function(
             [system.change(jet) for jet in stage.jets], [jet.name for jet in system.jets]
         )
-        found = np.empty((len(stage.jets), stage.grid.size))
-        for row, value in zip(found, changes(*jets.values()), strict=True):
-            row[:] = value
-        return found
+        return rows_of(changes(*jets.values()), (stage.grid.size,))
 
 
 # Prefix of the names of sums of changes.
@@ -200,11 +182,9 @@ _CHANGE = "d_"
 
 class Sums:
     """The sums of splines in the rates of a stage, whose coefficients are parameters: `nodes` are
-    their derivatives in the coordinates, `others` the parameters that are no coefficients.
-
-    The reverse code gives the derivative in the value of a sum, and the values of the splines at
-    the points carry it to all coefficients at once, direction by direction.
-    """
+    their derivatives in the coordinates, `others` the parameters that are no coefficients. Reverse
+    code gives the derivative in the value of a sum, the values of the splines carry it to all
+    coefficients at once, direction by direction."""
 
     def __init__(self, stage: Stage) -> None:
         system = stage.system
@@ -236,8 +216,7 @@ def functions_along(
     stage: Stage, rates: Sequence[Expression], numbers: Mapping[str, Any]
 ) -> dict[str, Any]:
     """The functions of the sums from `changed` in some rates, by their names in code; `numbers` are
-    the changes of the coefficients by their variables.
-    """
+    the changes of the coefficients by their variables."""
     found = {}
     for node in ordered(list(rates)):
         if node.op != "linear" or not node.value[0].startswith(_CHANGE):

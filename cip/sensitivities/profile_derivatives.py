@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from types import FunctionType
-from typing import Any
 
 import numpy as np
 
@@ -27,6 +25,7 @@ from cip.profiles.catalogue import (
     moments,
     plane_jets,
 )
+from cip.profiles.plain import plain_kernels
 
 # Nodes of the grid on which a kernel is traced, in its first cell: their numbers differ, so that
 # the kernel's calls tell the directions.
@@ -158,8 +157,7 @@ def _outputs(profile: str, advect: bool, dim: int) -> list[Expression]:
 
 def _conservative(name: str, carried: bool, line: Line) -> list[Expression]:
     """The new value (and slope if it is `carried`) and, for the mean, the integral up to the foot,
-    from which `cip.sensitivities.blocks` obtains the means.
-    """
+    from which `cip.sensitivities.blocks` obtains the means."""
     quartic, size, foot = name == "csl4", line.n, _Symbols("f")
     means = Means(0, size, (1 + quartic) * size, int(quartic))
     value, slope, mass = plain_kernels()["profile"](
@@ -168,22 +166,3 @@ def _conservative(name: str, carried: bool, line: Line) -> list[Expression]:
     J = foot[1]
     slopes = [J * J * slope + foot[2] * value] if carried else []
     return [J * value, *slopes, mass]
-
-
-def plain_kernels() -> dict[str, Any]:
-    """The kernels by name, as plain Python functions that call one another."""
-    from cip.profiles import (
-        conservative_kernels,
-        conservative_profiles,
-        line_kernels,
-        line_profiles,
-        plane_kernels,
-    )
-
-    names: dict[str, Any] = {}
-    modules = (line_profiles, line_kernels, plane_kernels, conservative_profiles)
-    for module in (*modules, conservative_kernels):
-        for name, value in vars(module).items():
-            plain = getattr(value, "py_func", None)
-            names[name] = value if plain is None else FunctionType(plain.__code__, names, name)
-    return names

@@ -15,19 +15,24 @@ from typing import Any
 
 import numpy as np
 
-from cip.characteristics.feet import Exits, time_scale
+from cip.characteristics.feet import Exits, functions_at
 from cip.engines.path_kernel import PATH
-from cip.formulas.expression import COORDINATES, Expression, constant, numpy_function, variable
+from cip.formulas.expression import (
+    COORDINATES,
+    Expression,
+    constant,
+    numpy_function,
+    rows_of,
+    variable,
+)
+from cip.grid import Array
 from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.walls import CLOCKS, GAUSS_TIMES, Spread, WallMoments
-
-Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class WallDerivatives:
     """The derivatives of `Stage.corrections` in the stage's `wall_parameters`. Their formulas are
-    derived once for each wall and serve all steps.
-    """
+    derived once for each wall and serve all steps."""
 
     def __init__(self, stage: Stage) -> None:
         self._stage, self._steps = stage, _Steps(stage)
@@ -35,8 +40,7 @@ class WallDerivatives:
 
     def of(self, feet: StageFeet) -> list[Correction]:
         """The corrections' derivatives of a step, with values of shape (parameters, places); the
-        feet have their numbers of sub-steps.
-        """
+        feet have their numbers of sub-steps."""
         stage, found = self._stage, list[Correction]()
         if not feet.bounded or not stage.wall_parameters:
             return []
@@ -124,7 +128,7 @@ class _Wall:
         """Derivatives of the new moments, shape (moments, parameters, paths)."""
         t = paths.feet.t_end - paths.ages
         rows = paths.along(self._moments, paths.spread, t, paths.slopes[-1])
-        return _rows(rows, paths.slopes.shape[1:])
+        return rows_of(rows, paths.slopes.shape[1:])
 
     def flux(self, paths: _Paths) -> Array:
         """Derivatives of the integral of the influx until each path begins."""
@@ -180,13 +184,9 @@ class _Steps:
     def _rates(self, t: float) -> tuple[Any, Any]:
         """The rates and their changes; steps of difference quotients depend on the time t."""
         if self._functions is None or not self._exact:
-            stage, rates, changes = self.stage, self.system.rates, self._changes
-            clock = 1.0 if self._exact else time_scale(stage.grid, stage.velocity, t)
-            steps = (*stage.grid.spacing, *([1.0] * (3 - stage.grid.dim)), clock)
-            functions: dict[str, Any] = {}
-            for c in stage.velocity:
-                functions.update(c.functions([*rates, *changes], steps))
-            names, more = self._arguments
+            rates, changes = self.system.rates, self._changes
+            nodes, (names, more) = [*rates, *changes], self._arguments
+            functions = functions_at(self.stage.grid, self.stage.velocity, nodes, t)
             self._functions = (
                 numpy_function(rates, names, functions),
                 numpy_function(changes, more, functions),
@@ -195,8 +195,7 @@ class _Steps:
 
     def exit_derivatives(self, feet: StageFeet, block: int, exits: Exits, substeps: int) -> Array:
         """Derivatives in the parameters of the unknowns on the wall and, last, of the time there,
-        shape (unknowns + 1, parameters, paths).
-        """
+        shape (unknowns + 1, parameters, paths)."""
         system, length = self.system, feet.t_end - feet.t_start
         base = [x.ravel()[exits.nodes] for x in self.stage.points(block)]
         functions, step = self._rates(feet.t_end), length / substeps
@@ -233,10 +232,9 @@ class _Steps:
             d_at = slopes + shift * (change * k[:, None] + own * dk)
             point, moves = self._point(base, at, d_at)
             t = begin - shift * own
-            k = _rows(rates(*point, t, *at), y.shape[1:])
-            dk = _rows(
-                changes(*point, t, *at, *moves, -shift * change, *d_at, *units), slopes.shape[1:]
-            )
+            k = rows_of(rates(*point, t, *at), y.shape[1:])
+            moved = changes(*point, t, *at, *moves, -shift * change, *d_at, *units)
+            dk = rows_of(moved, slopes.shape[1:])
             total, d_total = total + weight * k, d_total + weight * dk
         return y + own / 6.0 * total, slopes + (change * total[:, None] + own * d_total) / 6.0
 
@@ -251,10 +249,3 @@ class _Steps:
 def _units(count: int, more: int = 0) -> list[Array]:
     """The unit vectors of the parameters, each followed by `more` zeros."""
     return list(np.eye(count, count + more)[:, :, None])
-
-
-def _rows(values: Sequence[Any], shape: tuple[int, ...]) -> Array:
-    found = np.empty((len(values), *shape))
-    for row, value in zip(found, values, strict=True):
-        row[:] = value
-    return found

@@ -30,6 +30,7 @@ from cip.sensitivities.wall_derivatives import WallDerivatives
 from cip.sources.reaction import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.state import State, state_of
+from skfem_adini.ground.arguments import integer
 from skfem_adini.ground.arrays import host
 
 Array = Any  # arrays of NumPy or CuPy
@@ -66,6 +67,8 @@ class Window:
     """The derivative of a run's last state in the first one and in the parameters. The adjoint
     recomputes states between checkpoints, `every` moves apart. ``advance(n, state)`` makes move n,
     for a change of the state if a third argument is True; ``feet(n)`` are its feet."""
+
+    _kind: Any = LinearOperator
 
     def __init__(
         self,
@@ -125,7 +128,7 @@ class Window:
 
     def _linear(self, tangent: Any, adjoint: Any, columns: int) -> Any:
         shape = (self._start.data.size, columns)
-        return LinearOperator(shape, tangent, rmatvec=adjoint, dtype=np.float64)
+        return self._kind(shape, tangent, rmatvec=adjoint, dtype=np.float64)
 
     def _key(self, n: int) -> Any:
         """Moves with the same key have the same feet where the velocity is steady."""
@@ -194,8 +197,7 @@ class Window:
         self, n: int, state: State, direction: Array, known: dict[Any, Array]
     ) -> Array | None:
         """The change of the moments after move n for a change of all parameters; None for none.
-        `known` holds the changes of the feet of a steady velocity.
-        """
+        `known` holds the changes of the feet of a steady velocity."""
         own, on_walls = direction[self._columns[n]], direction[self._wall_columns[n]]
         if not (own.any() or on_walls.any()):
             return None
@@ -395,12 +397,7 @@ def check_differentiable(profile: str, limiter: str | None) -> None:
 
 def checkpoint_distance(steps: int, checkpoints: int | None, state: int) -> int:
     """Steps between checkpoints. By default every state is kept if all of them, of `state` bytes
-    each, take at most `KEPT` bytes; otherwise about the square root of the number of steps.
-    """
+    each, take at most `KEPT` bytes; otherwise about the square root of the number of steps."""
     if checkpoints is None:
         return 1 if steps * state <= KEPT else max(1, int(np.ceil(np.sqrt(steps))))
-    if isinstance(checkpoints, bool) or not isinstance(checkpoints, int | np.integer):
-        raise InputError(f"checkpoints: expected a positive number, got {checkpoints!r}")
-    if checkpoints < 1:
-        raise InputError(f"checkpoints: expected a positive number, got {checkpoints!r}")
-    return max(1, -(-steps // int(checkpoints)))
+    return max(1, -(-steps // integer("checkpoints", checkpoints, 1)))

@@ -68,10 +68,10 @@ def steps_to(start: State, times: list[float], dt: float) -> list[tuple[float, f
         plan.append((state.t, length))
         return state
 
-    repeat(
-        start, times[-1], dt, times, None, False, advance, lambda state: state,
-        lambda states, interrupted: states,
-    )  # fmt: skip
+    def same(state: Any, *_: Any) -> Any:
+        return state
+
+    repeat(start, times, dt, None, False, advance, same, same)
     return plan
 
 
@@ -83,8 +83,7 @@ def around(stages: list[Move], solver: Any, t: float, dt: float) -> list[Move | 
 
 class Replay:
     """Repeats the stages of a run's steps `plan`, a list of (t, dt), with the original sub-steps;
-    `moves` are the stages of all steps in order, between the halves of sources and decay.
-    """
+    `moves` are the stages of all steps in order, between the halves of sources and decay."""
 
     def __init__(self, solver: Any, plan: list[tuple[float, float]]) -> None:
         self.solver = solver
@@ -99,8 +98,7 @@ class Replay:
 
     def keep_feet(self, least: int) -> None:
         """Store the feet of the last moves that were advanced, as they cost as much as a run: as
-        many as take at most `KEPT` bytes, and at least those of `least` moves.
-        """
+        many as take at most `KEPT` bytes, and at least those of `least` moves."""
         components = max(len(stage.blocks) * len(stage.jets) for stage in self.solver._stages)
         size = components * self.solver.grid.size * 8
         self._kept = max(least, KEPT // size)

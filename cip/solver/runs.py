@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from cip.solver.scheme import (
 from cip.solver.time_loop import checked_callback, output_times, run, step_length
 from cip.sources.diffusion import diffusion as spread
 from cip.sources.kinetics import Kinetics, kinetics
-from cip.sources.reaction import Reaction, reaction
+from cip.sources.reaction import Reaction
 from cip.stages.state import State
 from skfem_adini.ground.arguments import flag, keywords_named, real_number
 
@@ -44,6 +45,7 @@ class Runs(Parametrised):
     _kind = "solver"
     _kernels: Any
     _sea: Any = None
+    _boundary: Any = None
     grid: Any
     velocity: Any
     form: Form
@@ -82,7 +84,9 @@ class Runs(Parametrised):
         """Source with decay of a field, all that acts beside the transport, and its bounds."""
         xp = self._kernels.xp
         source, decay = of_field(self.source, field), of_field(self.decay, field)
-        made = reaction(self.grid, self.profile, source, decay, xp)
+        made = None
+        if source is not None or decay is not None:
+            made = Reaction(self.grid, self.profile, source, decay, xp)
         spreads = self._spread(of_field(self.diffusion, field))
         bounds = (self.limiter == "bounds" and of_field(self.bounds, field)) or (-np.inf, np.inf)
         return made, [one for one in (made, spreads) if one is not None], bounds
@@ -100,22 +104,22 @@ class Runs(Parametrised):
         return self._kinetics[fields]
 
     def _arguments(self, boundary: Any) -> tuple[Any, ...]:
-        """The arguments of the constructor, from which a copy is made."""
-        raise NotImplementedError
+        """Arguments of the constructor, from the attributes of their names, to make a copy."""
+        given = vars(self) | {"boundary": boundary, "sphere": self.grid}
+        return tuple(given[name] for name in signature(type(self)).parameters)
 
     def _portable(self) -> tuple[Any, ...]:
         """The same as they can be pickled."""
-        return self._arguments(getattr(self, "_boundary", None))
+        return self._arguments(self._boundary)
 
     def __reduce__(self) -> Any:
         return type(self), self._portable()
 
     def _with(self, values: dict[str, float]) -> Any:
-        own = self._arguments(getattr(self, "_boundary", None))
-        return type(self)(*(with_values(one, values) for one in own))
+        return type(self)(*(with_values(one, values) for one in self._arguments(self._boundary)))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Any:
-        return type(self)(*deepcopy(self._arguments(getattr(self, "_boundary", None)), memo))
+        return type(self)(*deepcopy(self._arguments(self._boundary), memo))
 
     def _scheme(self, fields: tuple[str, ...]) -> Scheme:
         """The stages for a state of these fields, and what holds for each of them."""
@@ -252,7 +256,7 @@ class Runs(Parametrised):
 
         loop = (advance, self._begin, record, self._memory_at, recorder)
         change_all = None if change is None else counted
-        return run(state, t_end, length, snapshots, change_all, progress, *loop)
+        return run(state, times, length, change_all, progress, *loop)
 
     def _tallies(self, state: State, recorder: Recorder) -> list[Tally]:
         """What counts the integral of each field, from where a resumed run was; none for profiles

@@ -11,7 +11,7 @@ from cip.engines.engine import Engine
 from cip.errors import InputError, NotSupported
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
-from cip.grid import Grid, Sphere
+from cip.grid import Grid, Sphere, same_grid
 from cip.output.budget import Tally
 from cip.profiles.catalogue import CONSERVATIVE, LIMITER_CODES, LIMITERS, PLANE, moments
 from cip.sources.kinetics import Kinetics
@@ -20,7 +20,7 @@ from cip.stages.coast import Coast, coast_of
 from cip.stages.stage import Stage, stages
 from cip.stages.state import State, state_of
 from cip.stages.walls import Wall, closed_walls
-from skfem_adini.ground.arguments import real_array, real_number
+from skfem_adini.ground.arguments import choice, real_array, real_number
 
 
 class Rule(NamedTuple):
@@ -142,8 +142,7 @@ def _mixed(
 
 def parameters_of(velocity: Any, source: Any, decay: Any, boundary: Any) -> dict[str, float]:
     """The values of all parameters of the solver's arguments, in order. Raises `InputError` for two
-    values of one name, since code takes one name for one parameter.
-    """
+    values of one name, since code takes one name for one parameter."""
     found: dict[str, float] = {}
     first: dict[str, str] = {}
     functions = {"velocity": velocity, "source": source, "decay": decay, "boundary": boundary}
@@ -201,7 +200,7 @@ def check_choices(
     if limiter is not None and limiter not in LIMITERS[profile]:
         allowed = ", ".join(LIMITERS[profile]) or "no limiter"
         raise InputError(f"limiter: {limiter!r} does not fit {profile!r}, which takes {allowed}")
-    if splitting is not None and not _is(splitting, "strang"):
+    if splitting is not None and not (isinstance(splitting, str) and splitting == "strang"):
         raise InputError(f"splitting: expected None or 'strang', got {splitting!r}")
     if profile in PLANE and splitting is not None:
         raise InputError(f"splitting: {profile!r} is direct; pass splitting=None")
@@ -210,26 +209,13 @@ def check_choices(
             f"form: {profile!r} conserves the integral and so needs form='advection' "
             "(the same equation where div c = 0)"
         )
-    if not _is(backend, "cpu", "cupy"):
-        raise InputError(f"backend: expected 'cpu' or 'cupy', got {backend!r}")
-
-
-def _is(value: Any, *names: str) -> bool:
-    return isinstance(value, str) and value in names
+    choice("backend", backend, ("cpu", "cupy"))
 
 
 def form_of(form: Any) -> Form:
     """The equation of this name."""
-    forms: dict[Any, Form] = {
-        "transport": "transport",
-        "advective": "transport",
-        "advection": "advection",
-        "conservative": "advection",
-    }
-    found = forms.get(form) if isinstance(form, str) else None
-    if found is None:
-        raise InputError(f"form: expected one of {', '.join(forms)}, got {form!r}")
-    return found
+    names = ("transport", "advective", "advection", "conservative")
+    return "transport" if choice("form", form, names) in names[:2] else "advection"
 
 
 def bounds_of(bounds: Any) -> tuple[float, float]:
@@ -296,9 +282,5 @@ def check_state(
                 raise InputError(
                     f"{argument}: {name!r} is no {wall}field of the state, which has {known}"
                 )
-    if state.grid is not grid and (
-        state.grid.nodes != grid.nodes
-        or state.grid.periodic != grid.periodic
-        or any(not np.array_equal(a, b) for a, b in zip(state.grid.edges, grid.edges, strict=True))
-    ):
+    if not same_grid(state.grid, grid):
         raise InputError(f"state: it lives on {state.grid}, the solver on {grid}")

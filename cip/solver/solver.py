@@ -17,7 +17,7 @@ from cip.errors import InputError, LeftDomain, NotSupported
 from cip.formulas.formula import Formula
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.velocity import Velocity, check_periodic
-from cip.grid import Grid
+from cip.grid import Grid, check_grid, wall_name
 from cip.output.budget import Tally
 from cip.output.trajectory import Trajectory
 from cip.profiles.catalogue import LINE, moments
@@ -200,8 +200,7 @@ class Solver(Runs):
         land: Any = None,
         foot_tolerance: float | None = None,
     ) -> None:
-        if not isinstance(grid, Grid):
-            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        check_grid(grid)
         self.grid = grid
         self.velocity = velocity if isinstance(velocity, Velocity) else Velocity(velocity)
         self.form: Form = form_of(form)
@@ -267,22 +266,13 @@ class Solver(Runs):
         fixed = slopes and self.grid.dim > 1 and self.profile in LINE
         if fixed:
             check_split(data, self.form == "advection", self.profile)
-        inflow = {f"{'xyz'[axis]}{'-+'[side]}": one for (axis, side), one in data.items()}
+        inflow = {wall_name(*wall): one for wall, one in data.items()}
         if self.land is not None and len(acting) > (made is not None):
             raise NotSupported("diffusion: it would cross land; leave one of both away")
         return Rule(acting, reacted(data, made, fixed), inflow, bounds)
 
     def _portable(self) -> tuple[Any, ...]:
         return self._arguments(portable_boundary(self._boundary, self.grid))
-
-    def _arguments(self, boundary: Any) -> tuple[Any, ...]:
-        """The arguments of the constructor, from which a copy is made."""
-        return (
-            self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
-            boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
-            self.store_feet, self.source, self.decay, self.diffusion, self.reactions, self.land,
-            self.foot_tolerance,
-        )  # fmt: skip
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
         """`State.from_function` with the grid, profile and precision of this solver.
@@ -413,8 +403,7 @@ class Solver(Runs):
 
     def _check_times(self, state: State, end: float) -> None:
         """Raise `InputError` if velocity or sources are not known until `end`, or if data on walls
-        leave the bounds of the limiter then.
-        """
+        leave the bounds of the limiter then."""
         super()._check_times(state, end)
         rules, winds = self._scheme(state.fields).rules, snapshots_of(self._formulas)
         if winds is not None:

@@ -23,9 +23,8 @@ _log = logging.getLogger(__name__)
 
 def run(
     state: State,
-    t_end: float,
+    times: Sequence[float],
     dt: float,
-    snapshots: int | Sequence[float] | None,
     callback: Callable[[State], State] | None,
     progress: bool,
     advance: Callable[[State, float], State],
@@ -34,11 +33,10 @@ def run(
     remember: Callable[[State], Any] = lambda state: None,
     recorder: Recorder | None = None,
 ) -> Record:
-    """Step from one output time to the next; see `Solver.run`. ``advance(state, dt)`` makes a step,
-    `place` copies the first state to its memory, ``record(snapshots, interrupted)`` makes the
+    """Step from one of the output `times` to the next; ``advance(state, dt)`` makes a step, `place`
+    copies the first state to its memory, ``record(snapshots, interrupted)`` makes the
     result, which a `CipError` of a step carries as ``trajectory``. ``remember(state)`` is what a
     run that begins with a snapshot needs to know. Snapshots in the recorder are not made again."""
-    times = output_times(state.t, t_end, snapshots)
     no_step = _no_step(state.t, times[-1], dt)
     counts = [
         max(1, int(np.ceil((target - start) / dt - no_step)))
@@ -113,8 +111,7 @@ def checked_callback(
     callback: Any, accept: Callable[[State], Any], place: Callable[[State], State]
 ) -> Callable[[State], State] | None:
     """The callback of a run as a function that returns the next step's state. `accept` raises
-    `InputError` for a state that the solver cannot take; `place` copies one to its memory.
-    """
+    `InputError` for a state that the solver cannot take; `place` copies one to its memory."""
     if callback is None:
         return None
     if not callable(callback):

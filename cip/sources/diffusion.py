@@ -212,23 +212,18 @@ def diffusion(grid: GridLike, profile: str, value: Any, limited: bool, xp: Any) 
     coefficients that are negative, `NotSupported` on grids that are not uniform."""
     if value is None:
         return None
-    if isinstance(grid, Sphere):
-        given = real_array("diffusion: expected a number", value)
-        if given.shape not in ((), (1,)) or not 0.0 <= given.sum() < np.inf:
-            raise InputError(f"diffusion: expected a number >= 0, length^2 / time, got {value!r}")
-        rate = float(given.sum())
-        return SphereDiffusion(grid, profile, (rate,), limited, xp) if rate else None
+    kind, count = (SphereDiffusion, 1) if isinstance(grid, Sphere) else (Diffusion, grid.dim)
     found = real_array("diffusion: expected a number, or one for each direction", value)
-    if found.shape not in ((), (grid.dim,)) or not np.isfinite(found).all() or (found < 0.0).any():
+    if found.shape not in ((), (count,)) or not np.isfinite(found).all() or (found < 0.0).any():
         raise InputError(
-            f"diffusion: expected a number >= 0, or {grid.dim} of them, in length^2 / time, got "
+            f"diffusion: expected a number >= 0, or {count} of them, in length^2 / time, got "
             f"{value!r}"
         )
-    rates = tuple(float(rate) for rate in np.broadcast_to(found, (grid.dim,)))
+    rates = tuple(float(rate) for rate in np.broadcast_to(found, (count,)))
     for axis, rate in enumerate(rates):
         if rate and not grid.uniform[axis]:
             raise NotSupported(
                 f"diffusion: the grid is not uniform in {AXES[axis]}; take a uniform grid, or 0 "
                 "for that direction"
             )
-    return Diffusion(grid, profile, rates, limited, xp) if any(rates) else None
+    return kind(grid, profile, rates, limited, xp) if any(rates) else None

@@ -16,7 +16,7 @@ from cip.errors import InputError, NotConverged
 from cip.formulas.expression import COORDINATES, Expression, constant, numpy_function, variable
 from cip.formulas.parameters import checked, parameter
 from cip.formulas.parsing import parse
-from cip.grid import GridLike
+from cip.grid import GridLike, places_of
 from cip.profiles.catalogue import moments
 from cip.sources.reaction import Products
 
@@ -37,7 +37,7 @@ class Kinetics:
         rates: Mapping[str, Any],
         xp: Any,
     ) -> None:
-        self._grid, self._xp, self._fields = grid, xp, tuple(fields)
+        self._xp, self._fields = xp, tuple(fields)
         self._products = Products(grid, profile, xp)
         nodes = [
             parse(str(rates.get(name, 0.0)), f"reactions: {name!r}", fields) for name in fields
@@ -50,19 +50,10 @@ class Kinetics:
         self._parts = []
         for rows in groups:
             orders = [carried[q].orders[:3] for q in rows]
-            point = self._points(carried[rows[0]].averaged)
+            lines = places_of(grid, carried[rows[0]].averaged)
+            mesh = np.meshgrid(*lines, indexing="ij", sparse=True)
+            point = [xp.asarray(x) for x in mesh] + [0.0] * (3 - grid.dim)
             self._parts.append((rows, point, self._rates(nodes, orders)))
-
-    def _points(self, averaged: Sequence[int]) -> list[Any]:
-        """Coordinates of nodes, or of the middles of cells in some directions, to be broadcast."""
-        lines = []
-        for axis, line in enumerate(self._grid.coordinates):
-            if axis in averaged:
-                width = np.append(self._grid.widths[axis], 0.0)[: line.size]
-                line = self._grid.edges[axis][: line.size] + 0.5 * width
-            lines.append(line)
-        mesh = np.meshgrid(*lines, indexing="ij", sparse=True)
-        return [self._xp.asarray(x) for x in mesh] + [0.0] * (3 - self._grid.dim)
 
     def _rates(self, nodes: Sequence[Expression], orders: Sequence[Orders]) -> Any:
         """The rates of all fields' derivatives of these orders as one function of x1, x2, x3, t and

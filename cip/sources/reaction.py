@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from cip.characteristics.flow_derivatives import Jet, exponential
 from cip.errors import InputError, NotSupported
 from cip.formulas.expression import (
     COORDINATES,
@@ -26,18 +27,19 @@ from cip.formulas.expression import (
     ordered,
     variable,
 )
-from cip.formulas.formula import Formula
+from cip.formulas.formula import Formula, functions_of
 from cip.formulas.parameters import parameter
 from cip.formulas.source import Source
 from cip.formulas.sphere_spline import cell_means, centre_values
-from cip.grid import GridLike, node_name
+from cip.grid import GridLike, node_name, wall_name
 from cip.profiles.catalogue import CONSERVATIVE, SPHERE, Moment, carries_slopes, moments
 from cip.stages.state import averaged
 from cip.stages.walls import MIDDLE, Wall
 
 
 class Reaction:
-    """The separate effects of source and decay on the moments of a state, with derivatives."""
+    """The separate effects of source and decay on the moments of a state, with derivatives. Raises
+    `InputError` for a function that does not fit the grid, or a negative rate."""
 
     def __init__(
         self,
@@ -131,15 +133,6 @@ class Reaction:
             )
 
 
-def reaction(grid: GridLike, profile: str, source: Any, decay: Any, xp: Any) -> Reaction | None:
-    """The reaction of a solver, from its arguments `source` and `decay`; None without them. Raises
-    `InputError` for a function that does not fit the grid, or a negative rate.
-    """
-    if source is None and decay is None:
-        return None
-    return Reaction(grid, profile, source, decay, xp)
-
-
 class Decay:
     r"""Exact decay u' = -k u of all moments, its transpose and its derivatives in parameters: u
     times :math:`E = e^{-K}`, :math:`K = \int k \, dt`, with :math:`E_x = -K_x E`, :math:`E_{xy} =
@@ -201,21 +194,15 @@ class Decay:
         return self._integrals.integral(node, moment, t, length, midpoints=True)
 
     def _exponentials(self, t: float, length: float) -> dict[Orders, Any]:
+        def exponent(jet: Jet) -> Any:
+            return -self._integral(self._rate, Moment("", jet.orders), t, length)
+
         found: dict[Orders, Any] = {}
         for key, moment in self._products.wanted.items():  # values come first
-            axes = [axis for axis in range(3) for _ in range(moment.orders[axis])]
-            if not axes:
-                found[key] = self._exponential(moment, t, length)
-                continue
-            slopes = []
-            for axis in axes:
-                i, j, k = (int(axis == q) for q in range(3))
-                slopes.append(self._integral(self._rate, Moment("", (i, j, k, 0)), t, length))
-            if len(axes) == 1:
-                factor = -slopes[0]
+            if any(moment.orders):
+                found[key] = exponential(Jet(3, moment.orders), exponent, found[min(found)])
             else:
-                factor = slopes[0] * slopes[1] - self._integral(self._rate, moment, t, length)
-            found[key] = factor * next(iter(found.values()))
+                found[key] = self._exponential(moment, t, length)
         return found
 
     def _exponential(self, moment: Moment, t: float, length: float) -> Any:
@@ -246,8 +233,7 @@ class NodalMoments:
         self, node: Expression, moment: Moment, t: float, length: float, midpoints: bool = False
     ) -> Any:
         """The integral of a moment from t to t + length, shape ``grid.nodes``. With `midpoints` it
-        has the value at the midpoint of a cell in place of its mean.
-        """
+        has the value at the midpoint of a cell in place of its mean."""
         key = node, moment.orders
         if key not in self._made:  # code is made once, not in every step
             self._made[key] = self._evaluator(derived(node, moment.orders))
@@ -300,25 +286,21 @@ class ReactedData(Formula):
 
     def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
         """The callables and numbers in `nodes` of data, source and decay, by names in code."""
-        found: dict[str, Any] = {}
-        for part in self._parts:
-            found.update(part.functions(nodes, steps))
-        return found
+        return functions_of(self._parts, nodes, steps)
 
 
 def reacted(
     data: dict[Wall, Formula], reaction: Reaction | None, fixed: bool
 ) -> dict[Wall, Formula]:
     """The data of all walls in the form that the transport of a step needs. `fixed` ones, of
-    `check_split`, are unchanged; raises `NotSupported` if decay would change them.
-    """
+    `check_split`, are unchanged; raises `NotSupported` if decay would change them."""
     if reaction is None:
         return data
     for (axis, side), formula in data.items() if fixed else ():
         node = formula.expression
         if reaction.decay is not None and not (node.op == "constant" and node.value == 0.0):
             raise NotSupported(
-                f"decay: with splitting the data of the wall {'xyz'[axis]}{'-+'[side]} must be "
+                f"decay: with splitting the data of the wall {wall_name(axis, side)} must be "
                 "zero; take 'csl2' or 'csl4', or a direct profile ('adini', 'bicubic')"
             )
     if fixed:
@@ -332,14 +314,12 @@ Factors = Mapping[Orders, Any]
 
 class Products:
     r"""Moments of a product g u for a known g, shape (moments,) + grid.nodes, with the transpose.
-
     Derivatives follow by Leibniz's rule, :math:`(g u)_a = \sum_{b \le a} \binom{a}{b} g_{a-b} u_b`;
     means are those of a rule of Simpson's kind with the profile's midpoint value,
     :math:`\bar u = (u_0 + 4 u_{1/2} + u_1) / 6`, or of the rule of degree five with slopes, so that
     (g f) u = g (f u) for means too. `wanted` are the moments of g that they need, by keys: orders
     of derivatives, or for means for each direction whether it is the midpoint; slopes of profiles
-    with means have the key (2,).
-    """
+    with means have the key (2,)."""
 
     def __init__(self, grid: GridLike, profile: str, xp: Any) -> None:
         self._grid, self._xp = grid, xp
@@ -520,8 +500,7 @@ class HalfStep:
 
     def along(self, data: Any, direction: Any) -> Any:
         """The change of the moments after it for a change of the parameters, in the order of
-        `columns`. `data` are the moments before it.
-        """
+        `columns`. `data` are the moments before it."""
         reaction, added, total = self.reaction, 0.0, 0.0
         end = self._decayed(data) if self.reads_state else None
         for name, size in zip(self.columns, map(float, direction), strict=True):
@@ -535,8 +514,7 @@ class HalfStep:
 
     def pull_back(self, data: Any, weight: Any) -> tuple[Any, list[float]]:
         """The weight of the moments before it, `data`, and the derivatives of weight . (moments
-        after it) in the parameters.
-        """
+        after it) in the parameters."""
         reaction, found, weight = self.reaction, [], self._masked(weight)
         end = self._decayed(data) if self.reads_state else None
         before = reaction.decayed(weight, self.t, self.length, transpose=True)

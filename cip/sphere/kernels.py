@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from cip.formulas.sphere_loops import weights
+from cip.formulas.spline_loops import weights
 from skfem_adini.ground.jit import loop
 
 
 @loop
 def edge_points(nodes: Any, values: Any, slopes: Any, rule: Any, points: Any, north: Any) -> None:
-    """Points of the quadrature on traced edges, as (lon, s, weight dlon, 1 + z or z - 1).
-
-    `nodes` (3, nlon, nlat + 1, 1 + 2 inner) are corners and inner nodes of the edges east and
-    north of them, `values` and `slopes` (points, inner + 2) of Lagrange's polynomials.
-    """
+    """Points of the quadrature on traced edges, as (lon, s, weight dlon, 1 + z or z - 1). `nodes`
+    (3, nlon, nlat + 1, 1 + 2 inner) are corners and inner nodes of the edges east and north of
+    them, `values` and `slopes` (points, inner + 2) of Lagrange's polynomials."""
     nlon, nlat, inner = nodes.shape[1], nodes.shape[2] - 1, (nodes.shape[3] - 1) // 2
     curve = np.empty((3, inner + 2))
     for i in range(nlon):
@@ -89,10 +87,8 @@ def edge_integrals(
 
 @loop
 def cell_masses(integrals: Any, north: Any, turns: Any, out: Any) -> None:
-    """Masses of traced cells from the integrals along their edges, in one chart for each cell.
-
-    `turns` (2, fields, nlon, nlat) are the differences between the charts along edges.
-    """
+    """Masses of traced cells from the integrals along their edges, in one chart for each cell;
+    `turns` (2, fields, nlon, nlat) are the differences between the charts along edges."""
     fields, nlon, nlat = out.shape
     for f in range(fields):
         for i in range(nlon):

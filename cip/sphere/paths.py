@@ -7,14 +7,12 @@ from inspect import Parameter, signature
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError, NotConverged, NotFinite
 from cip.formulas.sphere_spline import interpolated, value_spline
-from cip.grid import Sphere, in_space
+from cip.grid import Array, Sphere, in_space
 from skfem_adini.ground.arguments import real_array
 
-Array = NDArray[np.float64]
 Wind = Callable[[Array, Array, float], Any]
 
 # Dormand and Prince's pair of orders 5 and 4 (J. Comput. Appl. Math. 6, 1980, 19-26): rows of
@@ -80,11 +78,9 @@ def _vector(speeds: Any, at: Array) -> Array:
 def traced(
     wind: Wind, points: Array, t_end: float, dt: float, radius: float, tolerance: float
 ) -> Array:
-    """Where the flow carried points (3, n) from, dt before t_end; `tolerance` is of angles.
-
-    The number of equal sub-steps is found on some of the points, and grows where the estimate of
-    all, the sum of the differences of both orders along a path, exceeds the tolerance.
-    """
+    """Where the flow carried points (3, n) from, dt before t_end. The number of equal sub-steps is
+    found on some of them, and grows where the estimate of all, the sum of the differences of both
+    orders along a path, exceeds the `tolerance`, an angle."""
 
     def rate(at: Array, t: float) -> Array:
         lon, lat = np.arctan2(at[1], at[0]), np.arctan2(at[2], np.hypot(at[0], at[1]))

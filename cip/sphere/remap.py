@@ -10,7 +10,7 @@ Plante, Mon. Weather Rev. 123, 1995, with edges as they are).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
@@ -26,10 +26,8 @@ from cip.formulas.sphere_spline import (
     resolved,
     sines,
 )
-from cip.grid import Sphere, in_space
+from cip.grid import Array, Sphere, in_space
 from cip.sphere.paths import Wind, traced
-
-Array = NDArray[np.float64]
 
 # Of an edge: inner nodes that are traced, and points of Gauss's rule on the curve through them.
 INNER, POINTS = 3, 4
@@ -117,13 +115,18 @@ class Remap:
 
     def _turns(self, lon: Array, mean: Array, top: Array) -> Array:
         """The integral of P at the north pole over lon, from end to end of the edges."""
+        from cip.formulas.spline_loops import weights
+
         nlon, nlat = self.sphere.cells
         # The mean over lon vanishes with the mean of the field.
         sums = np.cumsum(top - top.mean(1, keepdims=True), axis=1) * self.sphere.widths[0][0]
         x = lon / self.sphere.widths[0][0]
         k = np.floor(x).astype(int)
         potential = np.zeros((len(mean), *lon.shape))
-        for p, weight in enumerate(_weights(x - k, self.degree + 1)):
+        parts = np.empty((self.degree + 2, *x.shape))
+        plain: Any = weights
+        plain.py_func(x - k, self.degree + 1, parts)
+        for p, weight in enumerate(parts):
             potential += weight * sums[:, (k - self.degree // 2 + p - 1) % nlon]
         ends = [np.roll(lon, -1, 0)[:, :nlat], lon[:, 1:]]
         ahead = [np.roll(potential, -1, 1)[:, :, :nlat], potential[:, :, 1:]]
@@ -141,22 +144,9 @@ def _wrapped(angle: Array) -> Array:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def _weights(x: Array, degree: int) -> list[Array]:
-    """B-splines of a degree at x in [0, 1) between knots, those that are not zero there."""
-    found = [np.ones_like(x)]
-    for d in range(1, degree + 1):
-        parts, found = [one / d for one in found], [np.zeros_like(x) for _ in range(d + 1)]
-        for r, part in enumerate(parts):
-            found[r] += (r + 1 - x) * part
-            found[r + 1] += (x + d - 1 - r) * part
-    return found
-
-
 def _kept(before: Array, after: Array) -> Array:
     """Masses after a step with the sum before it: rounding is given back where there is mass.
-
-    `NotConverged` where the sums differ by more, which exact edges cannot.
-    """
+    Raises `NotConverged` where the sums differ by more, which exact edges cannot."""
     size = np.abs(after).sum((1, 2))
     lost = before.sum((1, 2)) - after.sum((1, 2))
     if not (np.abs(lost) <= 1e-11 * (size + np.abs(before).sum((1, 2)))).all():

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.errors import InputError
-from cip.formulas.sphere_spline import PAD, value_spline
-from cip.grid import Sphere, in_space
+from cip.formulas.sphere_spline import interpolated, value_spline
+from cip.grid import Array, Sphere, in_space
 from cip.profiles.catalogue import SPHERE, moments
 from cip.solver.runs import Runs
 from cip.solver.scheme import Rule, Scheme, form_of, tolerance_of
@@ -26,7 +25,6 @@ from skfem_adini.ground.arguments import (
     real_number,
 )
 
-Array = NDArray[np.float64]
 PROFILES = {
     "transport": ("quintic_spline", "cubic_spline"),
     "advection": ("csl4_spline", "csl2_spline"),
@@ -156,12 +154,6 @@ class SphereSolver(Runs):
             self._schemes[fields] = Scheme([stage], rules)
         return self._schemes[fields]
 
-    def _arguments(self, boundary: Any) -> tuple[Any, ...]:
-        return (
-            self.grid, self.velocity, self.form, self.profile, self.limiter, self.bounds,
-            self.foot_tolerance, self.source, self.decay, self.diffusion, self.reactions,
-        )  # fmt: skip
-
     def __repr__(self) -> str:
         return f"SphereSolver({self.grid}, form={self.form!r}, profile={self.profile!r})"
 
@@ -288,13 +280,10 @@ class Carrier:
         return feet
 
     def _values(self, rows: Array, feet: Array) -> Array:
-        from cip.formulas.sphere_loops import interpolate
-
         # Without the mean, so that constants are kept to rounding.
-        mean, new = rows.mean((1, 2), keepdims=True), np.empty_like(rows)
-        coefs = value_spline(rows - mean, self._degree)
-        interpolate(feet, coefs, self._degree, PAD, new.reshape(len(rows), -1))
-        return new + mean
+        mean = rows.mean((1, 2), keepdims=True)
+        new = interpolated(value_spline(rows - mean, self._degree), feet, self._degree)
+        return new.reshape(rows.shape) + mean
 
     def time_scale(self, t: float) -> float:
         """The time in which the fastest point moves by a width of latitude."""

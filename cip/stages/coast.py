@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 
 from cip.characteristics.feet import FEET, Exits
 from cip.errors import InputError
-from cip.grid import Grid
+from cip.grid import Array, Grid
 from cip.profiles.catalogue import moments
 from skfem_adini.ground.arguments import own_array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.characteristics.feet import FEET, Exits, check_inside, integrate, time_scale
-from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System, exponential
 from cip.formulas.expression import COORDINATES, ordered
 from cip.formulas.formula import Formula
 from cip.formulas.parameters import parameters_in
 from cip.formulas.snapshots import snapshots_of
-from cip.grid import Grid
+from cip.grid import Array, Grid, places_of
 from cip.profiles.catalogue import (
     CONSERVATIVE,
     PLANE,
@@ -30,7 +30,6 @@ from cip.profiles.catalogue import (
 from cip.stages.coast import Coast, Stops
 from cip.stages.walls import CLOCKS, SplitData, Spread, Wall, WallMoments
 
-Array = NDArray[np.float64]
 _ACROSS = np.polynomial.legendre.leggauss(3)
 
 
@@ -168,13 +167,8 @@ class Stage:
 
     def lines(self, block: int) -> list[Array]:
         """Coordinates of these points in each direction."""
-        lines = []
-        for axis, line in enumerate(self.grid.coordinates):
-            if self.conservative and axis != self.axis and block >> axis & 1:
-                width = np.append(self.grid.widths[axis], self.grid.widths[axis][-1])[: line.size]
-                line = np.minimum(line + 0.5 * width, self.grid.bounds[axis][1])
-            lines.append(line)
-        return lines
+        across = [axis for axis in range(self.grid.dim) if axis != self.axis and block >> axis & 1]
+        return places_of(self.grid, across if self.conservative else ())
 
     def feet(self, t: float, dt: float) -> StageFeet:
         """Integrate the characteristics of this part of the step [t, t + dt]."""
@@ -217,9 +211,7 @@ class Stage:
         det made det."""
         nodes = np.arange(self.grid.size) if nodes is None else nodes
         index = np.unravel_index(nodes, self.grid.nodes)
-        determinant = None
-        if LOG_DETERMINANT in self.jets:
-            determinant = np.exp(jets[LOG_DETERMINANT])
+        determinant = np.exp(jets[LOG_DETERMINANT]) if LOG_DETERMINANT in self.jets else None
         rows = []
         for jet in self.jets:
             row = jets[jet]
@@ -227,7 +219,7 @@ class Stage:
                 axis = jet.component
                 row = self.grid.index_displacement(axis, points[axis].ravel(), row, index[axis])
             elif jet.component == 3 and determinant is not None:
-                row = determinant * _exponential(jet, jets)
+                row = exponential(jet, jets.__getitem__, determinant)
             rows.append(row)
         return rows
 
@@ -416,17 +408,6 @@ class Stage:
                 grid, self.velocity, self.moving, self.advect, self.walls, wanted, steps
             )
         return self._wall_moments
-
-
-def _exponential(jet: Jet, jets: dict[Jet, Array]) -> Any:
-    """The derivative of exp(l) divided by exp(l), from the derivatives of l = log det."""
-    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
-    if not axes:
-        return 1.0
-    slopes = [jets[LOG_DETERMINANT.along(axis)] for axis in axes]
-    if len(axes) == 1:
-        return slopes[0]
-    return jets[jet] + slopes[0] * slopes[1]
 
 
 def stages(

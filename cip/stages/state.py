@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 from cip.errors import InputError, NotFinite, NotSupported
 from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Formula, spline
-from cip.grid import Grid, GridLike, Sphere, node_name
+from cip.grid import Grid, GridLike, Sphere, check_grid, node_name
 from cip.profiles.catalogue import Moment, moment_names, moments
 from cip.stages.state_files import Stored, read_states, write_states
 from skfem_adini.ground.arguments import real_number
@@ -111,8 +111,7 @@ class State:
         InputError
             A malformed argument, or moments that are not finite (with the node).
         """
-        if not isinstance(grid, Grid):
-            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        check_grid(grid)
         if not isinstance(derivatives, Mapping | None):
             raise InputError(f"derivatives: expected callables by names, got {derivatives!r}")
         profile = default_profile(grid) if profile is None else profile
@@ -354,8 +353,7 @@ def state_of(
     fields: tuple[str, ...] = (),
 ) -> State:
     """The state of an array that no one else modifies, which is not copied. `bounded` are the
-    bounds of the limiter of its step; the state may exceed them as far as that step may.
-    """
+    bounds of the limiter of its step; the state may exceed them as far as that step may."""
     state = object.__new__(State)
     state.__dict__.update(grid=grid, profile=profile, data=data, t=t, fields=fields)
     if bounded is not None:

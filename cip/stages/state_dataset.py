@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from cip.errors import InputError
+from cip.formulas.dataset import date_of
 from cip.grid import Sphere
 from cip.profiles.catalogue import moments
 from skfem_adini.ground.errors import optional
 
-_AXES = {"lon": "X", "lat": "Y"}
+_AXES, _DEGREES = {"lon": "X", "lat": "Y"}, {"lon": "degrees_east", "lat": "degrees_north"}
 # Nanoseconds in each unit of time that dates are counted in.
 _UNITS = {"s": 1e9, "min": 6e10, "h": 3.6e12, "d": 8.64e13}
 
@@ -56,9 +57,7 @@ def _describe(dataset: Any, units: Mapping[str, str], fields: Sequence[str]) -> 
     for name in dataset.coords:
         dataset[name].attrs["axis"] = _AXES.get(str(name), str(name)[0].upper())
         if name in _AXES:
-            dataset[name].attrs["units"] = {"lon": "degrees_east", "lat": "degrees_north"}[
-                str(name)
-            ]
+            dataset[name].attrs["units"] = _DEGREES[str(name)]
         unit = units.get(name, units.get(str(name)[0]))
         if unit is not None:
             dataset[name].attrs["units"] = unit
@@ -78,13 +77,9 @@ def dated(start: Any) -> Callable[[float], str]:
 
 def _dates(times: Any, start: Any, unit: str) -> Any:
     """Times as datetime64, counted from a date."""
-    try:
-        begin = np.datetime64(start, "ns")
-    except (TypeError, ValueError) as error:
-        raise InputError(f"start: expected a date like '2026-01-01', got {start!r}") from error
-    if unit not in _UNITS or np.isnat(begin):
+    if unit not in _UNITS:
         raise InputError(f"units: t of dates has one of {', '.join(_UNITS)}, got {unit!r}")
-    return begin + np.round(times * _UNITS[unit]).astype("timedelta64[ns]")
+    return date_of(start, "start") + np.round(times * _UNITS[unit]).astype("timedelta64[ns]")
 
 
 def xarray_module() -> Any:

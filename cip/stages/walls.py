@@ -21,28 +21,28 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cip.characteristics.feet import Exits
-from cip.characteristics.flow_derivatives import ZERO, Composite, Jet, Orders
+from cip.characteristics.flow_derivatives import ZERO, Composite, Jet
 from cip.errors import InputError, NotSupported
 from cip.formulas.expression import (
     COORDINATES,
     Expression,
+    Orders,
     apply,
     derived,
     numpy_function,
     opaque,
     ordered,
-    rebuilt,
+    raised,
     variable,
+    with_names,
 )
-from cip.formulas.formula import Formula
+from cip.formulas.formula import Formula, functions_of
 from cip.formulas.source import Source
 from cip.formulas.traced_function import portable, timed
-from cip.grid import Grid
+from cip.grid import Array, Grid, wall_name
 
-Array = NDArray[np.float64]
 Wall = tuple[int, int]
 _FIELD = "w"
 GAUSS_TIMES = np.polynomial.legendre.leggauss(8)  # exact to degree 15
@@ -53,20 +53,12 @@ CLOCKS = _BEGIN, MIDDLE, _END = "begin", "middle", "end"
 
 def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
     """The data of each wall that has any, from the argument `boundary` of the solver. Keys are
-    (axis, side), side 0 for the lower and 1 for the upper end.
-    """
+    (axis, side), side 0 for the lower and 1 for the upper end."""
     if boundary is None:
         return {}
+    known = {wall_name(*wall): wall for wall in product(range(grid.dim), (0, 1))}
     if not isinstance(boundary, Mapping):
-        boundary = {
-            f"{'xyz'[axis]}{side}": boundary
-            for axis in range(grid.dim)
-            if not grid.periodic[axis]
-            for side in "-+"
-        }
-    known = {
-        f"{'xyz'[axis]}{'-+'[side]}": (axis, side) for axis in range(grid.dim) for side in (0, 1)
-    }
+        boundary = {name: boundary for name, (axis, _) in known.items() if not grid.periodic[axis]}
     found = {}
     for name, value in boundary.items():
         if name not in known:
@@ -84,14 +76,10 @@ def closed_walls(boundary: Any, grid: Grid) -> list[Wall]:
     """The walls that the argument `boundary` of the solver closes; `walls` checks its names."""
     found = []
     for axis, side in product(range(grid.dim), (0, 1)):
-        given = boundary.get(_name((axis, side))) if isinstance(boundary, Mapping) else boundary
+        given = boundary.get(wall_name(axis, side)) if isinstance(boundary, Mapping) else boundary
         if not grid.periodic[axis] and isinstance(given, str) and given == CLOSED:
             found.append((axis, side))
     return found
-
-
-def _name(wall: Wall) -> str:
-    return f"{'xyz'[wall[0]]}{'-+'[wall[1]]}"
 
 
 def _formula(value: Any, grid: Grid, name: str) -> Formula:
@@ -138,7 +126,7 @@ def check_split(data: Mapping[Wall, Formula], advect: bool, profile: str) -> Non
             needed = "zero" if advect else "constant"
             raise NotSupported(
                 f"boundary: with splitting {profile!r} needs {needed} data on the wall "
-                f"{'xyz'[axis]}{'-+'[side]}; take 'csl2' or 'csl4' with form='advection', or a "
+                f"{wall_name(axis, side)}; take 'csl2' or 'csl4' with form='advection', or a "
                 "direct profile ('adini', 'bicubic') for other data"
             )
 
@@ -263,7 +251,7 @@ class WallMoments:
         """The moments from the data of a wall, in place and time on it, jets and parameters."""
         fields = self._fields_on(axis, side)
         table = {variable(name): node for name, node in zip(self._fields, fields, strict=True)}
-        return [_substitute(output, table) for output in self._outputs]
+        return with_names(self._outputs, table)
 
     def influx(self, axis: int, side: int) -> list[Expression]:
         """The normal velocity and the data, whose product enters through a wall per area."""
@@ -271,10 +259,8 @@ class WallMoments:
 
     def functions(self, axis: int, side: int, nodes: Sequence[Expression]) -> dict[str, Any]:
         """The callables and the numbers of parameters in these formulas, by names in code."""
-        functions = self._data[axis, side].functions(nodes, self._steps)
-        for c in self._velocity:
-            functions.update(c.functions(nodes, self._steps))
-        return functions
+        formulas = [self._data[axis, side], *self._velocity]
+        return functions_of(formulas, nodes, self._steps)
 
     @lru_cache  # noqa: B019
     def _wall(self, axis: int, side: int) -> Any:
@@ -306,9 +292,8 @@ class WallMoments:
                 if orders[axis] == 0:
                     table[field] = derived(formula.expression, orders)
                 else:
-                    i, j, k, l = (order - (q == axis) for q, order in enumerate(orders))
-                    table[field] = derived(self._normal(axis), (i, j, k, l))
-            node = _substitute(node, table)
+                    table[field] = derived(self._normal(axis), raised(orders, axis, -1))
+            (node,) = with_names([node], table)
 
     def _normal(self, axis: int) -> Expression:
         field = opaque(_FIELD, ZERO)
@@ -321,13 +306,3 @@ class WallMoments:
             if self._advect:
                 rate = rate + c.derivative(name) * field
         return -rate / self._velocity[axis].expression
-
-
-def _substitute(root: Expression, table: Mapping[Expression, Expression]) -> Expression:
-    done: dict[Expression, Expression] = {}
-    for node in ordered([root]):
-        if node in table:
-            done[node] = table[node]
-        else:
-            done[node] = rebuilt(node, [done[argument] for argument in node.args])
-    return done[root]

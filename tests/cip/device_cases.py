@@ -24,11 +24,10 @@ def solver_of(profile, limiter=None, dim=1, dtype=np.float64, **more):
         grid = Grid.from_coordinates(*lines, periodic=True)
     field = ["0.4 + 0.2*sin(2*pi*x1)", "0.3*cos(2*pi*x1) + 0.1*sin(pi*x3)", "0.2*sin(2*pi*x1)"]
     field[1] = field[1] if dim == 3 else "0.3*cos(2*pi*x1)"
-    splitting = "strang" if dim > 1 and profile not in ("adini", "bicubic") else None
     form = more.pop("form", "advection" if profile.startswith("csl") else "transport")
     return Solver(
-        grid, Velocity.from_expression(*field[:dim]), form, profile, limiter, splitting,
-        dtype=dtype, bounds=(-0.8, 1.2), **more,
+        grid, Velocity.from_expression(*field[:dim]), form, profile, limiter, dtype=dtype,
+        bounds=(-0.8, 1.2), **more,
     )  # fmt: skip
 
 

@@ -96,9 +96,26 @@ def solver_of(flow, profile, form, reacts="", backend="cpu", **values):
     named = {"a": values["a"], "b": values["b"]}
     return Solver(
         grid, Velocity.from_expression(*texts, parameters=named), form, profile,
-        splitting="strang" if grid.dim > 1 and profile not in ("adini", "bicubic") else None,
         boundary=boundary, backend=backend, **more,
     )  # fmt: skip
+
+
+def form_of(profile):
+    """The equation that a profile solves in tests of several."""
+    return "advection" if profile.startswith("csl") else "transport"
+
+
+def made(grid, texts, profile, **more):
+    """A solver of the form of its profile."""
+    return Solver(grid, Velocity.from_expression(*texts), form_of(profile), profile, **more)
+
+
+def sampled(velocity, times, grid):
+    """Nodal values of a velocity with formulas, shape (times, dim, nodes)."""
+    point = [*grid.mesh(), *([0.0] * (3 - grid.dim))]
+    formulas = velocity.on(grid)
+    values = [formula.derivative((0, 0, 0, 0), (1.0,) * 4) for formula in formulas]
+    return np.array([[value(*point, t) for value in values] for t in times])
 
 
 def field_of(grid):

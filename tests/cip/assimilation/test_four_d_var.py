@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from schemes import made
 from scipy.sparse.linalg import aslinearoperator
 
 from cip import Covariance, Grid, Sensors, Solver, State, Velocity, four_d_var
@@ -43,9 +44,7 @@ TIMES = np.array([0.0, 0.07, 0.2, 0.3])
 
 def problem(name, seed=0, dropouts=0.2):
     grid, profile, text = SCHEMES[name]
-    form = "advection" if profile.startswith("csl") else "transport"
-    split = "strang" if form == "advection" and grid.dim > 1 else None
-    solver = Solver(grid, Velocity.from_expression(*text), form, profile, splitting=split)
+    solver = made(grid, text, profile)
     low, high = np.array(grid.bounds).T
     rng = np.random.default_rng(seed)
     points = low[:, None] + (high - low)[:, None] * rng.random((grid.dim, 5))

@@ -9,6 +9,7 @@ import pytest
 from convergence import order
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from schemes import made
 from scipy.integrate import solve_ivp
 
 from cip import Grid, LeftDomain, Solver, Velocity
@@ -106,25 +107,21 @@ def test_substeps_follow_the_steepness(steepness):
 
 
 @pytest.mark.parametrize(
-    ("profile", "dim", "splitting"),
+    ("profile", "dim"),
     [
-        ("adini", 2, None),
-        pytest.param("bicubic", 2, None, marks=SLOW),
-        pytest.param("quintic", 1, None, marks=SLOW),
-        pytest.param("csl4", 1, None, marks=SLOW),
-        pytest.param("cubic", 3, "strang", marks=SLOW),
+        ("adini", 2),
+        pytest.param("bicubic", 2, marks=SLOW),
+        pytest.param("quintic", 1, marks=SLOW),
+        pytest.param("csl4", 1, marks=SLOW),
+        pytest.param("cubic", 3, marks=SLOW),
     ],
 )
-def test_single_precision_follows_double(profile, dim, splitting):
+def test_single_precision_follows_double(profile, dim):
     grid = Grid([(0, 1)] * dim, (32,) * dim, periodic=True)
     field = ("0.3 + 0.1*sin(2*pi*x1)",) if dim == 1 else ("sin(2*pi*x2)", "cos(2*pi*x1)", "0.4")
     ends = []
     for dtype in (np.float64, np.float32):
-        form = "advection" if profile == "csl4" else "transport"
-        solver = Solver(
-            grid, formula(*field[:dim]), form, profile, splitting=splitting,
-            dtype=dtype,
-        )  # fmt: skip
+        solver = made(grid, field[:dim], profile, dtype=dtype)
         final = solver.run(solver.state("sin(2*pi*x1)"), 0.3, dt=0.05).final
         assert final["u"].dtype == dtype
         ends.append(final["u"])
@@ -268,9 +265,7 @@ def test_order_in_unsteady_flows(profile, low, flow):
     errors, sizes = [], (32, 64, 128)
     for n in sizes:
         grid = Grid((0, 1), (n, n), periodic=True)
-        splitting = "strang" if profile in ("cubic", "csl4") else None
-        field = formula(*texts)
-        solver = Solver(grid, field, "advection", profile, splitting=splitting)
+        solver = Solver(grid, formula(*texts), "advection", profile)
         final = solver.run(solver.state(start), 0.5, dt=2 / n).final["u"]
         coarse = (slice(None, None, n // 8),) * 2
         x, y, log = traced_back(c, divergence, [m[coarse].ravel() for m in grid.mesh()], 0.5, 0.5)

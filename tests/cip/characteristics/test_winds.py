@@ -8,6 +8,7 @@ from compilations import compilations
 from convergence import order
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from schemes import form_of, sampled
 from scipy.integrate import solve_ivp
 from scipy.interpolate import BSpline
 
@@ -26,16 +27,9 @@ WIND = "0.2 + sin(2*pi*x1)*cos(2*pi*x2 + t)", "-cos(2*pi*x1 + 1.5*t)*sin(2*pi*x2
 TIMES = np.linspace(0, 1, 7)
 
 
-def sampled(formulas, grid, times=TIMES):
-    point = [*grid.mesh(), *([0.0] * (3 - grid.dim))]
-    values = [c.derivative((0,) * 4, ONE) for c in formulas]
-    return np.array([[value(*point, t) for value in values] for t in times])
-
-
 def solver_of(velocity, grid, profile="bicubic", **more):
-    split = {} if profile == "bicubic" else {"form": "advection", "splitting": "strang"}
-    boundary = None if all(grid.periodic) else 0.0
-    return Solver(grid, velocity, profile=profile, boundary=boundary, **split, **more)
+    boundary, form = None if all(grid.periodic) else 0.0, more.pop("form", form_of(profile))
+    return Solver(grid, velocity, form, profile, boundary=boundary, **more)
 
 
 def feet_of(solver, stage, t, dt):
@@ -97,7 +91,7 @@ def check_feet(wind, form, degree, profile, periodic, tolerance, cells, place):
     grid, data = grid_of(place == "uneven", periodic), Grid([(0, 1)] * 2, (10, 11), periodic)
     velocity, more = wind, {}
     if form != "formula":
-        arrays = sampled(wind.on(data), data)
+        arrays = sampled(wind, TIMES, data)
         velocity = Velocity.from_snapshots(TIMES, arrays, data, degree, form)
     if place == "land" and profile == "csl4":
         more["land"] = np.zeros(grid.cells, bool)
@@ -197,7 +191,7 @@ def test_paths_have_order_four_and_derivatives_order_eight(kind):
     velocity, sizes, errors, slopes = Velocity.from_expression(*WIND), (1, 2, 4), [], []
     grid = Grid([(0, 1)] * 2, (24, 24), periodic=True)
     if kind == "snapshots":
-        velocity = Velocity.from_snapshots(TIMES, sampled(velocity.on(grid), grid), grid)
+        velocity = Velocity.from_snapshots(TIMES, sampled(velocity, TIMES, grid), grid)
     for count in sizes:
         solver = solver_of(velocity, grid, foot_tolerance=1.0)
         (stage,) = solver._stages
@@ -225,7 +219,7 @@ def test_data_on_another_grid_in_other_cells():
     data = Grid([(0, 1), (0, 2)], (12, 20), True)
     grid = Grid([(-0.3, 1.7), (0.4, 2.4)], (20, 18), True)
     wind = Velocity.from_expression(*WIND)
-    velocity = Velocity.from_snapshots(TIMES, sampled(wind.on(data), data), data, 5, "linear")
+    velocity = Velocity.from_snapshots(TIMES, sampled(wind, TIMES, data), data, 5, "linear")
     for profile in ("bicubic", "csl4"):
         solver = solver_of(velocity, grid, profile, foot_tolerance=1e-7)
         stage = solver._stages[-1]
@@ -244,7 +238,7 @@ def test_the_derivative_in_the_state_is_that_of_the_run(profile, periodic):
     """The scheme is linear in the moments at the feet of the run."""
     grid = Grid([(0, 1)] * 2, (18, 16), periodic)
     wind = Velocity.from_expression(*WIND)
-    velocity = Velocity.from_snapshots(TIMES, sampled(wind.on(grid), grid), grid)
+    velocity = Velocity.from_snapshots(TIMES, sampled(wind, TIMES, grid), grid)
     solver = solver_of(velocity, grid, profile)
     first, other = solver.state("sin(2*pi*x1)"), solver.state("cos(2*pi*x2) + 0.3*x2")
     ends = [solver.run(state, 0.4, dt=0.1) for state in (first, other)]
@@ -262,7 +256,7 @@ def test_csl4_keeps_the_mass_and_repeats_bit_by_bit(kind):
     grid = Grid([(0, 1)] * 2, (32, 40), periodic=True)
     velocity = Velocity.from_expression(*WIND)
     if kind == "snapshots":
-        velocity = Velocity.from_snapshots(TIMES, sampled(velocity.on(grid), grid), grid)
+        velocity = Velocity.from_snapshots(TIMES, sampled(velocity, TIMES, grid), grid)
     solver = solver_of(velocity, grid, "csl4")
     start = solver.state("2 + sin(2*pi*x1)*cos(2*pi*x2)")
     with mock.patch.object(engine, "LIMITS", engine.LIMITS._replace(differences=1)):
@@ -279,7 +273,7 @@ def test_coefficients_at_two_times_at_once_have_the_bits_of_each_alone(time, siz
 
     grid = Grid([(0, 1)] * 2, (size, 12), periodic=True)
     wind = Velocity.from_expression(*WIND)
-    velocity = Velocity.from_snapshots(TIMES, sampled(wind.on(grid), grid), grid, 5, time)
+    velocity = Velocity.from_snapshots(TIMES, sampled(wind, TIMES, grid), grid, 5, time)
     found = []
     for times in ([0.4, 0.45, 0.49], [0.4], [0.45, 0.49], [0.49, 0.45]):
         stage = solver_of(velocity, grid)._stages[0]
@@ -350,7 +344,7 @@ def test_steps_back_in_time(form):
     grid = Grid([(0, 1)] * 2, (16, 16), periodic=True)
     velocity = Velocity.from_expression(*WIND)
     if form == "linear":
-        arrays = sampled(velocity.on(grid), grid)
+        arrays = sampled(velocity, TIMES, grid)
         velocity = Velocity.from_snapshots(TIMES, arrays, grid, time=form)
     solver = solver_of(velocity, grid, foot_tolerance=1e-7)
     (stage,) = solver._stages

@@ -7,7 +7,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from device_cases import CASES, field, solver_of
-from schemes import FAMILIES, solved
+from schemes import FAMILIES, form_of, solved
 from schemes import solver_of as solver_of_scheme
 
 from cip import Grid, InputError, MissingDependency, Solver, State, Velocity
@@ -115,9 +115,7 @@ def test_fields_on_the_device(cupy, profile, winds):
         velocity = Velocity.from_snapshots(times, arrays, grid)
     rules = {"decay": {"dust": 0.5}, "source": {"dust": "x1*(1 - x1)"}}
     rules["foot_tolerance"] = 1e-11  # the numbers of sub-steps may differ
-    rules |= (
-        {"bounds": {"smoke": (0, 1)}, "limiter": "bounds", "splitting": "strang"} if means else {}
-    )
+    rules |= {"bounds": {"smoke": (0, 1)}, "limiter": "bounds"} if means else {}
     rules |= {} if means else {"boundary": {"smoke": "1 + t", "dust": 0.5, "ash": 0.0}}
     ends = []
     for backend in ("cpu", "cupy"):
@@ -158,8 +156,8 @@ def test_snapshots_and_parameters_on_the_device(cupy, profile, dim, degree):
         ends = []
         for backend in ("cpu", "cupy"):
             solver = Solver(
-                grid, velocity, profile=profile, splitting="strang" if dim == 3 else None,
-                boundary=0.0, backend=backend, store_feet=False, foot_tolerance=1e-9,
+                grid, velocity, profile=profile, boundary=0.0, backend=backend, store_feet=False,
+                foot_tolerance=1e-9,
             )  # fmt: skip
             ends.append(solver.run(solver.state(field), 0.5, dt=0.11).final.data)
         # Planes of snapshots follow displacements on the CPU, derivatives to 100 times as much; by
@@ -219,7 +217,6 @@ def test_unsteady_feet_are_those_of_the_host(cupy, profile, form, winds, walls, 
         for backend in ("cpu", "cupy"):
             solver = Solver(
                 grid, winds_of(winds, walls), form, profile, backend=backend,
-                splitting="strang" if form == "advection" and profile[0] == "c" else None,
                 boundary=1.0 if walls else None, foot_tolerance=1e-7,
             )  # fmt: skip
             run = solver.run(solver.state(start), 0.1, dt=0.03)
@@ -244,7 +241,7 @@ def test_a_third_direction_on_the_device(cupy):
     grid, ends = Grid([(0, 1)] * 3, (12, 10, 9), periodic=True), []
     for backend in ("cpu", "cupy"):
         velocity = winds_of("cubic", False, 3)
-        solver = Solver(grid, velocity, "advection", "csl2", backend=backend, splitting="strang")
+        solver = Solver(grid, velocity, "advection", "csl2", backend=backend)
         ends.append(solver.run(solver.state(field), 0.1, dt=0.05).final.data)
     assert isinstance(solver._kernels._displaced(solver._stages[0]), DeviceDisplacements)
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-12)
@@ -355,10 +352,9 @@ def test_snapshots_compile(compile_cuda, dim, profile, degree):
 def test_feet_by_displacements_compile(cupy, compile_cuda, profile, winds):
     """Every kernel of them, with indices of both lengths, for the oldest or newest architecture."""
     means = profile == "csl4"
-    form, split = ("advection", "strang") if means else ("transport", None)
     grid = Grid([(0, 1)] * 2, (72, 70), periodic=not means)
     solver = Solver(
-        grid, winds_of(winds, means), form, profile, splitting=split, backend="cupy",
+        grid, winds_of(winds, means), form_of(profile), profile, backend="cupy",
         boundary=0.0 if means else None,
     )  # fmt: skip
     stage = solver._stages[0]

@@ -414,8 +414,7 @@ def numbers_for_names(text, values):
 
 
 def final(velocity, grid, profile, form="transport", **more):
-    splitting = "strang" if grid.dim > 1 and profile not in ("adini", "bicubic") else None
-    solver = Solver(grid, velocity, form, profile, splitting=splitting, **more)
+    solver = Solver(grid, velocity, form, profile, **more)
     return solver.run(solver.state("sin(2*pi*x1) + 0.2"), 0.2, dt=0.05).final.data
 
 

@@ -91,7 +91,7 @@ def test_stream_function_has_no_divergence():
     assert stream.divergence < 1e-12 < 0.5 < sampled.divergence
     change = []
     for velocity in (stream, sampled):
-        solver = Solver(grid, velocity, "advection", "csl4", splitting="strang", boundary=1.0)
+        solver = Solver(grid, velocity, "advection", "csl4", boundary=1.0)
         start = solver.state(1.0)
         change.append(np.abs(solver.run(start, 0.4, dt=0.02).final["mean"] - 1).max())
     assert change[0] < 0.2 * change[1]
@@ -109,10 +109,8 @@ def test_outside_is_land():
     psi = basis.project(lambda x: np.maximum(0, 1 - x[0] ** 2 - x[1] ** 2) ** 3)
     velocity = Velocity.from_basis(basis, psi, grid, stream=True, outside="land")
     assert abs((~velocity.land).sum() * 0.05**2 - np.pi) < 0.05
-    solver = Solver(
-        grid, velocity, "advection", "csl4", splitting="strang", boundary="closed",
-        land=velocity.land,
-    )  # fmt: skip
+    more = {"boundary": "closed", "land": velocity.land}
+    solver = Solver(grid, velocity, "advection", "csl4", **more)
     start = solver.state("exp(-8*(x1 - 0.4)**2 - 8*x2**2)")
     end = solver.run(start, 1.0, dt=0.05).final
     assert abs(end.mass - start.mass) < 1e-13

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from compilations import compilations
 from convergence import order
+from schemes import form_of, sampled
 from scipy.integrate import solve_ivp
 from scipy.interpolate import RectBivariateSpline, make_interp_spline
 
@@ -25,14 +26,6 @@ POLYNOMIALS = [
 
 def polynomials(dim):
     return [text.format(y="x2" if dim > 1 else "1") for text in POLYNOMIALS[:dim]]
-
-
-def sampled(velocity, times, grid):
-    """Nodal values of a velocity with formulas, shape (times, dim, nodes)."""
-    point = [*grid.mesh(), *([0.0] * (3 - grid.dim))]
-    formulas = velocity.on(grid)
-    values = [formula.derivative((0, 0, 0, 0), (1.0,) * 4) for formula in formulas]
-    return np.array([[value(*point, t) for value in values] for t in times])
 
 
 def jittered(dim, n=9):
@@ -114,12 +107,9 @@ def test_the_run_is_that_of_the_polynomials_formula(dim, profile, form, degree):
     found = Velocity.from_snapshots(UNEVEN, sampled(exact, UNEVEN, data), data, degree)
     # A part of the box that the snapshots cover.
     grid = Grid([(0.1, 0.9)] * dim, (10,) * dim)
-    splitting = "strang" if dim > 1 and profile not in ("adini", "bicubic") else None
     ends = []
     for velocity in (found, exact):
-        solver = Solver(
-            grid, velocity, form, profile, splitting=splitting, boundary=0.0, foot_tolerance=1e-8
-        )
+        solver = Solver(grid, velocity, form, profile, boundary=0.0, foot_tolerance=1e-8)
         run = solver.run(solver.state("exp(-9*(x1-0.5)**2)"), 0.6, dt=0.15)
         ends.append(run.final.data)
     # Both feet have errors up to 1e-8 cells, their second derivatives more.
@@ -226,10 +216,9 @@ def blown(data, lazy, profile="bicubic", **more):
     wind = Velocity.from_xarray(
         data, ("u", "v"), ("lon", "lat"), periodic=(True, False), lazy=lazy, **more
     )
-    split = {} if profile == "bicubic" else {"form": "advection", "splitting": "strang"}
     n = data.sizes["lon"]
     grid = Grid([(0, 1), (0, 1)], (n, n), periodic=(True, False))
-    return Solver(grid, wind, profile=profile, boundary=0.0, **split)
+    return Solver(grid, wind, form_of(profile), profile, boundary=0.0)
 
 
 @pytest.mark.turns(4)
@@ -299,8 +288,7 @@ def test_gaps_of_lazy_winds_are_found_when_they_are_read(tmp_path):
         assert solver.step(start, 0.1).t == 0.1
         with pytest.raises(InputError, match="NaN or infinity in snapshot 49"):
             solver.run(start, 4.98, dt=0.5)
-        more = {"profile": "cubic", "splitting": "strang", "boundary": 0.0}
-        cubic = Solver(solver.grid, solver.velocity, **more)
+        cubic = Solver(solver.grid, solver.velocity, profile="cubic", boundary=0.0)
         with pytest.raises(NotSupported, match="needs all times in memory; pass lazy=False"):
             cubic.step(cubic.state(1.0), 0.1)
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from schemes import form_of
 from scipy.stats import binom
 from truths import FIELD, feet, field, snapshots, waves
 
@@ -270,17 +271,13 @@ def tracer(x, y):
     return np.sin(TAU * x) + np.cos(TAU * (x + y)) + np.sin(2 * TAU * y)
 
 
-# The flow keeps areas, so a conservative splitting moves the same field.
-SPLIT = {"splitting": "strang", "form": "advection"}
-
-
 @pytest.mark.parametrize(
-    ("profile", "scheme"),
-    [("adini", {}), ("bicubic", {}), pytest.param("csl4", SPLIT, marks=pytest.mark.slow)],
+    "profile", ["adini", "bicubic", pytest.param("csl4", marks=pytest.mark.slow)]
 )
-def test_parameters_of_a_plane_flow(profile, scheme):
+def test_parameters_of_a_plane_flow(profile):
+    """It keeps areas, so a conservative splitting moves the same field."""
     grid = Grid([(0, 1), (0, 1)], (32, 32), periodic=True)
-    solver = Solver(grid, FLOW, profile=profile, **scheme)
+    solver = Solver(grid, FLOW, form_of(profile), profile)
     data = snapshots(swirl(0.5, 0.1), (0.12, 0.2), grid, 0.02, u=tracer)
     found = identify(solver, solver.state(tracer), data, dt=0.04, noise=0.02)
     for name, value in {"s": 0.5, "d": 0.1}.items():

@@ -77,10 +77,9 @@ def test_winds_from_arrays_and_periodic_directions():
 PERIODIC, OPEN = Grid([(0, 1)] * 2, (24, 20), periodic=True), Grid((0, 1), 40)
 FLOW = ("sin(2*pi*x2)*cos(t) + 0.3", "0.4*cos(2*pi*x1)")
 BACK = ("-(sin(2*pi*x2)*cos(0.5 - t) + 0.3)", "-0.4*cos(2*pi*x1)")
-STRANG = {"splitting": "strang", "form": "advection"}
 CASES = {
     "bicubic": (PERIODIC, FLOW, BACK, {}, {}),
-    "csl4": (PERIODIC, FLOW, BACK, STRANG | {"profile": "csl4"}, {}),
+    "csl4": (PERIODIC, FLOW, BACK, {"form": "advection", "profile": "csl4"}, {}),
     "walls": (OPEN, ("0.5 + 2*x1",), ("-0.5 - 2*x1",),
               {"form": "advection", "profile": "csl2", "boundary": "0.3 + sin(9*t)"},
               {"boundary": "0.3 + sin(9*(0.5 - t))"}),

@@ -10,6 +10,7 @@ import pytest
 import pyvista
 from full_disk import errors_without_space
 from PIL import Image
+from schemes import form_of
 
 from cip import Grid, InputError, MissingDependency, Solver, State, Velocity
 from cip.output.sample import sample
@@ -20,8 +21,7 @@ def wave(x):
 
 
 def run_of(profile="cubic", **more):
-    form = "advection" if profile.startswith("csl") else "transport"
-    solver = Solver(Grid((0, 1), 20, periodic=True), 1.0, form, profile)
+    solver = Solver(Grid((0, 1), 20, periodic=True), 1.0, form_of(profile), profile)
     return solver.run(solver.state(wave), 0.5, dt=0.03, **more)
 
 
@@ -62,11 +62,9 @@ def test_starts_from_values_at_the_nodes():
     def field(x, y):
         return np.sin(2 * x) * np.cos(y)
 
-    for profile, form, splitting in (
-        ("bicubic", "transport", None), ("csl4", "advection", "strang"),
-    ):  # fmt: skip
+    for profile in ("bicubic", "csl4"):
         grid = Grid((0, 1), (24, 20))
-        solver = Solver(grid, [1.0, 0.5], form, profile, splitting=splitting, boundary=0.0)
+        solver = Solver(grid, [1.0, 0.5], form_of(profile), profile, boundary=0.0)
         found, expected = solver.state(field(*grid.mesh())), solver.state(field)
         np.testing.assert_allclose(found.data, expected.data, rtol=0, atol=5e-6)
         np.testing.assert_allclose(found["u"], expected["u"], rtol=0, atol=1e-14)
@@ -130,6 +128,9 @@ def test_series_opens_in_pyvista(tmp_path):
     values = mesh.point_data["u"].reshape(11, 9).T
     np.testing.assert_array_equal(values[:8], run.final["u"])
     np.testing.assert_array_equal(values[8], run.final["u"][0])
+    blocks = run.to_pyvista(None)
+    assert blocks.keys() == [f"t = {t!r}" for t in run.times.tolist()]
+    np.testing.assert_array_equal(blocks[1]["u"], run.to_pyvista(1)["u"])
     for path, words in ((tmp_path / "run.vtk", r"\.pvd"), (None, "path=None")):
         with pytest.raises(InputError, match=words):
             run.save(path)
@@ -151,7 +152,7 @@ def channel():
     grid = Grid.from_coordinates(
         np.linspace(0, 1, 7) ** 2, np.linspace(0, 2, 6), periodic=[False, True]
     )
-    solver = Solver(grid, [0.3, 0.0], "advection", "csl2", splitting="strang", boundary=0.0)
+    solver = Solver(grid, [0.3, 0.0], "advection", "csl2", boundary=0.0)
     return solver.run(solver.state(lambda x, y: 1 + x + np.sin(np.pi * y)), 0.1, dt=0.1)
 
 
@@ -199,13 +200,6 @@ def test_dates_and_units():
     assert data["u"].attrs["units"] == data["mean_x"].attrs["units"] == "kg m-3"
     assert "units" not in data.t.attrs  # xarray writes its own for dates
     assert run.to_xarray(units=units).t.attrs["units"] == "h"
-
-
-def test_all_snapshots_in_pyvista():
-    run = plane()
-    blocks = run.to_pyvista(None)
-    assert blocks.keys() == [f"t = {t!r}" for t in run.times.tolist()]
-    np.testing.assert_array_equal(blocks[1]["u"], run.to_pyvista(1)["u"])
 
 
 def test_gauges_see_every_step():

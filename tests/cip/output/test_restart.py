@@ -138,6 +138,8 @@ OTHERS = {
     "profile": lambda: {"solver": tracers(profile="adini")},
     "velocity": lambda: {"solver": Solver(GRID, Velocity.from_expression("1.5", WIND[1]), **RULES)},
     "decay": lambda: {"solver": tracers(decay={"dust": 0.5})},
+    "diffusion": lambda: {"solver": tracers(diffusion=0.1)},
+    "reactions": lambda: {"solver": tracers(reactions={"smoke": "-smoke*dust"})},
     "boundary": lambda: {"solver": tracers(boundary={"smoke": 1.0, "dust": 0.5})},
     "dt": lambda: {"dt": 0.024},
     "times": lambda: {"t_end": 1.5},

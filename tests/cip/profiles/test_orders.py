@@ -77,15 +77,12 @@ def test_inflow_of_the_other_profiles(profile, low):
     assert low <= order(sizes, errors) <= low + 1.5
 
 
-def swept(profile, grid, velocity, **more):
-    return Solver(grid, velocity, "advection", profile, splitting="strang", **more)
-
-
 @pytest.mark.parametrize(("profile", "low", "high"), [("csl2", 2.9, 3.3), ("csl4", 4.8, 5.3)])
 def test_order_of_uniform_flow(profile, low, high):
     sizes, errors = (12, 24, 48), []
     for n in sizes:
-        solver = swept(profile, Grid((0, 1), (n, n), periodic=True), [1.0, 0.5])
+        grid = Grid((0, 1), (n, n), periodic=True)
+        solver = Solver(grid, [1.0, 0.5], "advection", profile)
         start = solver.state(lambda x, y: 2 + np.sin(2 * np.pi * x) * np.cos(2 * np.pi * y))
         final = solver.run(start, 2.0, dt=0.4 / n).final
         errors.append(np.abs(final["u"] - start["u"]).mean())
@@ -101,7 +98,7 @@ def test_order_of_the_splitting(profile):
     for n in sizes:
         grid = Grid((-1, 1), (n, n))
         field = Velocity.from_expression("-x2", "x1")
-        solver = swept(profile, grid, field, boundary=0.0)
+        solver = Solver(grid, field, "advection", profile, boundary=0.0)
         start = solver.state(lambda x, y: np.exp(-20 * ((x - 0.3) ** 2 + y**2)))
         final = solver.run(start, np.pi, dt=np.pi / n).final
         errors.append(np.abs(final["u"] - start["u"][::-1]).mean())
@@ -116,7 +113,7 @@ def test_quartics_are_exact():
     """Between nodes, by slopes that csl4 finds at walls too; moved, as far as no inflow comes."""
     line = np.cumsum([0, 0.2, 0.15, 0.25, 0.1, 0.2, 0.15])
     grid = Grid.from_coordinates(line, 2 * line[-1] - 2 * line[::-1])
-    solver, dt = swept("csl4", grid, [0.4, -0.7], boundary=0.0), 0.17
+    solver, dt = Solver(grid, [0.4, -0.7], "advection", "csl4", boundary=0.0), 0.17
     start = solver.state(quartic)
     points = np.random.default_rng(7).uniform(0, 1, (2, 40)) * [[1.05], [2.1]]
     np.testing.assert_allclose(sample(start, points), quartic(*points), rtol=1e-11)
@@ -236,7 +233,7 @@ def test_nothing_is_read_beyond_the_last_cell_of_a_walled_line(profile):
     """What lay in memory after the widths could make the place behind the last mean NaN."""
     line = np.cumsum([0, 0.2, 0.15, 0.25, 0.1, 0.2, 0.15])
     grid = Grid.from_coordinates(line, 2 * line[-1] - 2 * line[::-1])
-    solver = swept(profile, grid, [0.4, -0.7], boundary=0.0)
+    solver = Solver(grid, [0.4, -0.7], "advection", profile, boundary=0.0)
     start = solver.state(quartic)
     expected, engine = solver.step(start, 0.1), solver._kernels
     engine._lines = [(np.append(line[0], np.nan)[:-1], *line[1:]) for line in engine._lines]

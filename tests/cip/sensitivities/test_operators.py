@@ -17,7 +17,7 @@ from derivative_checks import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from schemes import FAMILIES, FLOWS, field_of, solved, solver_of
+from schemes import FAMILIES, FLOWS, field_of, form_of, solved, solver_of
 
 from cip import Grid, InputError, Solver, Source, SplineVelocity, Velocity
 from cip.sensitivities import path_adjoint, path_tangent, window
@@ -200,8 +200,7 @@ def test_the_adjoint_of_a_flow_that_almost_rests(speed):
 def test_many_coefficients_of_splines(stream, profile):
     start = (lambda x, y: np.sin(2 * np.pi * x) * np.cos(2 * np.pi * y) / 6) if stream else 0.5
     velocity = SplineVelocity(PLANE, (7, 6), start=start, stream=stream)
-    split = {"splitting": "strang", "form": "advection"} if profile == "csl4" else {}
-    solver = Solver(PLANE, velocity, profile=profile, **split)
+    solver = Solver(PLANE, velocity, form_of(profile), profile)
     run = solver.run(solver.state(field_of(PLANE)), 0.1, dt=0.04)
     assert len(velocity.names) == (42 if stream else 84)
     assert max(dot_test(solver, run, np.random.default_rng(7))) <= 1e-13

@@ -2,21 +2,16 @@
 
 import numpy as np
 import pytest
+from convergence import order
+from schemes import made
 
-from cip import Grid, InputError, NotSupported, Solver, Velocity
+from cip import Grid, InputError, NotSupported, Solver
 
 SCHEMES = [
     ("cubic", 1, 2e-4), ("quintic", 1, 3e-7), ("csl2", 1, 2e-4), ("csl4", 1, 3e-7),
     ("adini", 2, 2e-3), ("bicubic", 2, 1e-3), ("csl4", 2, 5e-6), ("csl2", 3, 8e-3),
 ]  # fmt: skip
 KAPPA = 0.004
-
-
-def made(grid, velocity, profile, **more):
-    split = "strang" if grid.dim > 1 and profile[0] == "c" else None
-    form = "advection" if profile.startswith("csl") else "transport"
-    flow = Velocity.from_expression(*velocity)
-    return Solver(grid, flow, form, profile, splitting=split, **more)
 
 
 @pytest.mark.parametrize(("profile", "dim", "tolerance"), SCHEMES)
@@ -63,12 +58,12 @@ def test_the_order_in_time_is_two(profile):
         f" + 0.02*8*pi**2*sin({X})*cos({Y})*cos(t)"
     )
     solver = made(grid, (f"0.5*sin({Y})", "0"), profile, diffusion=0.02, source=source)
-    sizes, errors = [1 / 4, 1 / 8, 1 / 16], []
-    for dt in sizes:
-        end = solver.run(solver.state(f"sin({X})*cos({Y})"), 1.0, dt=dt).final
+    steps, errors = [4, 8, 16], []
+    for count in steps:
+        end = solver.run(solver.state(f"sin({X})*cos({Y})"), 1.0, dt=1 / count).final
         expected = solver.state(f"sin({X})*cos({Y})*{np.cos(1.0)!r}")
         errors.append(np.abs(end["u"] - expected["u"]).max())
-    assert 1.85 < np.polyfit(np.log(sizes), np.log(errors), 1)[0] < 2.2
+    assert 1.85 < order(steps, errors) < 2.2
 
 
 @pytest.mark.parametrize("number", [1e-3, 0.3, 40.0])
@@ -108,9 +103,6 @@ def test_tangent_and_adjoint(grid, profile):
 
 def test_refused():
     line = Grid((0, 1), 8, periodic=True)
-    for value in (-1.0, [1.0, 1.0], np.nan, "fast", 1j):
-        with pytest.raises(InputError, match=r"^diffusion"):
-            Solver(line, 1.0, diffusion=value)
     bent = Grid.from_coordinates(np.linspace(0, 1, 9) ** 2)
     with pytest.raises(NotSupported, match="not uniform in x"):
         Solver(bent, 0.0, diffusion=0.1)

@@ -5,38 +5,12 @@ from functools import partial
 import numpy as np
 import pytest
 from convergence import order
+from globe import FORMS, rotation, turned
 
 import cip
 from cip import InputError, Sphere, SphereSolver, State
 
-PROFILES = {
-    "cubic_spline": ("transport", "u"),
-    "quintic_spline": ("transport", "u"),
-    "csl2_spline": ("advection", "mean"),
-    "csl4_spline": ("advection", "mean"),
-}
 MEANS = ("csl2_spline", "csl4_spline")
-
-
-def rotation(angle, speed=2 * np.pi):
-    """Solid rotation about an axis that leans by an angle (Williamson et al. 1992, test 1)."""
-
-    def wind(lon, lat):
-        u = np.cos(lat) * np.cos(angle) + np.sin(lat) * np.cos(lon) * np.sin(angle)
-        return speed * u, -speed * np.sin(lon) * np.sin(angle)
-
-    return wind
-
-
-def turned(lon, lat, angle, by):
-    """Where the same rotation carried points from, by Rodrigues' formula."""
-    x = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat) + 0 * lon])
-    axis = np.array([-np.sin(angle), 0.0, np.cos(angle)])
-    turn = np.tensordot(np.cross(np.eye(3), axis), x, 1)  # axis x point
-    dot = np.tensordot(axis, x, 1)
-    cos, sin = np.cos(by), np.sin(by)
-    x = x * cos - turn * sin + axis[:, None, None] * dot * (1 - cos)
-    return np.arctan2(x[1], x[0]), np.arctan2(x[2], np.hypot(x[0], x[1]))
 
 
 def deformation(case, period=5.0):
@@ -86,15 +60,15 @@ CENTRES = {
 
 
 def solver_of(profile, wind, n=24, **more):
-    return SphereSolver(Sphere(2 * n, n), wind, PROFILES[profile][0], profile, **more)
+    return SphereSolver(Sphere(2 * n, n), wind, FORMS[profile], profile, **more)
 
 
 def l2(state, exact):
-    w, u = state.grid.weights, state[PROFILES[state.profile][1]]
+    w, u = state.grid.weights, state[state.names[0]]
     return float(np.sqrt((w * (u - exact) ** 2).sum() / (w * exact**2).sum()))
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", FORMS)
 @pytest.mark.parametrize("angle", [0.0, np.pi / 4, np.pi / 2])
 def test_a_bell_comes_back_over_the_poles(profile, angle):
     """Williamson's test 1 at 5.6 degrees, in 36 steps; smooth fields have the errors below."""
@@ -161,7 +135,7 @@ def test_a_divergent_flow_has_its_exact_density():
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", FORMS)
 def test_a_step_may_cross_a_third_of_the_sphere(profile):
     """In one step of 120 degrees over both poles the error is that of one interpolation."""
     solver = solver_of(profile, rotation(np.pi / 2), 36)
@@ -173,7 +147,7 @@ def test_a_step_may_cross_a_third_of_the_sphere(profile):
     assert l2(again, solver.state(start).data[0]) < 2e-3
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", FORMS)
 def test_noise_does_not_grow_at_the_poles(profile):
     """Short steps over the poles, from a random field; without `resolved` its norm explodes."""
     solver = solver_of(profile, rotation(np.pi / 2), 16)
@@ -184,10 +158,10 @@ def test_noise_does_not_grow_at_the_poles(profile):
     assert np.abs(end.data).max() < 4.0
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", FORMS)
 def test_radius_and_fields_change_nothing(profile):
     """A larger sphere with faster winds, and the same field beside another one."""
-    form = PROFILES[profile][0]
+    form = FORMS[profile]
     small = SphereSolver(Sphere(24, 12), rotation(0.6), form, profile)
     large = SphereSolver(
         Sphere(24, 12, radius=6371.0), rotation(0.6, 2 * np.pi * 6371.0), form, profile
@@ -234,7 +208,7 @@ def test_restarts_take_the_same_bits(tmp_path, suffix, profile):
     if suffix == ".nc":
         pytest.importorskip("xarray")
     make = partial(
-        SphereSolver, Sphere(24, 12, radius=2.0), deformation(4), PROFILES[profile][0], profile
+        SphereSolver, Sphere(24, 12, radius=2.0), deformation(4), FORMS[profile], profile
     )
     start = make().state({"ash": hills(CENTRES[4]), "air": 1.0}, t=0.5)
     whole = make().run(start, 1.7, dt=0.2, snapshots=[1.1])
@@ -249,7 +223,7 @@ def test_restarts_take_the_same_bits(tmp_path, suffix, profile):
     loaded = cip.Trajectory.load(whole.save(tmp_path / f"run{suffix}")[0], make())
     np.testing.assert_array_equal(loaded.final.data, whole.final.data)
     with pytest.raises(InputError, match="another velocity"):
-        SphereSolver(Sphere(24, 12, radius=2.0), deformation(2), PROFILES[profile][0], profile).run(
+        SphereSolver(Sphere(24, 12, radius=2.0), deformation(2), FORMS[profile], profile).run(
             start, 1.7, dt=0.2, snapshots=[1.1], save=folder, resume=True
         )
 

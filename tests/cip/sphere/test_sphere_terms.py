@@ -6,17 +6,12 @@ from functools import partial
 import numpy as np
 import pytest
 from convergence import order
+from globe import FORMS, rotation, turned
 from scipy.special import sph_harm_y
 
 import cip
 from cip import Grid, NotSupported, Source, Sphere, SphereSolver, Trajectory
 
-PROFILES = {
-    "cubic_spline": "transport",
-    "quintic_spline": "transport",
-    "csl2_spline": "advection",
-    "csl4_spline": "advection",
-}
 BOTH = ("quintic_spline", "csl4_spline")
 LEAN = 0.7  # of the axis of rotation
 
@@ -25,24 +20,13 @@ def rest(lon, lat):
     return 0.0 * lon, 0.0 * lat
 
 
-def rotation(lon, lat):
-    u = np.cos(lat) * np.cos(LEAN) + np.sin(lat) * np.cos(lon) * np.sin(LEAN)
-    return u, -np.sin(lon) * np.sin(LEAN)
+def turning(lon, lat):
+    return rotation(LEAN, 1.0)(lon, lat)
 
 
 def rotated(f, by):
-    """A field that the rotation has carried for a time (Rodrigues' formula)."""
-
-    def field(lon, lat):
-        lon, lat = np.broadcast_arrays(lon, lat)
-        x = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-        axis = np.array([-np.sin(LEAN), 0.0, np.cos(LEAN)])
-        turn = np.tensordot(np.cross(np.eye(3), axis), x, 1)
-        along = np.tensordot(axis, x, 1) * np.tensordot(axis, np.ones(lon.shape), 0)
-        x = x * np.cos(by) - turn * np.sin(by) + along * (1.0 - np.cos(by))
-        return f(np.arctan2(x[1], x[0]), np.arctan2(x[2], np.hypot(x[0], x[1])))
-
-    return field
+    """A field that the rotation has carried for a time."""
+    return lambda lon, lat: f(*turned(lon, lat, LEAN, by))
 
 
 def harmonic(n, m):
@@ -62,7 +46,7 @@ def test_harmonics_decay_exactly(profile, least, most):
     cells, errors = [12, 18, 27], []
     for n in cells:
         sphere = Sphere(2 * n, n, radius=3.0)
-        solver = SphereSolver(sphere, rest, PROFILES[profile], profile, diffusion=1.8)
+        solver = SphereSolver(sphere, rest, FORMS[profile], profile, diffusion=1.8)
 
         def field(lon, lat, t):
             return 1.0 + sum(
@@ -79,11 +63,11 @@ def test_harmonics_decay_exactly(profile, least, most):
     assert errors[-1] < {"csl2_spline": 1e-3, "csl4_spline": 2e-5, "quintic_spline": 1e-10}[profile]
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", FORMS)
 @pytest.mark.parametrize("number", [1e-4, 0.5, 1e4])
 def test_noise_diffuses_to_its_mean(profile, number):
     """No diffusion number limits it, poles included: no norm grows, and all decays in the end."""
-    solver = SphereSolver(Sphere(24, 14), rest, PROFILES[profile], profile, diffusion=number)
+    solver = SphereSolver(Sphere(24, 14), rest, FORMS[profile], profile, diffusion=number)
     start = solver.state(np.random.default_rng(3).standard_normal((24, 14)))
     end = solver.step(start, 1.0)
     w, mean = start.grid.weights, start.mass / (4 * np.pi)
@@ -91,14 +75,14 @@ def test_noise_diffuses_to_its_mean(profile, number):
     assert after < before
     if number > 1.0:
         assert np.ptp(end.data) < 1e-10
-    if PROFILES[profile] == "advection":
+    if FORMS[profile] == "advection":
         assert end.mass == pytest.approx(start.mass, rel=1e-12)
 
 
 @pytest.mark.parametrize("profile", BOTH)
 def test_with_a_limiter_no_value_leaves_the_range(profile):
     solver = SphereSolver(
-        Sphere(32, 16), rest, PROFILES[profile], profile, "bounds", (0, 1), diffusion=1e-3
+        Sphere(32, 16), rest, FORMS[profile], profile, "bounds", (0, 1), diffusion=1e-3
     )
     start = solver.state((np.random.default_rng(2).random((32, 16)) > 0.5) * 1.0)
     end = solver.run(start, 1.0, dt=0.25).final
@@ -122,7 +106,7 @@ def test_the_order_in_time_is_two(profile):
         return (1.0 + 12 * 0.05 * (1.0 + t)) * turned + rate * (2.0 + (1.0 + t) * turned)
 
     solver = SphereSolver(
-        Sphere(48, 24), rotation, PROFILES[profile], profile,
+        Sphere(48, 24), turning, FORMS[profile], profile,
         source=Source(source), decay=lost, diffusion=0.05,
     )  # fmt: skip
     steps, errors = [4, 6, 9], []
@@ -133,11 +117,11 @@ def test_the_order_in_time_is_two(profile):
     assert errors[-1] < 1e-2
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", FORMS)
 def test_reactions(profile):
     """A logistic law at each place, and an exchange whose sum and integral stay."""
     solver = SphereSolver(
-        Sphere(36, 18), rest, PROFILES[profile], profile,
+        Sphere(36, 18), rest, FORMS[profile], profile,
         reactions={"a": "a*(1 - a)", "b": "0.3*c*(1 + sin(lon)*cos(lat)) - b",
                    "c": "b - 0.3*c*(1 + sin(lon)*cos(lat))"},
     )  # fmt: skip
@@ -156,7 +140,7 @@ def test_reactions(profile):
     expected = solver.state({"a": exact, "b": 0.0, "c": 0.0}).data[0]
     np.testing.assert_allclose(end.data[0], expected, atol=4e-4 if "csl2" in profile else 2e-6)
     np.testing.assert_allclose(end.data[1] + end.data[2], state.data[1] + state.data[2], atol=1e-12)
-    if PROFILES[profile] == "advection":
+    if FORMS[profile] == "advection":
         assert np.abs(run.budget["a"].residual).max() < 1e-12
         assert run.budget["a"].reacted[-1] > 1.0
         assert run.budget["a"].inflow == {}
@@ -165,7 +149,7 @@ def test_reactions(profile):
 def test_budgets_and_gauges(tmp_path):
     """What was added and decayed closes, through a restart too; gauges against a closed form."""
     make = partial(
-        SphereSolver, Sphere(24, 12, 2.0), rotation, "conservative", "csl4_spline",
+        SphereSolver, Sphere(24, 12, 2.0), turning, "conservative", "csl4_spline",
         source={"ash": "1 + t*sin(lat)"}, decay={"ash": 0.3, "gas": "0.1*(1 + cos(lat))"},
     )  # fmt: skip
     solver, places = make(), [[0.3, 2.0], [1.1, -np.pi / 2]]
@@ -208,7 +192,7 @@ def test_the_forms_of_a_source(kind):
         "parameter": Source.from_expression("q*cos(lat)*cos(lon - 0.3)", parameters={"q": 3.0}),
     }[kind]
     for profile in BOTH:
-        solver = SphereSolver(sphere, rest, PROFILES[profile], profile, source=given)
+        solver = SphereSolver(sphere, rest, FORMS[profile], profile, source=given)
         if kind == "parameter":
             solver = solver.with_parameters(q=1.0)
         end = solver.run(solver.state(0.0), 0.7, dt=0.35).final
@@ -217,7 +201,7 @@ def test_the_forms_of_a_source(kind):
 
 def test_copies_have_all_terms():
     solver = SphereSolver(
-        Sphere(16, 8), rotation, "conservative", source={"a": "sin(lat)"}, decay={"b": 0.2},
+        Sphere(16, 8), turning, "conservative", source={"a": "sin(lat)"}, decay={"b": 0.2},
         diffusion={"a": 0.1}, reactions={"a": "-a*b"}, limiter="bounds", bounds={"b": (0.0, 9.0)},
     )  # fmt: skip
     again = pickle.loads(pickle.dumps(solver))
@@ -234,6 +218,6 @@ def test_refused():
     wind = Source.from_snapshots(times, np.ones((4, 9, 9)), grid)
     with pytest.raises(NotSupported, match="source: snapshots live on a Grid"):
         SphereSolver(Sphere(16, 8), rest, source=wind)
-    solver = SphereSolver(Sphere(16, 8), rotation, diffusion=0.1)
+    solver = SphereSolver(Sphere(16, 8), turning, diffusion=0.1)
     with pytest.raises(cip.InputError, match="diffusion cannot be undone"):
         solver.step(solver.state(1.0), -0.1)

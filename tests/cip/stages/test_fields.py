@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from schemes import BOX, CLOSED, FAMILIES, RING, TORUS, TUBE, field_of, solver_of
+from schemes import BOX, CLOSED, FAMILIES, RING, TORUS, TUBE, field_of, form_of, solver_of
 
-from cip import Grid, InputError, LeftDomain, NotSupported, Solver, Source, State, Velocity
+from cip import InputError, LeftDomain, Solver, Source, State, Velocity
 
 SCHEMES = [scheme for family in FAMILIES.values() for scheme in family]
 LIMITED = [
@@ -41,10 +41,7 @@ def test_each_as_if_alone(scheme):
 def test_limiters_act_per_field(scheme, steady):
     profile, limiter, form = scheme
     wind = ["1 + 0.3*sin(2*pi*x2)", "0.5" if steady else "0.5*cos(t)"]
-    solver = Solver(
-        TORUS, Velocity.from_expression(*wind), form, profile, limiter,
-        splitting=None if profile in ("adini", "bicubic") else "strang",
-    )  # fmt: skip
+    solver = Solver(TORUS, Velocity.from_expression(*wind), form, profile, limiter)
     jump = {"smoke": lambda x, y: np.where(x < 0.5, 1.0, 0.0) + 0 * y, "dust": "2 + sin(2*pi*x1)"}
     check_alone(solver, lambda name: solver, jump)
 
@@ -67,10 +64,7 @@ def test_rules_by_field(grid, profile, store):
         rules["dust"]["boundary"].pop("y-")
 
     def solver(**more):
-        return Solver(
-            grid, wind, "advection" if means else "transport", profile,
-            splitting="strang" if means else None, store_feet=store, **more,
-        )  # fmt: skip
+        return Solver(grid, wind, form_of(profile), profile, store_feet=store, **more)
 
     arguments = {
         key: {name: rule[key] for name, rule in rules.items() if key in rule}
@@ -107,7 +101,7 @@ def test_bounds_by_field():
 
 
 def test_names_and_shapes():
-    solver = Solver(TORUS, [1.0, 0.5], "advection", "csl4", splitting="strang")
+    solver = Solver(TORUS, [1.0, 0.5], "advection", "csl4")
     state = solver.state({"smoke": 1.0, "dust": "2 + sin(2*pi*x2)"})
     assert state.data.shape == (2, 4, *TORUS.nodes)
     assert state.fields == ("smoke", "dust")
@@ -161,28 +155,6 @@ def test_a_field_without_data_on_a_wall_is_named():
     solver = Solver(CLOSED, 1.0, boundary={"smoke": 0.0})
     with pytest.raises(LeftDomain, match=r"'x-'.*, for dust as for others"):
         solver.step(solver.state({"smoke": 1.0, "dust": 1.0}), 0.1)
-
-
-def test_derivatives_are_of_one_field():
-    solver = Solver(RING, 1.0)
-    run = solver.run(solver.state({"smoke": 1.0}), 0.1, dt=0.1)
-    with pytest.raises(NotSupported, match=r"state\.field\(name\)"):
-        solver.tangent(run)
-    assert solver.tangent(solver.run(run[0].field("smoke"), 0.1, dt=0.1)).shape == (50, 50)
-
-
-@pytest.mark.parametrize("profile", ["bicubic", "csl4"])
-def test_mass_of_each(profile):
-    grid = Grid([(0, 1)] * 2, (20, 16), periodic=True)
-    solver = Solver(
-        grid, Velocity.from_expression("sin(2*pi*x2)*cos(t)", "0.3"), "advection", profile,
-        splitting="strang" if profile == "csl4" else None, decay={"dust": 0.5},
-    )  # fmt: skip
-    start = solver.state({"smoke": "2 + sin(2*pi*x1)", "dust": 1.0})
-    end = solver.run(start, 1.0, dt=0.1).final.mass
-    rtol = 1e-13 if profile == "csl4" else 1e-3
-    np.testing.assert_allclose(end["smoke"], start.mass["smoke"], rtol=rtol)
-    np.testing.assert_allclose(end["dust"], np.exp(-0.5), rtol=rtol)
 
 
 def test_diffusion_and_time_back_are_of_all():

@@ -19,16 +19,12 @@ def blade(x, y, t):
 
 
 @pytest.mark.parametrize(
-    ("profile", "splitting", "limit"),
-    [("bicubic", None, 6e-4), ("adini", None, 2.3e-3), ("cubic", None, 1.1e-3)],
+    ("profile", "limit"), [("bicubic", 6e-4), ("adini", 2.3e-3), ("cubic", 1.1e-3)]
 )
-def test_example_1(profile, splitting, limit):
+def test_example_1(profile, limit):
     """h = dt = .04 to t = 1.2; the dissertation's slice has .0035."""
     grid = Grid([(-2, 2)] * 2, (100, 100))
-    solver = Solver(
-        grid, Velocity.from_expression("x2", "x1"), profile=profile, splitting=splitting,
-        boundary=0.0,
-    )  # fmt: skip
+    solver = Solver(grid, Velocity.from_expression("x2", "x1"), profile=profile, boundary=0.0)
     final = solver.run(solver.state(bell), 1.2, dt=0.04).final["u"]
     error = final - blade(*grid.mesh(), 1.2)
     assert 0.04 * np.sqrt(np.sum(error**2)) <= limit
@@ -190,7 +186,7 @@ def test_mass_and_positivity():
 @pytest.mark.parametrize("profile", ["linear", pytest.param("cubic", marks=pytest.mark.slow)])
 def test_constants(profile):
     flow, grid = Velocity.from_expression(*DEFORMATION), Grid((0, 1), (8, 8, 8), periodic=True)
-    solver = Solver(grid, flow, profile=profile, splitting="strang")
+    solver = Solver(grid, flow, profile=profile)
     final = solver.run(solver.state(2.5), 0.4, dt=0.13).final
     np.testing.assert_allclose(final["u"], 2.5, rtol=1e-14)
 
