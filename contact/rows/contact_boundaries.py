@@ -252,11 +252,14 @@ class ContactBoundaries:
         """Where the functional of a single boundary reads the trace."""
         rule = self.rules[0]
         if isinstance(rule, ArcGap):
-            return BoundaryPoints(rule.mean, rule.trace, rule.x, rule.normals)
-        found = boundary_points(rule)
-        if self.directions[0] is None:
-            return found
-        return replace(found, normals=outward_normals(self.body.mesh, found.x))
+            found = BoundaryPoints(rule.mean, rule.trace, rule.x, rule.normals)
+        else:
+            found = boundary_points(rule)
+            if self.directions[0] is not None:
+                found = replace(found, normals=outward_normals(self.body.mesh, found.x))
+        # Held along the boundary, as by symmetry, a point must not slip by a turn of all.
+        turns = not self.body.is_ring and bool(self.body.unconstrained(self.rows.T).all())
+        return replace(found, turns=turns)
 
     def _of_each(self, x: Array) -> list[Array]:
         """Values at all contact points, split by boundary."""
