@@ -18,8 +18,11 @@ from contact.errors import InputError
 from skfem_adini.ground.arguments import array_of
 
 
-def select_facets(mesh: Mesh, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
-    """Facet numbers of a named boundary, of several, or of an array of facet numbers."""
+def select_facets(
+    mesh: Mesh, boundary: str | Sequence[str] | ArrayLike, inside: bool = False
+) -> NDArray[np.int64]:
+    """Facet numbers of a named boundary, of several, or of an array of facet numbers.
+    `inside` allows facets inside the body."""
     names = [boundary] if isinstance(boundary, str) else boundary
     if isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names):
         known = mesh.boundaries or {}
@@ -42,7 +45,7 @@ def select_facets(mesh: Mesh, boundary: str | Sequence[str] | ArrayLike) -> NDAr
             raise InputError(f"boundary: facet numbers must lie in 0..{mesh.nfacets - 1}")
     if facets.size == 0:
         raise InputError(f"boundary {boundary!r} has no facets")
-    if np.any(mesh.f2t[1, facets] != -1):
+    if not inside and np.any(mesh.f2t[1, facets] != -1):
         raise InputError(f"boundary {boundary!r} holds facets inside the body")
     return facets
 

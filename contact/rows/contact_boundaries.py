@@ -85,6 +85,12 @@ class ContactBoundaries:
             and isinstance(obstacle, list | tuple)
             and not any(np.isscalar(b) and not isinstance(b, str) for b in boundary)
         )
+        listed = isinstance(obstacle, list | tuple) and any(callable(plain(o)) for o in obstacle)
+        if listed and not several:
+            raise InputError(
+                f"obstacle: a list of {len(obstacle)} needs a list of as many boundaries, one for "
+                "each obstacle; parts of a curve are body.arc(where=...)"
+            )
         boundaries = list(boundary) if several else [boundary]
         obstacles = list(obstacle) if several else [obstacle]
         if len(boundaries) != len(obstacles) or not boundaries:
