@@ -310,7 +310,7 @@ def _drawn_cells(domain: CutDomain, element: Any) -> list[tuple[CellBasis, NDArr
     lattice = np.indices((n, n)).reshape(2, -1) / (n - 1)
     corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     halves = (corner[:, None, None] + [[0, 1, n], [1, n, n + 1]]).reshape(-1, 3)
-    rule, found = domain.quadrature, []
+    rule, found = domain.quadrature, list[tuple[CellBasis, NDArray[np.int64]]]()
     for cells, whole in ((domain.full, True), (domain.cut, False)):
         if not cells.size:
             continue

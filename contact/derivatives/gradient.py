@@ -15,7 +15,7 @@ from contact.derivatives.adjoint import Adjoint, Cotangents, adjoint, refuse_dev
 from contact.derivatives.of_cells import by_moduli, refuse_body
 from contact.derivatives.of_places import by_places, by_pose
 from contact.errors import InputError, warn
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import finite_numbers
 
 Array = NDArray[np.float64]
 
@@ -236,9 +236,7 @@ class ContactGradient:
             A gap that is no shape; a result from a file or a copy.
         """
         dim = self.result.solid.dim
-        about = np.zeros(dim) if centre is None else numbers("centre", centre)
-        if about.shape != (dim,) or not np.all(np.isfinite(about)):
-            raise InputError(f"centre={centre!r}: expected {dim} finite numbers")
+        about = np.zeros(dim) if centre is None else finite_numbers("centre", centre, (dim,))
         sides = self._posed("pose").boundaries
         return by_pose(sides, self.result.system.obstacle, self.gap, about)
 

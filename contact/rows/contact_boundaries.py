@@ -44,6 +44,7 @@ from contact.rows.contact_rows import ContactRows
 from contact.rows.discretise import boundary_points, contact_boundary
 from contact.rows.frames import interleaved, tangent_frame
 from contact.rows.gap_rule import GapRule, given_gaps
+from contact.rows.outline import Outline
 from contact.rows.shares import check_weights
 from contact.rows.tool_rows import BoundaryPoints
 from skfem_adini.ground.arguments import evaluated
@@ -266,6 +267,11 @@ class ContactBoundaries:
         # Held along the boundary, as by symmetry, a point must not slip by a turn of all.
         turns = not self.body.is_ring and bool(self.body.unconstrained(self.rows.T).all())
         return replace(found, turns=turns)
+
+    @property
+    def outlines(self) -> list[Outline]:
+        """Those of the facets of each boundary, none for arcs."""
+        return [rule.source[0] for rule in self.rules if rule.source is not None]
 
     def _of_each(self, x: Array) -> list[Array]:
         """Values at all contact points, split by boundary."""
