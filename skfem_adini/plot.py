@@ -309,14 +309,14 @@ def _drawn_cells(domain: CutDomain, element: Any) -> list[tuple[CellBasis, NDArr
     n = 6  # points of a cell in each direction, between which the field is drawn linearly
     lattice = np.indices((n, n)).reshape(2, -1) / (n - 1)
     corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    halves = (corner[:, None, None] + [[0, 1, n], [1, n, n + 1]]).reshape(-1, 3)
+    halves = (corner[:, None, None] + np.array([[0, 1, n], [1, n, n + 1]])).reshape(-1, 3)
     rule, found = domain.quadrature, list[tuple[CellBasis, NDArray[np.int64]]]()
     for cells, whole in ((domain.full, True), (domain.cut, False)):
         if not cells.size:
             continue
         low, high = rule.lower[:, cells, None], rule.upper[:, cells, None]
         x = low + (high - low) * lattice[:, None]
-        triangles = (np.arange(cells.size)[:, None, None] * n**2 + halves).reshape(-1, 3)
+        triangles = (n**2 * np.arange(cells.size)[:, None, None] + halves).reshape(-1, 3)
         if not whole:
             near = KDTree(rule.boundary_points.T).query(np.moveaxis(x, 0, -1))[1]
             normals = rule.normals[:, near]
