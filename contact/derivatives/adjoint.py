@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from contact.body.distributed_body import DistributedBody
 from contact.body.rigid_modes import rigid_field
 from contact.condensation.boundary_problem import BoundaryProblem
 from contact.condensation.condensed_contact import CondensedContact
@@ -321,18 +320,3 @@ def _degenerate(
     length = lengths(laws.law._moving(zones.q))
     bound = rubs & (np.abs(length - np.where(rubs, zones.g, 0.0)) <= near)
     return np.asarray(kink | bound)
-
-
-def refuse_many(body: Any) -> None:
-    """Raise an InputError for a body of many processes."""
-    if any(isinstance(one, DistributedBody) for one in body.bodies):
-        raise InputError("vjp: a DistributedBody has no derivatives; take ElasticBody.from_mesh")
-
-
-def refuse_device(condensed: Any) -> None:
-    """Raise an InputError for factors without a transposed substitution here."""
-    if not isinstance(condensed, CondensedContact) or not condensed.on_host:
-        raise InputError(
-            "vjp: the problem was condensed on a device, whose factors have no derivatives here; "
-            "take problem.condense(device='cpu') and solve again"
-        )
