@@ -16,6 +16,7 @@ from contact.output.pictures import (
     axes_of,
     deformed_cells,
     deformed_edges,
+    draw_faces,
     legend_below,
     mark_points,
     pressed_faces,
@@ -129,29 +130,10 @@ def plot_pressure(result: Drawn, ax: Any = None) -> Any:
     >>> plot_pressure(result).name
     '3d'
     """
-    from matplotlib import cm
-    from mpl_toolkits.mplot3d import art3d  # type: ignore[import-untyped]
-
     tied = bool(result.system.rows.ties.all())
     drawn = [_faces(result, k, tied) for k in _owners(result, tied)]
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        ax = plt.figure(layout="constrained").add_subplot(projection="3d")
-    if not hasattr(ax, "add_collection3d"):
-        raise InputError("ax: a body in 3-D is drawn in axes with projection='3d'")
-    bodies = []
-    for corners, pressure in drawn:
-        faces = art3d.Poly3DCollection(list(corners), cmap=cm.viridis, lw=0.2, ec="0.5")
-        faces.set_array(pressure)
-        ax.add_collection3d(faces)
-        bodies.append(faces)
-    corners = np.concatenate([corners.reshape(-1, 3) for corners, _ in drawn])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    room = 0.05 * float((high - low).max())
-    for axis, a, b in zip("xyz", low - room, high + room, strict=True):
-        getattr(ax, f"set_{axis}lim")(a, b)
-    return scale_colours(ax, bodies, "pressure of the tie" if tied else "contact pressure", 0.7)
+    label = "pressure of the tie" if tied else "contact pressure"
+    return draw_faces(drawn, ax, label, cmap="viridis", lw=0.2, ec="0.5")
 
 
 def face_pressure(result: Drawn, body: Any = None) -> tuple[NDArray[np.int64], Array]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
+from scipy.spatial import KDTree
 from skfem import CellBasis
 from skfem.refdom import RefQuad
 
 from skfem_adini.curved.adini_extension import AdiniExtension
 from skfem_adini.curved.cut_domain import CutDomain
+from skfem_adini.elements.straight_cells import reference_points
 from skfem_adini.elements.vertex_dofs import scalar_element
 from skfem_adini.errors import InputError
 from skfem_adini.ground.arguments import finite_numbers
@@ -242,7 +245,7 @@ def plot_cut_domain(
 def plot_cut_field(
     domain: CutDomain, element: Any, x: Any, exact: Any = None, ax: Any = None
 ) -> Any:
-    """Draw a scalar field, or its error: full cells as surfaces, cut ones by quadrature points.
+    """Draw a scalar field, or its error, on cells and their parts inside.
 
     Parameters
     ----------
@@ -281,35 +284,47 @@ def plot_cut_field(
     """
     if not isinstance(domain, CutDomain):
         raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")
-    bases = list(domain.basis(element))
-    x = finite_numbers("x", x, (bases[0].N,))
+    x = finite_numbers("x", x, (domain.basis(element)[0].N,))
     ax = _axes(ax, figsize=(6, 5))
-    n = 6  # points of a cell in each direction, between which the field is drawn linearly
-    lattice = np.indices((n, n)).reshape(2, -1) / (n - 1)
-    if domain.full.size:
-        whole = {"quadrature": (lattice, np.ones(lattice.shape[1])), "elements": domain.full}
-        bases[0] = CellBasis(domain.mesh, element, **whole)
     found = []
-    for basis in bases:
-        where = np.asarray(basis.global_coordinates())
-        field = np.asarray(basis.interpolate(x))
+    for basis, triangles in _drawn_cells(domain, element):
+        where, field = np.asarray(basis.global_coordinates()), np.asarray(basis.interpolate(x))
         if exact is not None:
             field = np.log10(np.maximum(np.abs(field - exact(where)), 1e-17))
-        found.append((where, field))
-    low, high = (pick([pick(field) for _, field in found]) for pick in (np.min, np.max))
-    style = {"cmap": "viridis", "vmin": low, "vmax": high}
-    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    halves = corner[:, None, None] + [[0, 1, n], [1, n, n + 1]]
-    for (where, field), basis in zip(found, bases, strict=True):
-        if basis is bases[0] and domain.full.size:
-            first = np.arange(len(field))[:, None, None] * n**2
-            triangles = (first + halves.reshape(-1, 3)).reshape(-1, 3)
-            x_y = where.reshape(2, -1)
-            drawn = ax.tripcolor(*x_y, triangles, field.ravel(), shading="gouraud", **style)
-        else:
-            keep = basis.dx > 0
-            drawn = ax.scatter(*where[:, keep], c=field[keep], s=4, **style)
+        used, corner = np.unique(triangles, return_inverse=True)
+        x_y, field = where.reshape(2, -1)[:, used], field.ravel()[used]
+        found.append((*x_y, corner.reshape(-1, 3), field))
+    low, high = (pick([pick(field) for *_, field in found]) for pick in (np.min, np.max))
+    style = {"cmap": "viridis", "vmin": low, "vmax": high, "shading": "gouraud"}
+    drawn = [ax.tripcolor(*one, **style) for one in found]
     label = "$u$" if exact is None else r"$\log_{10} |u_h - u|$"
-    ax.figure.colorbar(drawn, ax=ax, shrink=0.8, label=label)
+    ax.figure.colorbar(drawn[0], ax=ax, shrink=0.8, label=label)
     ax.set(aspect="equal", xlabel="x", ylabel="y")
     return ax
+
+
+def _drawn_cells(domain: CutDomain, element: Any) -> list[tuple[CellBasis, NDArray[np.int64]]]:
+    """Bases on lattices of the full and of the cut cells, and triangles (n, 3) of their points.
+    In cut cells points outside are moved onto the tangent of the curve at its closest point."""
+    n = 6  # points of a cell in each direction, between which the field is drawn linearly
+    lattice = np.indices((n, n)).reshape(2, -1) / (n - 1)
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    halves = (corner[:, None, None] + np.array([[0, 1, n], [1, n, n + 1]])).reshape(-1, 3)
+    rule, found = domain.quadrature, list[tuple[CellBasis, NDArray[np.int64]]]()
+    for cells, whole in ((domain.full, True), (domain.cut, False)):
+        if not cells.size:
+            continue
+        low, high = rule.lower[:, cells, None], rule.upper[:, cells, None]
+        x = low + (high - low) * lattice[:, None]
+        triangles = (n**2 * np.arange(cells.size)[:, None, None] + halves).reshape(-1, 3)
+        if not whole:
+            near = KDTree(rule.boundary_points.T).query(np.moveaxis(x, 0, -1))[1]
+            normals = rule.normals[:, near]
+            off = np.sum((x - rule.boundary_points[:, near]) * normals, axis=0)
+            x -= np.maximum(off, 0.0) * normals
+            triangles = triangles[(off.ravel()[triangles] < 0.0).any(axis=1)]
+        X = reference_points(domain.mesh, cells, x)
+        weights = np.ones((cells.size, n**2))
+        basis = CellBasis(domain.mesh, element, quadrature=(X, weights), elements=cells)
+        found.append((basis, triangles))
+    return found

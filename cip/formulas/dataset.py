@@ -51,10 +51,15 @@ def gridded_arrays(
             )
         speed = str(data[name].attrs.get("units", ""))
         for along in axes:
-            if str(data[along].attrs.get("units", "")).startswith("deg") and speed[:1] == "m":
+            length = str(data[along].attrs.get("units", ""))
+            if length.startswith("deg") and not speed.startswith("deg"):
                 raise InputError(
-                    f"winds: {along!r} is in degrees, {name!r} in {speed}; convert the axis to "
-                    "metres, or take SphereSolver"
+                    f"winds: {along!r} is in degrees, {name!r} in {speed or 'no unit'}; convert "
+                    "the axis to metres, or take SphereSolver"
+                )
+            if (length[:1], speed[:1]) in (("k", "m"), ("m", "k")):
+                raise InputError(
+                    f"winds: {along!r} is in {length}, {name!r} in {speed}; convert one"
                 )
     closed = _closed(periodic, len(axes))
     lines: list[Any] = []

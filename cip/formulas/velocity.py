@@ -269,8 +269,8 @@ class Velocity(Parametrised):
         Raises
         ------
         InputError
-            A name that the dataset does not have, other dimensions, m/s over degrees, or as for
-            `from_snapshots`.
+            A name that the dataset does not have, other dimensions, m/s or no unit over degrees,
+            m/s over km, or as for `from_snapshots`.
 
         Examples
         --------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,7 @@ def plot_states(
         state = states[place]
         ax.plot(x, sample(states[place], x), lw=1.2, label=when(state.t))
     ax.set(xlabel="x", ylabel=label)
+    _few_digits(ax, "x")
     ax.legend(frameon=False, fontsize=8)
     return ax
 
@@ -116,6 +118,7 @@ def _moving(ax: Any, states: Sequence[State], label: str) -> Callable[[int], Any
     # A margin of a twentieth of the range; 1e-300 keeps it positive for a constant field.
     room = 0.05 * max(high - low, 1e-300)
     ax.set(xlabel="x", ylabel=label, ylim=(low - room, high + room))
+    _few_digits(ax, "x")
     return lambda place: line.set_ydata(sample(states[place], x)) or line
 
 
@@ -177,10 +180,19 @@ def _map(
     globe = isinstance(grid, Sphere)
     lines = map(np.degrees, grid.coordinates) if globe else grid.coordinates
     image = ax.pcolormesh(*lines, values.T, **style)
-    ax.figure.colorbar(image, ax=ax, label=label)
+    bar = ax.inset_axes([1.04, 0.0, 0.05, 1.0])  # as high as the map, whatever its shape
+    ax.figure.colorbar(image, cax=bar, label=label)
     names = ("longitude", "latitude") if globe else ("x", "y")
     ax.set(xlabel=names[0], ylabel=names[1], aspect="equal")
+    _few_digits(ax, "both")
     return image
+
+
+def _few_digits(ax: Any, axis: str) -> None:
+    """Metres of a continent as 2, 4, 6 beside a power of ten: whole numbers would overlap."""
+    with suppress(AttributeError, TypeError):  # axes of the caller may have formats of their own
+        ax.ticklabel_format(axis=axis, scilimits=(-3, 4), useMathText=True)
+        ax.locator_params(axis=axis, nbins=5)
 
 
 def _fine(bounds: tuple[float, float], cells: int) -> NDArray[np.float64]:

@@ -18,8 +18,11 @@ from contact.errors import InputError
 from skfem_adini.ground.arguments import array_of
 
 
-def select_facets(mesh: Mesh, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
-    """Facet numbers of a named boundary, of several, or of an array of facet numbers."""
+def select_facets(
+    mesh: Mesh, boundary: str | Sequence[str] | ArrayLike, inside: bool = False
+) -> NDArray[np.int64]:
+    """Facet numbers of a named boundary, of several, or of an array of facet numbers.
+    `inside` allows facets inside the body."""
     names = [boundary] if isinstance(boundary, str) else boundary
     if isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names):
         known = mesh.boundaries or {}
@@ -42,7 +45,7 @@ def select_facets(mesh: Mesh, boundary: str | Sequence[str] | ArrayLike) -> NDAr
             raise InputError(f"boundary: facet numbers must lie in 0..{mesh.nfacets - 1}")
     if facets.size == 0:
         raise InputError(f"boundary {boundary!r} has no facets")
-    if np.any(mesh.f2t[1, facets] != -1):
+    if not inside and np.any(mesh.f2t[1, facets] != -1):
         raise InputError(f"boundary {boundary!r} holds facets inside the body")
     return facets
 
@@ -80,7 +83,7 @@ def read_mesh(path: str | Path) -> Mesh:
     try:
         with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
             if path.suffix == ".msh":
-                _check_gmsh_nodes(path.read_bytes())
+                _check_gmsh(path.read_bytes())
             file = _named(_abaqus(path) if path.suffix.lower() == ".inp" else meshio.read(path))
         mesh = _with_node_sets(from_meshio(file, ignore_orientation=True), file.point_sets)
     except (Exception, SystemExit) as error:  # meshio's readers raise errors of any type
@@ -97,10 +100,14 @@ def read_mesh(path: str | Path) -> Mesh:
     return mesh
 
 
-def _check_gmsh_nodes(data: bytes) -> None:
-    """Refuse node numbers that are huge, repeated, or not as many as the file declares.
-    meshio makes an array as long as the largest number and leaves missing ones uninitialised.
+def _check_gmsh(data: bytes) -> None:
+    """Refuse a file that ends early, and node numbers that are huge, repeated, or not as many as it
+    declares: meshio makes an array as long as the largest, and leaves missing ones uninitialised.
     Formats 2.2, 4.0 and 4.1 (Gmsh reference manual, "MSH file format")."""
+    sections = re.findall(rb"^\$([A-Za-z]+)\s*$", data, re.MULTILINE) or [b"MeshFormat"]
+    whole = b"EndElements" in sections and sections[-1].startswith(b"End")
+    if b"$MeshFormat".startswith(data[:11]) and not whole:
+        raise InputError(f"it ends early, at ${sections[-1].decode()}; write or copy it anew")
     words, begin, end = data[:80].split(), data.find(b"$Nodes\n"), data.find(b"$EndNodes")
     if words[:1] != [b"$MeshFormat"] or min(begin, end) < 0:
         return  # meshio reports the error

@@ -13,6 +13,7 @@ from scipy import sparse
 from skfem import Basis, ElementVector, MeshQuad
 
 from contact.body.axisymmetry import AXISYMMETRIC
+from contact.body.boundary_names import select_facets
 from contact.body.cell_finder import find_cells
 from contact.body.cut_arc import CutArc
 from contact.body.elastic_body import ElasticBody, Field
@@ -360,6 +361,7 @@ class CutBody(ElasticBody):
         Parameters
         ----------
         boundary : str, list of str or array of facet numbers
+            Also of lines inside the body, as a line of symmetry.
         components, value, smooth
             As for `ElasticBody.fix`.
 
@@ -368,14 +370,31 @@ class CutBody(ElasticBody):
         InputError
             An arc, for displacements are prescribed on mesh lines only; those of `ElasticBody.fix`.
         """
+        for derived in ("extension", "picked"):
+            self.__dict__.pop(derived, None)
+        return super().fix(boundary, components, value, smooth)
+
+    def _held_facets(self, boundary: Any) -> NDArray[np.int64]:
         if isinstance(boundary, CutArc):
             raise InputError(
                 "boundary: displacements are prescribed on mesh lines; for a curve add "
                 "skfem_adini.nitsche to the stiffness matrix"
             )
-        for derived in ("extension", "picked"):
-            self.__dict__.pop(derived, None)
-        return super().fix(boundary, components, value, smooth)
+        found = np.zeros(0, dtype=np.int64)
+        if not isinstance(boundary, str) or np.size((self.mesh.boundaries or {}).get(boundary, 0)):
+            found = select_facets(self.mesh, boundary, inside=True)
+            start, end = self.mesh.p[:, self.mesh.facets[:, found], None].swapaxes(0, 1)
+            x = start + (end - start) * np.linspace(0.0, 1.0, 17)
+            level = self.level_at(x.reshape(2, -1)).reshape(x.shape[1:])
+            rounding = 1e-9 * np.abs(self.level_at(self.mesh.p)).max()
+            found = found[(level <= rounding).any(axis=1)]  # others would hold nothing of the body
+        if not found.size:
+            raise InputError(
+                f"boundary {boundary!r} lies outside the level set; supports are on mesh lines "
+                "that meet the body, also inside it: name one, as its line of symmetry, by "
+                "mesh.with_boundaries({...}, boundaries_only=False)"
+            )
+        return found
 
 
 class LatticeLevel:

@@ -280,7 +280,7 @@ class ElasticBody(BasisSolid):
         InputError
             Unknown boundary or component, a value that is not finite.
         """
-        facets = self.facets(boundary)
+        facets = self._held_facets(boundary)
         function = function_of_places("value", value) if callable(value) else _constant(value)
         chosen = select_components(self.dim, components)
         if not isinstance(smooth, bool | None):
@@ -288,6 +288,10 @@ class ElasticBody(BasisSolid):
         smooth = not callable(value) if smooth is None else smooth
         self._supports = [*self._supports, *((facets, c, function, smooth) for c in chosen)]
         return self._held_anew()
+
+    def _held_facets(self, boundary: Boundary) -> NDArray[np.int64]:
+        """Facets on which displacements are prescribed."""
+        return self.facets(boundary)
 
     def _held_anew(self) -> Self:
         for derived in ("constraint", "lengths"):

@@ -397,7 +397,7 @@ class CondensedContact(CondensedBodies):
             A point whose normal displacement is prescribed lies behind the obstacle, or supports
             displace a bonded point.
         InputError
-            A bonded point without a gap.
+            A bonded point without a gap; supports that hold all points a driven obstacle presses.
         """
         fixed_n, fixed_t = self.prescribed(gap, slip_from, motion)
         v0, s = self.points.stacked(fixed_n, fixed_t), np.zeros(self.N.shape[1])
@@ -430,6 +430,13 @@ class CondensedContact(CondensedBodies):
             w_n, w_t = motion.displacement(motion.prescribed)
             fixed_n, fixed_t = fixed_n - w_n, fixed_t - w_t
             largest = max(largest, float(np.abs(w_t).max(initial=0.0)))
+            pressed = np.isfinite(gap) & np.any(motion.normal[:, motion.free], axis=1)
+            if pressed.any() and np.all(self.points.normal[pressed] < 0):
+                raise InputError(
+                    "Rigid: supports hold, along its normal, every contact point on which the "
+                    "force can press the obstacle; let them end where the contact begins, hold "
+                    "fewer components there, or give the obstacle a displacement instead of a force"
+                )
         if slip_from is not None:
             fixed_t = fixed_t - slip_from
             largest = max(largest, float(np.abs(slip_from).max(initial=0.0)))

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from contact.body.distributed_body import DistributedBody
 from contact.body.rigid_modes import rigid_field
 from contact.condensation.boundary_problem import BoundaryProblem
 from contact.condensation.condensed_contact import CondensedContact
@@ -40,7 +39,7 @@ from contact.laws.condensed_newton import Condensed, SlipRows, Used
 from contact.laws.friction import Tresca, lengths
 from contact.laws.law import State, Zones
 from contact.rows.tool_rows import RowsInMotion
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import finite_numbers
 
 Array = NDArray[np.float64]
 
@@ -77,7 +76,12 @@ class Cotangents:
             "u": result.u.shape, "pressure": (m,), "shear": (m, slips), "slip": (m, slips),
             "contact_forces": result.u.shape, "resultant": (system.body.dim,), "motion": (k,),
         }  # fmt: skip
-        read = {name: _read(name, given.get(name), shape) for name, shape in shapes.items()}
+        read = {
+            name: np.zeros(shape)
+            if given.get(name) is None
+            else np.asarray(finite_numbers(name, given[name], shape))
+            for name, shape in shapes.items()
+        }
         free, forces = ~rows.ties, read["contact_forces"]
         pressure, shear = read["pressure"] * free, read["shear"] * free[:, None]
         axes, resultant = axes_of(system.body, rows), read["resultant"]
@@ -93,17 +97,6 @@ class Cotangents:
         if system.motion is not None:
             motion = motion - system.motion.tangent.T @ slip.ravel()
         return cls(u, mu, t, motion, slip, forces, resultant, pressure, shear)
-
-
-def _read(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    if value is None:
-        return np.zeros(shape)
-    array = numbers(name, value)
-    if array.shape != shape:
-        raise InputError(f"{name}: expected finite numbers of shape {shape}, got {array.shape}")
-    if not np.all(np.isfinite(array)):
-        raise InputError(f"{name}: expected finite numbers, got NaN or infinity")
-    return array
 
 
 def axes_of(body: Any, rows: Any) -> Array:
@@ -138,7 +131,7 @@ def adjoint(result: Any, condensed: CondensedContact, given: Cotangents) -> Adjo
     if result.origin is not None and result.origin.slide is not None:
         given, change, moved = _sliding(result, condensed, given)
     problem, laws, zones, state = _linearised(result, condensed, moved)
-    given, known = _of_held_points(result, given, problem)
+    given, friction, tangent = _of_held_points(result, given, problem)
     scale, motion, m = condensed.point_scale, system.motion, result.mu.size
     used = Used.of(problem, zones)
     linear = used.laws(laws.law, zones, state, "radial")  # without laws of surfaces: of slip
@@ -166,11 +159,10 @@ def adjoint(result: Any, condensed: CondensedContact, given: Cotangents) -> Adjo
     of_rows = np.zeros(problem.v0.size)
     of_rows[used.rows] = of_used
     load = equations.transposed(given.u, of_rows, eta[n:])
-    normal, tangent = np.zeros(m), known.tangent
+    normal = np.zeros(m)
     normal[zones.active] = of_used[: used.count] / scale[zones.active]
     place = used.rubbing.nonzero()
     tangent[place] += of_used[used.count :] / scale[place[0]]
-    friction = known.friction
     if linear:
         at_bound = np.flatnonzero(zones.slip)
         b = (zones.q / np.where(zones.slip, lengths(zones.q), 1.0))[:, at_bound].T
@@ -181,7 +173,9 @@ def adjoint(result: Any, condensed: CondensedContact, given: Cotangents) -> Adjo
     force[free] = per_unit * eta[eta.size - per_unit.size :]
     left, pushed = _on_bodies(system, given, (load, normal, tangent.ravel(), force), change)
     _certify(*system.body.equilibrium(load, np.zeros(load.size), left))
-    support = _at_supports(system.body, left - system.body.internal(load))
+    reactions = left - system.body.internal(load)
+    pairs = zip(system.body.bodies, system.body.slices, strict=True)
+    support = np.concatenate([np.asarray(one.at_supports(reactions[own])) for one, own in pairs])
     return Adjoint(
         load, normal, tangent, force, np.where(free, 0.0, pushed), friction, support,
         _degenerate(laws, zones, state, problem, result),
@@ -235,11 +229,6 @@ def _sliding(
     return given, change, slide.equations(result, condensed, change)
 
 
-def _at_supports(body: Any, v: Array) -> Array:
-    pairs = zip(body.bodies, body.slices, strict=True)
-    return np.concatenate([np.asarray(one.at_supports(v[own])) for one, own in pairs])
-
-
 def _certify(left: float, terms: float) -> None:
     missed = left / (terms or 1.0)
     if not missed <= LIMITS.solved:
@@ -270,32 +259,26 @@ def _linearised(
     return problem, laws, laws.law.zones(state), state
 
 
-class _Known(NamedTuple):
-    """Gradients by friction and slip of points whose whole slip is prescribed."""
-
-    friction: Array
-    tangent: Array
-
-
 def _of_held_points(
     result: Any, given: Cotangents, problem: BoundaryProblem
-) -> tuple[Cotangents, _Known]:
-    """Where the whole slip is prescribed, t = g b is a function of mu and of the slip."""
+) -> tuple[Cotangents, Array, Array]:
+    """Where the whole slip is prescribed, t = g b is a function of mu and of the slip: what follows
+    for mu, and gradients by friction (m,) and slip (m, dim - 1)."""
     system, t = result.system, result.t
-    known = _Known(np.zeros(t.shape[0]), np.zeros(t.shape))
+    friction, tangent = np.zeros(t.shape[0]), np.zeros(t.shape)
     size = np.linalg.norm(t, axis=1)
     held = (problem.tangent < 0).all(axis=1) & (size > 0) & ~system.rows.ties
     if held.any():
         b = t / np.where(held, size, 1.0)[:, None] * held[:, None]
         along = np.sum(b * given.t, axis=1)
         coulomb = system.law == "coulomb"
-        known.friction[:] = along * (result.mu if coulomb else 1.0)
+        friction = along * (result.mu if coulomb else 1.0)
         slip = np.linalg.norm(result.slip_increment, axis=1)
         ratio = np.where(held, size / np.where(slip > 0, slip, 1.0), 0.0)
-        known.tangent[:] = ratio[:, None] * (given.t * held[:, None] - along[:, None] * b)
+        tangent = ratio[:, None] * (given.t * held[:, None] - along[:, None] * b)
         more = along * system.friction if coulomb else 0.0
         given = replace(given, mu=given.mu + more)
-    return given, known
+    return given, friction, tangent
 
 
 def _solved(
@@ -337,18 +320,3 @@ def _degenerate(
     length = lengths(laws.law._moving(zones.q))
     bound = rubs & (np.abs(length - np.where(rubs, zones.g, 0.0)) <= near)
     return np.asarray(kink | bound)
-
-
-def refuse_many(body: Any) -> None:
-    """Raise an InputError for a body of many processes."""
-    if any(isinstance(one, DistributedBody) for one in body.bodies):
-        raise InputError("vjp: a DistributedBody has no derivatives; take ElasticBody.from_mesh")
-
-
-def refuse_device(condensed: Any) -> None:
-    """Raise an InputError for factors without a transposed substitution here."""
-    if not isinstance(condensed, CondensedContact) or not condensed.on_host:
-        raise InputError(
-            "vjp: the problem was condensed on a device, whose factors have no derivatives here; "
-            "take problem.condense(device='cpu') and solve again"
-        )

@@ -10,12 +10,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.body.distributed_body import DistributedBody
 from contact.condensation.condensed_contact import CondensedContact
-from contact.derivatives.adjoint import Adjoint, Cotangents, adjoint, refuse_device, refuse_many
+from contact.derivatives.adjoint import Adjoint, Cotangents, adjoint
 from contact.derivatives.of_cells import by_moduli, refuse_body
 from contact.derivatives.of_places import by_places, by_pose
 from contact.errors import InputError, warn
-from skfem_adini.ground.arguments import numbers
+from skfem_adini.ground.arguments import finite_numbers
 
 Array = NDArray[np.float64]
 
@@ -236,9 +237,7 @@ class ContactGradient:
             A gap that is no shape; a result from a file or a copy.
         """
         dim = self.result.solid.dim
-        about = np.zeros(dim) if centre is None else numbers("centre", centre)
-        if about.shape != (dim,) or not np.all(np.isfinite(about)):
-            raise InputError(f"centre={centre!r}: expected {dim} finite numbers")
+        about = np.zeros(dim) if centre is None else finite_numbers("centre", centre, (dim,))
         sides = self._posed("pose").boundaries
         return by_pose(sides, self.result.system.obstacle, self.gap, about)
 
@@ -290,7 +289,8 @@ def _same_friction(system: Any, problem: Any) -> bool:
 def condensation(result: Any, problem: Any) -> CondensedContact:
     """The factors of a result's bodies, those of its problem where they are still right."""
     system, origin = result.system, result.origin
-    refuse_many(system.body)
+    if any(isinstance(one, DistributedBody) for one in system.body.bodies):
+        raise InputError("vjp: a DistributedBody has no derivatives; take ElasticBody.from_mesh")
     if origin is not None and origin.slide is not None:
         return cast(CondensedContact, origin.slide.condensed(system))
     if system.surface is not None:
@@ -304,7 +304,11 @@ def condensation(result: Any, problem: Any) -> CondensedContact:
     condensed: Any = None if problem is None else problem.kept_condensation(system.body)
     if condensed is None:
         condensed = CondensedContact(system.body, system.rows)
-    refuse_device(condensed)
+    if not isinstance(condensed, CondensedContact) or not condensed.on_host:
+        raise InputError(
+            "vjp: the problem was condensed on a device, whose factors have no derivatives here; "
+            "take problem.condense(device='cpu') and solve again"
+        )
     return condensed
 
 

@@ -5,6 +5,7 @@ Those of Newton's method leave out that ends of segments move, which errs by 1e-
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -54,17 +55,15 @@ def of_pairs(slide: Any, change: RowsInMotion, result: Any) -> tuple[RowsInMotio
     near = boolean(near @ (near.T @ near))  # neighbours of those that share a point
     together = boolean(near.T @ near)
     pattern = Csr(sparse.vstack([near, near, boolean(each.T @ near), together], format="csr"))
-    colour, step = coloured(pattern), _STEP * result.solid.extent
-    entries = []
-    for k in range(colour.max(initial=-1) + 1):
-        moves = np.where(colour == k, step, 0.0)
-        rate = (terms(u + moves) - terms(u - moves)) / (2.0 * step)
-        part = pattern[:, np.flatnonzero(colour == k)].tocoo()
-        entries.append((rate[part.row], part.row, np.flatnonzero(colour == k)[part.col]))
-    data, row, column = (np.concatenate(v) for v in zip(*entries, strict=True))
-    found = Csr(sparse.coo_array((data, (row, column)), shape=pattern.shape))
+    step = _STEP * result.solid.extent
+
+    def difference(moves: Array) -> Array:
+        return terms(u + moves) - terms(u - moves)
+
+    colour = coloured(pattern)
+    found = rates(difference, pattern, colour, np.full(u.size, step))
     moves = step * np.random.default_rng(0).uniform(-1.0, 1.0, u.size) * (colour >= 0)
-    change_of, expected = terms(u + moves) - terms(u - moves), 2.0 * (found @ moves)
+    change_of, expected = difference(moves), 2.0 * (found @ moves)
     if not np.abs(change_of - expected).max() <= 1e-3 * np.abs(change_of).max():
         raise NotConverged(
             "vjp: rows of sliding bodies jump at this place, as where a node passes another; take "
@@ -85,14 +84,27 @@ def of_pairs(slide: Any, change: RowsInMotion, result: Any) -> tuple[RowsInMotio
     return moved, of_areas
 
 
-def coloured(pattern: sparse.csr_array) -> NDArray[np.int64]:
-    """Colour of each node that some term depends on, -1 for others; greedy."""
+def rates(
+    difference: Callable[[Array], Array], pattern: Csr, colour: NDArray[np.int64], steps: Array
+) -> Csr:
+    """Derivatives of terms, entries of `pattern` (terms, unknowns), by central differences.
+    `difference` is that of the terms by moves of unknowns ahead and back; those of a colour, which
+    share no term, move at once, by `steps`; zero steps give zero."""
+    row, moved = pattern.tocoo().row, colour[pattern.indices]
+    step, data = steps[pattern.indices], np.zeros(pattern.nnz)
+    for k in range(colour.max(initial=-1) + 1):
+        own = (moved == k) & (step > 0)
+        data[own] = difference(np.where(colour == k, steps, 0.0))[row[own]] / (2.0 * step[own])
+    return Csr((data, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+
+def coloured(pattern: Csr) -> NDArray[np.int64]:
+    """Colour of each unknown that some term depends on, -1 for others; greedy."""
     conflicts = sparse.csr_array(pattern.T @ pattern)
     colour = np.full(pattern.shape[1], -1)
     for node in np.flatnonzero(np.diff(conflicts.indptr)):
         taken = colour[conflicts.indices[conflicts.indptr[node] : conflicts.indptr[node + 1]]]
-        free = np.setdiff1d(np.arange(taken.size + 1), taken)
-        colour[node] = free[0]
+        colour[node] = np.setdiff1d(np.arange(taken.size + 1), taken)[0]
     return colour
 
 

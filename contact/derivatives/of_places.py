@@ -13,6 +13,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,14 +27,13 @@ from contact.body.solid import Surface
 from contact.body.vector_element import GRADIENT_DOFS
 from contact.derivatives.adjoint import axes_of
 from contact.derivatives.of_cells import by_vertices
-from contact.derivatives.of_pairs import boolean, coloured
+from contact.derivatives.of_pairs import boolean, coloured, rates
 from contact.errors import ContactWarning, InputError, NotConverged
 from contact.obstacles.rigid import plain
 from contact.obstacles.rigid_motion import matrix_of
 from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.gap_rule import GapRule
 from contact.rows.interfaces import Interfaces
-from contact.rows.outline import Outline
 
 Array = NDArray[np.float64]
 Terms = Callable[[list[Array]], Array]
@@ -133,16 +133,8 @@ def _bent(problem: Any) -> list[NDArray[np.bool_]]:
     rows with it by terms that are not linear: what is a curve there stays decided."""
     bodies, sides = problem.body.bodies, problem.boundaries
     found = [np.zeros(body.mesh.nfacets, dtype=bool) for body in bodies]
-    several = isinstance(sides, Interfaces)
-    each = zip(problem.pairs, sides.sides, strict=True) if several else [(None, sides)]
-    for pair, side in each:
-        outlines = [side.first, side.second] if not isinstance(side, ContactBoundaries) else []
-        if not outlines:
-            body = side.body
-            whole = problem.boundary if pair is None else pair.boundary
-            several_places = list(whole) if side.several else [whole]
-            outlines = [Outline(body, body.whole_facets(one)) for one in several_places]
-        for outline in outlines:
+    for side in sides.sides if isinstance(sides, Interfaces) else [sides]:
+        for outline in side.outlines:
             k = next(k for k, body in enumerate(bodies) if body.trace is outline.body)
             found[k][outline.facets[outline.bent]] = True
     return found
@@ -220,25 +212,19 @@ def _differences(bodies: tuple[Any, ...], terms: Terms, pattern: sparse.csr_arra
     ends = np.cumsum([p.shape[1] for p in places])[:-1]
     size = np.concatenate([_sizes(body.mesh) for body in bodies])
     at, dim = np.hstack(places), places[0].shape[0]
-    colour = coloured(pattern)
-    found, held = np.zeros(at.shape), _on_axis(bodies)
+    held = _on_axis(bodies)
 
     def difference(moves: Array) -> Array:
         ahead, back = (terms(list(np.hsplit(at + sign * moves, ends))) for sign in (1.0, -1.0))
         return np.asarray(ahead - back)
 
+    found, colour = np.zeros(at.shape), coloured(pattern)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ContactWarning)
-        for k in range(colour.max(initial=-1) + 1):
-            own = np.flatnonzero(colour == k)
-            of_term = pattern[:, own].tocoo()
-            for c in range(dim):
-                moves = np.zeros(at.shape)
-                moves[c, own] = LIMITS.step * size[own] * ~(held[own] & (c == 0))
-                change = difference(moves)
-                summed = np.bincount(of_term.col, change[of_term.row], own.size)
-                step = 2.0 * moves[c, own]
-                found[c, own] = np.where(step > 0, summed / np.where(step > 0, step, 1.0), 0.0)
+        for c, way in enumerate(np.eye(dim)[:, :, None]):
+            steps = LIMITS.step * size * ~(held & (c == 0))
+            of_moves = partial(lambda way, moves: difference(way * moves), way)
+            found[c] = rates(of_moves, pattern, colour, steps).sum(axis=0)
         moves = LIMITS.step * size * np.random.default_rng(0).uniform(-1.0, 1.0, at.shape)
         moves[0, held] = 0.0
         change, expected = difference(moves), 2.0 * found * moves
@@ -331,33 +317,19 @@ def by_pose(sides: Any, obstacle: Any, normal: Array, centre: Array) -> Array:
     """Derivatives by a translation, then a rotation about `centre`, of the shape of each boundary,
     shape (nboundaries, dim (dim + 1) / 2); zero opposite elastic bodies. `normal` (m,) is the
     gradient by the gap."""
-    found, start = [], 0
-    each = _rules(sides, obstacle)
-    dim = centre.size
-    for rule, one in each:
-        size = rule.order.size if rule is not None else one
-        own = normal[start : start + size]
-        start += size
-        moves = np.zeros(dim * (dim + 1) // 2)
-        if rule is not None and np.any(own):
-            moves = _of_shape(rule, plain(one), own, centre, moves)
-        found.append(moves)
-    return np.array(found)
-
-
-def _rules(sides: Any, obstacle: Any) -> list[tuple[Any, Any]]:
-    """Gap rule and obstacle of each boundary; None and the number of points between bodies."""
-    if isinstance(sides, ContactBoundaries):
-        obstacles = obstacle if sides.several else [obstacle]
-        return list(zip(sides.rules, obstacles, strict=True))
-    found: list[tuple[Any, Any]] = []
-    for side, one, points in zip(sides.sides, obstacle, sides._points, strict=True):
-        rigid = isinstance(side, ContactBoundaries)
-        found.append((side.rules[0], one) if rigid else (None, points.size))
+    several = isinstance(sides, Interfaces)
+    each = sides.sides if several else sides.alone
+    part = sides.rows.part if sides.rows.part.size else np.zeros(normal.size, dtype=np.int64)
+    obstacles = obstacle if several or sides.several else [obstacle]
+    found = np.zeros((len(each), centre.size * (centre.size + 1) // 2))
+    for k, (side, one) in enumerate(zip(each, obstacles, strict=True)):
+        own = normal[part == k]
+        if isinstance(side, ContactBoundaries) and np.any(own):
+            _of_shape(side.rules[0], plain(one), own, centre, found[k])
     return found
 
 
-def _of_shape(rule: Any, shape: Any, normal: Array, centre: Array, moves: Array) -> Array:
+def _of_shape(rule: Any, shape: Any, normal: Array, centre: Array, moves: Array) -> None:
     if not hasattr(shape, "distance") and not hasattr(shape, "motion_from"):
         raise InputError(
             f"pose: a gap given as a {type(shape).__name__} is no shape that moves; chain `gap` "
@@ -371,7 +343,6 @@ def _of_shape(rule: Any, shape: Any, normal: Array, centre: Array, moves: Array)
         known = np.isfinite(ahead) & np.isfinite(back)
         change = np.where(known, ahead, 0.0) - np.where(known, back, 0.0)
         moves[k] = normal @ change / (2.0 * step)
-    return moves
 
 
 def _seen(rule: GapRule, shape: Any, k: int, step: float, centre: Array) -> Array:

@@ -730,12 +730,7 @@ def refuse_large_rotations(interfaces: Interfaces, u: Array, largest: float) -> 
     be negligible (P. Wriggers, Computational Contact Mechanics, 2006, section 3.1)."""
     bodies = interfaces.bodies
     for side in interfaces.sides:
-        if isinstance(side, Interface):
-            outlines = [side.first, side.second]
-        else:
-            source = side.rules[0].source
-            outlines = [] if source is None else [source[0]]
-        for outline in outlines:
+        for outline in side.outlines:
             k = bodies.number_of_trace(outline.body)
             for what, angle in _angles(outline, u[bodies.slices[k]]):
                 if angle > largest:

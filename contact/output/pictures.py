@@ -195,3 +195,27 @@ def scale_colours(ax: Any, parts: list[Any], label: str | None, shrink: float = 
         part.set_clim(values.min(initial=np.inf), values.max(initial=-np.inf))
     ax.figure.colorbar(parts[-1], ax=ax, shrink=shrink, label=label)
     return ax
+
+
+def draw_faces(parts: list[tuple[Array, Array]], ax: Any, label: str, **style: Any) -> Any:
+    """Faces of bodies in 3-D, corners (n, k, 3) with a value (n,) each, in colours; the axes."""
+    from mpl_toolkits.mplot3d import art3d  # type: ignore[import-untyped]
+
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.figure(layout="constrained").add_subplot(projection="3d")
+    if not hasattr(ax, "add_collection3d"):
+        raise InputError("ax: a body in 3-D is drawn in axes with projection='3d'")
+    bodies = []
+    for corners, values in parts:
+        faces = art3d.Poly3DCollection(list(corners), **style)
+        faces.set_array(values)
+        bodies.append(ax.add_collection3d(faces))
+    corners = np.concatenate([corners.reshape(-1, 3) for corners, _ in parts])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    room = 0.05 * float((high - low).max())
+    for axis, a, b in zip("xyz", low - room, high + room, strict=True):
+        getattr(ax, f"set_{axis}lim")(a, b)
+    ax.set(xlabel="x", ylabel="y", zlabel="z")
+    return scale_colours(ax, bodies, label, 0.7)

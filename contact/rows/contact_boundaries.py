@@ -44,6 +44,7 @@ from contact.rows.contact_rows import ContactRows
 from contact.rows.discretise import boundary_points, contact_boundary
 from contact.rows.frames import interleaved, tangent_frame
 from contact.rows.gap_rule import GapRule, given_gaps
+from contact.rows.outline import Outline
 from contact.rows.shares import check_weights
 from contact.rows.tool_rows import BoundaryPoints
 from skfem_adini.ground.arguments import evaluated
@@ -85,6 +86,12 @@ class ContactBoundaries:
             and isinstance(obstacle, list | tuple)
             and not any(np.isscalar(b) and not isinstance(b, str) for b in boundary)
         )
+        listed = isinstance(obstacle, list | tuple) and any(callable(plain(o)) for o in obstacle)
+        if listed and not several:
+            raise InputError(
+                f"obstacle: a list of {len(obstacle)} needs a list of as many boundaries, one for "
+                "each obstacle; parts of a curve are body.arc(where=...)"
+            )
         boundaries = list(boundary) if several else [boundary]
         obstacles = list(obstacle) if several else [obstacle]
         if len(boundaries) != len(obstacles) or not boundaries:
@@ -252,11 +259,19 @@ class ContactBoundaries:
         """Where the functional of a single boundary reads the trace."""
         rule = self.rules[0]
         if isinstance(rule, ArcGap):
-            return BoundaryPoints(rule.mean, rule.trace, rule.x, rule.normals)
-        found = boundary_points(rule)
-        if self.directions[0] is None:
-            return found
-        return replace(found, normals=outward_normals(self.body.mesh, found.x))
+            found = BoundaryPoints(rule.mean, rule.trace, rule.x, rule.normals)
+        else:
+            found = boundary_points(rule)
+            if self.directions[0] is not None:
+                found = replace(found, normals=outward_normals(self.body.mesh, found.x))
+        # Held along the boundary, as by symmetry, a point must not slip by a turn of all.
+        turns = not self.body.is_ring and bool(self.body.unconstrained(self.rows.T).all())
+        return replace(found, turns=turns)
+
+    @property
+    def outlines(self) -> list[Outline]:
+        """Those of the facets of each boundary, none for arcs."""
+        return [rule.source[0] for rule in self.rules if rule.source is not None]
 
     def _of_each(self, x: Array) -> list[Array]:
         """Values at all contact points, split by boundary."""

@@ -115,16 +115,12 @@ def contact_boundary(
     return rows, rule
 
 
-def point_functions(
-    body: ElasticBody, facets: Index, functional: str | None
-) -> tuple[FacetBasis, sparse.csr_array]:
+def point_functions(rule: GapRule) -> tuple[FacetBasis, sparse.csr_array]:
     """Trace of the scalar element at Gauss points, and the functions N_k of the contact points
     there, (nfacets * npoints, m). Raises InputError for a functional whose N_k change sign."""
-    outline = Outline(body, facets)
-    form = _usable(outline, functional)
-    number, count = numbering(outline, form)
-    integrals = _facet_basis(body, facets, None)
-    shares = Shares.of(outline, form, number, integrals)
+    assert rule.source is not None
+    (outline, form), shares, count = rule.source, rule.shares, rule.order.size
+    integrals = _facet_basis(outline.body, outline.facets, None)
     N = np.einsum("fst,ftq->fqs", shares.mix, facet_functions(outline, form, integrals)[0])
     if N.min() < -1e-9:  # rounding of polynomials that are not negative
         raise InputError(
@@ -132,7 +128,7 @@ def point_functions(
             "to conduct heat by; leave functional out"
         )
     place = np.empty(count, dtype=np.int64)
-    place[along(outline, form, number, count)] = np.arange(count)
+    place[rule.order] = np.arange(count)
     column = np.broadcast_to(place[shares.number][:, None], N.shape).ravel()
     row = np.repeat(np.arange(N[..., 0].size), N.shape[2])
     shape = N[..., 0].size, count

@@ -119,7 +119,7 @@ class Interfaces:
                 continue
             one, two = (
                 u[self.bodies.slices[self.bodies.number_of_trace(outline.body)]]
-                for outline in (side.first, side.second)
+                for outline in side.outlines
             )
             found = side.displaced(one, two)
             parts.append(_of_two(self.bodies, side, found))
@@ -145,7 +145,7 @@ class Interfaces:
                     d = d if isinstance(o, Rigid) else d.alone
                     still = d.among(total, [self._own(side.body)])
             elif isinstance(found, MortarRows):
-                mine = [self._own(outline.body) for outline in (side.first, side.second)]
+                mine = [self._own(outline.body) for outline in side.outlines]
                 now, was = ((v[mine[0]], v[mine[1]]) for v in (u, last))
                 since = now[0] - was[0], now[1] - was[1]
                 b = SlidingDerivative.of(side, found, now, since, (mu[own], t[own]))
@@ -169,7 +169,7 @@ class Interfaces:
             if isinstance(side, ContactBoundaries):
                 read = [(side.body, np.unique(side.points.N.indices))]
             else:
-                read = [(o.body, np.unique(o.scalar_dofs)) for o in (side.first, side.second)]
+                read = [(o.body, np.unique(o.scalar_dofs)) for o in side.outlines]
             for body, scalar in read:
                 start = self.bodies.slices[self.bodies.number_of_trace(body)].start
                 for c in range(body.dim):

@@ -42,6 +42,7 @@ class BoundaryPoints:
     N: Csr  # scalar functions at the points, shape (n, scalar dofs)
     x: Array  # at rest, shape (dim, n)
     normals: Array  # outward normals of the body, shape (dim, n)
+    turns: bool = True  # False: part of a ring or of a symmetric body, which bends but cannot turn
 
 
 @dataclass(frozen=True)
@@ -151,9 +152,12 @@ class ToolRows:
     @cached_property
     def _turn(self) -> tuple[Array, Array]:
         """Rotation of the boundary since the last step, as a matrix and as a vector."""
+        none = np.zeros_like(self.tool.spin)
+        if not self.points.turns:
+            return np.eye(len(self.here)), none
         turn = closest_rotation(self.points.x + self.before, self.points.x + self.here)
         found = turn_of(turn)
-        return turn, np.zeros_like(self.tool.spin) if found is None else found
+        return turn, none if found is None else found
 
     @cached_property
     def _slips(self) -> tuple[Array, Array, Array, Array]:
@@ -303,6 +307,8 @@ class ToolRows:
         """`RowsInMotion.swing` and `turning`: with the boundary's centred places h before, turned,
         and g now, ``sum ((h . g) theta - (g . theta) h) = sum h x dy`` for a small rotation."""
         (_, of_body), (_, one, arm, lag) = self._turn, self._slips
+        if not self.points.turns:
+            return np.zeros((self.own.T.shape[0], 0)), Csr((0, self._trace.shape[1]))
         unit = np.eye(lag.size)
         way = [cross(_of_spin(of_body, v), arm) - cross(v, one) for v in unit]
         way = [s - 0.5 * cross(lag, cross(v, one)) for s, v in zip(way, unit, strict=True)]
@@ -330,9 +336,10 @@ class ToolRows:
         (_, _, arm, lag), tangents, (_, g, weight) = self._slips, self._frames[3], self._centred
         before = -(np.eye(len(g)) + 0.5 * cross(lag, np.eye(len(g)))) @ turn
         by_was = self._spread(self.points.P.data * np.einsum("dje,db->jbe", tangents, before))
-        # (R dw x g) . v = dw . R^T (g x v)
-        rows = self._whole([-turn.T @ cross(v, g) for v in np.eye(lag.size)])
-        turning = Csr(Csr(np.linalg.solve(weight, rows)) @ self._trace)
+        if self.points.turns:  # (R dw x g) . v = dw . R^T (g x v)
+            rows = self._whole([-turn.T @ cross(v, g) for v in np.eye(lag.size)])
+            turning = Csr(Csr(np.linalg.solve(weight, rows)) @ self._trace)
+            by_was = Csr(by_was + Csr(self._swing()[0]) @ turning)
         place = tool.centre + tool.last.motion[: len(g)]
         found = []
         for k in range(tool.pose.motion.size):
@@ -343,7 +350,7 @@ class ToolRows:
                 ways = ways - cross(-_of_spin(tool.spin, v), arm)
             ways = np.broadcast_to(ways, arm.shape)[:, entry]
             found.append(self._mean(np.einsum("dje,de->je", tangents, ways)).T.ravel())
-        return Csr(by_was + Csr(Csr(self._swing()[0]) @ turning)), np.array(found).T
+        return by_was, np.array(found).T
 
     def _slip_derivative(self, H: Array, of_pose: Array) -> tuple[Csr, Array]:
         """`RowsInMotion.tangential` and `slip`: of B (dy - w(end)) - dspin x arm along t, and of

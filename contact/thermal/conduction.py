@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 from skfem import Basis, BilinearForm
 
-from contact.body.cell_finder import places_in
 from contact.body.cut_body import CutBody
 from contact.body.deferred_basis import dofs_on_facets
 from contact.body.elastic_body import ElasticBody
@@ -30,7 +29,7 @@ from contact.body.vector_element import GRADIENT_DOFS
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
 from contact.histories.load_program import Factor, value_at
-from skfem_adini import essential_constraints, factorize
+from skfem_adini import essential_constraints
 from skfem_adini.ground.arguments import evaluated, numbers
 
 Array = NDArray[np.float64]
@@ -178,11 +177,7 @@ class Conduction:
 
     def interpolated(self, name: str, value: Any) -> Array:
         """Dofs of a given temperature, shape (n,), by projection in L2."""
-        basis = self.basis
-        x, trace = np.asarray(basis.global_coordinates()), trace_of(basis)
-        weighted = Csr(trace.T @ sparse.diags_array(np.asarray(basis.dx).ravel()))
-        found = factorize(Csr(weighted @ trace)).solve(weighted @ field_at(name, value, x).ravel())
-        return np.asarray(found)
+        return np.asarray(self.basis.project(lambda x: field_at(name, value, np.asarray(x))))
 
     def prescribed(self, t: float) -> tuple[Csr, Array]:
         """P and T0 of ``T = P z + T0`` under the prescribed temperatures of a time."""
@@ -219,17 +214,6 @@ class Conduction:
         tables = zip(self._at_nodes, self.basis.element_dofs, strict=True)
         nodal = sum((N * change[dofs][:, None] for N, dofs in tables), start=np.zeros(()))
         body.heat(lambda x: nodal, expansion)
-
-
-def temperature_at(body: Any, T: Array, points: Array) -> Array:
-    """Temperature (npoints,) at points (dim, npoints) of a body, by dofs T of its element."""
-    cells, mapping = body.cells_of(points), body.basis.mapping
-    X = places_in(body.mesh, mapping, points, cells)[:, :, None]
-    found = np.zeros(points.shape[1])
-    for i, dofs in enumerate(body.scalar_dofs.element_dofs):
-        value = np.asarray(body.element.gbasis(mapping, X, i, tind=cells)[0])
-        found += np.broadcast_to(value, (cells.size, 1))[:, 0] * T[dofs[cells]]
-    return found
 
 
 def trace_of(basis: Any) -> Csr:

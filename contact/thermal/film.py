@@ -20,8 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact.body.cut_arc import CutArc
-from contact.errors import InputError
 from contact.rows.discretise import point_functions
 from contact.rows.mortar.facet_trace import facet_trace
 from contact.rows.mortar.mortar_rows import Interface
@@ -80,9 +78,8 @@ def film_of(problem: Any, bodies: Sequence[Conduction], temperatures: list[Any])
         return Csr(sparse.hstack([Csr((rows, before)), trace, Csr((rows, after))]))
 
     parts = []
-    for (body, boundary, functional, side), outside in zip(
-        _boundaries(problem), temperatures, strict=True
-    ):
+    sides = problem.boundaries.sides if problem.pairs else problem.boundaries.alone
+    for side, outside in zip(sides, temperatures, strict=True):
         if isinstance(side, Interface):
             found = side.rows()
             q = found.quadrature
@@ -90,9 +87,8 @@ def film_of(problem: Any, bodies: Sequence[Conduction], temperatures: list[Any])
             first, other = (placed(facet_trace(o, f, X), o.body) for o, f, X in outlines)
             parts.append((first, other, found.N, q.w, np.zeros(q.w.size)))
             continue
-        if isinstance(boundary, CutArc):
-            raise InputError("boundary: heat passes along facets, not along the arc of a CutBody")
-        basis, N = point_functions(body, body.whole_facets(boundary), functional)
+        (rule,), body = side.rules, side.body
+        basis, N = point_functions(rule)
         x = np.asarray(basis.global_coordinates())
         there = field_at("obstacle_temperature", 0.0 if outside is None else outside, x)
         first = placed(trace_of(basis), body)
@@ -106,16 +102,3 @@ def film_of(problem: Any, bodies: Sequence[Conduction], temperatures: list[Any])
         np.concatenate(w),
         np.concatenate(there),
     )
-
-
-def _boundaries(problem: Any) -> list[tuple[Any, Any, Any, Any]]:
-    """Body, boundary, functional and, between two bodies, `Interface` of each boundary."""
-    sides = problem.boundaries
-    if problem.pairs:
-        pairs = zip(problem.pairs, sides.sides, strict=True)
-        return [(pair.body, pair.boundary, pair.functional, side) for pair, side in pairs]
-    count = len(sides.rules)
-    places = list(problem.boundary) if sides.several else [problem.boundary]
-    given = problem.functional
-    forms = list(given) if isinstance(given, list | tuple) else [given] * count
-    return [(problem.body, place, form, None) for place, form in zip(places, forms, strict=True)]

@@ -237,11 +237,6 @@ class ThermalContact:
         body : Solid, str or int, optional
             Which one, if the problem has several.
 
-        Returns
-        -------
-        Self
-            Itself, for chaining.
-
         Raises
         ------
         InputError
@@ -271,13 +266,8 @@ class ThermalContact:
             Heat per area, time and temperature, not negative; temperature.
         factor : callable t -> float, optional
             Of the ambient temperature. Default: 1.
-        body : Solid, str or int, optional
-            Which one, if the problem has several.
-
-        Returns
-        -------
-        Self
-            Itself, for chaining.
+        body
+            As for `fix`.
 
         Raises
         ------
@@ -296,15 +286,8 @@ class ThermalContact:
         ----------
         boundary : str, list of str or array of facet numbers
         flux : float or callable x -> array of shape x.shape[1:]
-        factor : callable t -> float, optional
-            Default: 1.
-        body : Solid, str or int, optional
-            Which one, if the problem has several.
-
-        Returns
-        -------
-        Self
-            Itself, for chaining.
+        factor, body
+            As for `fix`.
 
         Raises
         ------
@@ -320,15 +303,8 @@ class ThermalContact:
         Parameters
         ----------
         power : float, ndarray of shape (ncells,), or callable x -> array of shape x.shape[1:]
-        factor : callable t -> float, optional
-            Default: 1.
-        body : Solid, str or int, optional
-            Which one, if the problem has several.
-
-        Returns
-        -------
-        Self
-            Itself, for chaining.
+        factor, body
+            As for `fix`.
 
         Raises
         ------

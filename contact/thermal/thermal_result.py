@@ -19,17 +19,15 @@ from contact.output.archive import (
     to_arrays,
     unproved,
 )
-from contact.output.pictures import axes_of, scale_colours
+from contact.output.pictures import axes_of, draw_faces, scale_colours
 from contact.result.certify import as_lines
 from contact.result.contact_fields import as_text, counts
 from contact.result.contact_result import ContactResult
 from contact.result.stored_result import problem_arrays, rebuild, state_arrays
-from contact.thermal.conduction import temperature_at
 from contact.thermal.film import Film
 from contact.thermal.heat_system import Before, HeatSystem
 from skfem_adini import to_pyvista
 from skfem_adini.ground.archives import read_arrays, reading, words, write_arrays
-from skfem_adini.ground.arguments import numbers
 
 Array = NDArray[np.float64]
 _FORMAT = 1
@@ -136,11 +134,9 @@ class ThermalResult:
         InputError
             Points of another shape, or outside the body.
         """
-        k = self.contact.solid.number_of(body)
-        one, x = self.contact.solid.bodies[k], numbers("points", points)
-        if x.ndim != 2 or x.shape[0] != one.dim or not np.all(np.isfinite(x)):
-            raise InputError(f"points: expected finite numbers of shape ({one.dim}, n)")
-        return temperature_at(one, self.temperature[k], x)
+        one, T = self.contact[body], self.temperature[self.contact.solid.number_of(body)]
+        unit = np.eye(one.body.dim)[0]  # as a displacement along x, of the same element
+        return np.asarray(one.body.displacement(np.kron(T, unit), one._points(points))[0])
 
     @property
     def jump(self) -> Array:
@@ -403,24 +399,9 @@ def _plane(result: ThermalResult, ax: Any) -> Any:
 
 def _surfaces(result: ThermalResult, ax: Any) -> Any:
     """Mean temperature of the boundary facets of bodies in space."""
-    import matplotlib.pyplot as plt
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-
-    ax = plt.figure(layout="constrained").add_subplot(projection="3d") if ax is None else ax
-    if not hasattr(ax, "add_collection3d"):
-        raise InputError("ax: expected axes with projection='3d'")
-    parts, places = [], []
+    parts = []
     for k, body in enumerate(result.contact.solid.bodies):
-        mesh = body.mesh
-        corners = mesh.facets[:, mesh.boundary_facets()]
-        part = Poly3DCollection(mesh.p[:, corners].transpose(2, 1, 0), cmap="inferno")
-        part.set_array(result.at_vertices(k)[corners].mean(axis=0))
-        parts.append(ax.add_collection3d(part))
-        places.append(mesh.p)
-    x = np.hstack(places)
-    ax.set(xlim=_ends(x[0]), ylim=_ends(x[1]), zlim=_ends(x[2]), xlabel="x", ylabel="y", zlabel="z")
-    return scale_colours(ax, parts, "temperature", 0.6)
-
-
-def _ends(x: Array) -> tuple[float, float]:
-    return float(x.min()), float(x.max())
+        corners = body.mesh.facets[:, body.mesh.boundary_facets()]
+        places = body.mesh.p[:, corners].transpose(2, 1, 0)
+        parts.append((places, result.at_vertices(k)[corners].mean(axis=0)))
+    return draw_faces(parts, ax, "temperature", cmap="inferno")

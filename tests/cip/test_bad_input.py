@@ -665,6 +665,11 @@ DATASETS = [
     ("winds: 'lat' is in degrees, 'u10' in m/s",
      lambda: blown(lambda d: d.assign(u10=d.u10.assign_attrs(units="m/s")).assign_coords(
          lat=d.lat.assign_attrs(units="degrees_north")))),
+    ("winds: 'lat' is in degrees, 'u10' in no unit",
+     lambda: blown(lambda d: d.assign_coords(lat=d.lat.assign_attrs(units="degrees_north")))),
+    ("winds: 'lon' is in km, 'u10' in m s-1; convert",
+     lambda: blown(lambda d: d.assign(u10=d.u10.assign_attrs(units="m s-1")).assign_coords(
+         lon=d.lon.assign_attrs(units="km")))),
     ("periodic: expected True or False, or one for each of",
      lambda: blown(periodic=(True, True, False))),
     ("periodic: expected True or False, .* got 'no'", lambda: blown(periodic="no")),

@@ -57,8 +57,8 @@ def problem(make, obstacle=None, friction=0.0, boundary="bottom", **options):
     return ContactProblem(make.block(4), boundary, obstacle, friction, **options)
 
 
-def held_beside(_):
-    body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), **MATERIAL).fix("left")
+def held_beside(*support):
+    body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), **MATERIAL).fix(*support)
     stamp = Rigid(Plane((0, 0), (0, 1)), force=(None, 0.01))
     return ContactProblem(body, "bottom", stamp)
 
@@ -250,6 +250,7 @@ INPUT = [
     (lambda m: problem(m).solve(max_iterations=0), "max_iterations=0"),
     (lambda m: m.dome(ElementHex1, 2).solve(start=result(m)), "start"),
     (lambda m: on_floor(m).solve(after=m.dome(ElementHex1, 3).solve()), "after"),
+    (lambda m: held_beside("bottom", "y").solve(), "Rigid: supports hold, along its normal, every"),
     # results and their checks
     (lambda m: result(m).sample([[5.0], [5.0]]), "outside"),
     (lambda m: result(m).sample([[NAN], [0.0]]), "points"),
@@ -317,7 +318,7 @@ OTHERS = [
     (lambda m: loaded(cube(m), (0, 0, 1.0)), Unbounded, "the body is not held: a translation"),
     (lambda m: loaded(cube(m), (0.5, 0, -1.0), FLOOR, 0.3), Unbounded, "not held: a translation"),
     (lambda m: problem(m, friction=0.3).solve(tol=1e-25), NotConverged, "e-2"),
-    (lambda m: held_beside(m).solve(), NotConverged, "supports may hold contact points in the way"),
+    (lambda m: held_beside("left").solve(), NotConverged, "supports may hold contact points"),
     (lambda m: two_steps(problem(m, friction=0.9)), NotConverged, "after 2 steps"),
 ]
 
@@ -569,7 +570,7 @@ def test_a_sound_mesh_file_and_its_beginnings(tmp_path):
     assert isinstance(loaded.element, ElementTriP2)
     for length in range(0, GMSH.index("\n$EndElements"), 9):
         path.write_text(GMSH[:length])
-        with pytest.raises(InputError, match=r"square\.msh"):
+        with pytest.raises(InputError, match=r"square\.msh cannot be read: it ends early, at \$"):
             ElasticBody.from_mesh(path, E=1.0, nu=0.3)
 
 

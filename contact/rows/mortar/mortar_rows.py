@@ -117,6 +117,11 @@ class Interface:
     basis: PositiveBasis | FaceBasis
     degree: int  # of the polynomials that the Gauss rules integrate
 
+    @property
+    def outlines(self) -> tuple[Outline, Outline]:
+        """Of both sides."""
+        return self.first, self.second
+
     @classmethod
     def of(
         cls,

@@ -1,5 +1,6 @@
 """What a run leaves: snapshots on time, diagnostics, samples, files, pictures, interruptions."""
 
+import itertools
 import os
 import sys
 import types
@@ -276,6 +277,25 @@ def test_pictures(tmp_path):
     else:
         with pytest.raises(MissingDependency, match=r"ffmpeg.*\.gif"):
             run_of().animate(tmp_path / "run.mp4")
+    plt.close("all")
+
+
+def test_panels_of_a_continent_can_be_read():
+    """In metres: labels of ticks apart from each other, colour bars as high as their maps."""
+    import matplotlib.pyplot as plt
+
+    grid = Grid([(6e5, 6.8e5), (5.3e6, 5.38e6)], (8, 8))
+    solver = Solver(grid, [0.0, 0.0], "advection", "csl2", splitting="strang", boundary=0.0)
+    state = solver.state({"smoke": 1.0, "dust": 2.0, "ozone": 0.0})
+    panels = solver.run(state, 1.0, dt=1.0).plot()
+    panels[0].figure.canvas.draw()
+    for ax in panels:
+        found = [label.get_window_extent() for label in ax.get_xticklabels() if label.get_text()]
+        inside = [box for box in found if ax.bbox.x0 <= 0.5 * (box.x0 + box.x1) <= ax.bbox.x1]
+        assert len(inside) > 2
+        assert all(a.x1 < b.x0 for a, b in itertools.pairwise(inside))
+        (bar,) = ax.child_axes
+        assert abs(bar.bbox.height / ax.bbox.height - 1) < 1e-6
     plt.close("all")
 
 

@@ -26,6 +26,7 @@ from contact import (
     LayeredBlock,
     LoadStepper,
     Orthotropic,
+    Plane,
 )
 from skfem_adini import LevelSet
 
@@ -188,6 +189,11 @@ CUT = {
     "parts": (lambda: disk().arc(parts=7), "parts"),
     "functional": (lambda: ContactProblem(disk(), disk().arc(), 0.1, functional="gauss"), "hat"),
     "fix": (lambda: disk().fix(disk().arc()), "mesh lines"),
+    "fix beyond": (
+        lambda: half().fix("bottom"),
+        "lies outside the level set; supports are on mesh",
+    ),
+    "plates": (lambda: ContactProblem(half(), half().arc(), [Plane((0, -1), (0, 1))]), "as many"),
     "cut facets": (lambda: disk().load("left", (1.0, 0.0)), "belongs to a cut cell"),
     "traction": (lambda: disk().load(disk().arc(), (1.0, 0.0, 0.0)), "traction"),
     "traction NaN": (lambda: disk().load(disk().arc(), (np.nan, 0.0)), "traction"),

@@ -7,11 +7,13 @@ from scipy.linalg import eigh
 from skfem import MeshQuad
 
 from contact import (
+    ClosestPoint,
     ContactProblem,
     CutBody,
     InputError,
     NotConverged,
     Plane,
+    Rigid,
     SignedDistance,
     Unbounded,
 )
@@ -207,3 +209,25 @@ def test_ordinary_forces(half_disk):
     half_disk.f = 0 * half_disk.f
     half_disk.load(half_disk.arc(), lambda x: np.array([0 * x[0], x[0] ** 2]))
     assert abs(half_disk.total(half_disk.f)[1] - np.pi / 2) < 1e-9
+
+
+def test_a_whole_disk_between_two_plates():
+    """Held on its line of symmetry: force and approach of K. L. Johnson, Contact Mechanics, 1985,
+    section 5.6, delta = 2 P (2 log(4 R / a) - 1) / (pi E*), and Hertz' peak 2 P / (pi a)."""
+    P, nu = 0.01, 0.3
+    a = np.sqrt(4 * P * (1 - nu**2) / np.pi)
+    disk, mesh = circle(0, 0, 1.0), MeshQuad.init_tensor(*[np.linspace(-1.1, 1.1, 23)] * 2)
+    for reach in (0.4, 0.2):
+        near = lambda x, r=reach: np.hypot(x[0], abs(x[1]) - 1) < r  # noqa: E731
+        mesh = refined_at_boundary(mesh, disk, layers=3, where=near)
+    line = {"middle": lambda x: abs(x[0]) < 1e-9}
+    body = CutBody(mesh.with_boundaries(line, boundaries_only=False), disk, E=1.0, nu=nu)
+    body.fix("middle", "x")
+    low, high = (ClosestPoint(Plane((0, y), (0, -y))) for y in (-1, 1))
+    arcs = [body.arc(where=lambda x, s=s: s * x[1] > 0.9) for s in (-1, 1)]
+    result = ContactProblem(body, arcs, [low, Rigid(high, force=(None, -P))]).solve()
+    below = result.x_nominal[1] < 0
+    assert result.mu[below].sum() == pytest.approx(P, rel=1e-3)
+    assert result.mu[~below].sum() == pytest.approx(P, rel=1e-3)
+    assert -result.motion[1] == pytest.approx(a**2 / 2 * (2 * np.log(4 / a) - 1), rel=5e-3)
+    assert result.pressure.max() == pytest.approx(2 * P / (np.pi * a), rel=2e-2)

@@ -47,12 +47,15 @@ def pair(element=ElementQuad1, E=0.0, friction=0.0, push=0.0):
 
 
 def tool(
-    element=ElementQuad1, driven=False, law="coulomb", E=0.0, friction=0.0, push=0.0, turn=0.0
-):
+    element=ElementQuad1, driven=False, law="coulomb", E=0.0, friction=0.0, push=0.0, turn=0.0,
+    guided=(),
+):  # fmt: skip
     """A roller or ball that is pressed on a block, dragged and turned."""
     dim = KIND[element].elem.refdom.dim()
     body = ElasticBody.from_mesh(mesh(KIND[element], 9 - 3 * dim + 3, bend=0.0), element(),
                                  E=2.0 + E, nu=0.3).fix("bottom")  # fmt: skip
+    for side in guided:
+        body.fix(side, "x")
     shape = Cylinder((0.3, 1.25), 0.25) if dim == 2 else Sphere((0.3, 0.45, 1.6), 0.6)
     aside = () if dim == 2 else (0.05,)
 
@@ -72,6 +75,7 @@ CASES = {
     "roller Q2": lambda **k: tool(ElementQuad2, **k),
     "roller tresca": lambda **k: tool(law="tresca", **k),
     "driven roller": lambda **k: tool(driven=True, **k),
+    "roller beside a support": lambda **k: tool(guided=("left",), **k),
     "ball": lambda **k: tool(ElementHex1, **k),
 }
 

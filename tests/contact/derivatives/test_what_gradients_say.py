@@ -17,12 +17,14 @@ from contact import (
     ContactProblem,
     ContactResult,
     ContactWarning,
+    Cylinder,
     ElasticBody,
     InputError,
     LayeredBlock,
     LoadStepper,
     Moved,
     NotConverged,
+    Pair,
     Plane,
     Sphere,
 )
@@ -151,6 +153,27 @@ def test_a_turned_plane():
     )
     assert abs(found - expected) < 1e-6 * abs(expected)
     assert matrix_of(np.array([0.1]))[1, 0] > 0  # counter-clockwise
+
+
+def test_a_tool_on_one_of_two_bodies_moves():
+    """Its pose has a row, that of the pair of bodies is zero."""
+    square = MeshQuad().refined(2).with_defaults()
+    meshes = square.translated((0, 1)), square
+    upper, lower = (ElasticBody.from_mesh(mesh, E=1.0, nu=0.3) for mesh in meshes)
+    lower.fix("bottom", "xy")
+    upper.fix("left", "x")
+
+    def solved(y):
+        tool = Moved(Cylinder((0.4, 2.98), 1.0), (0.0, float(y)))
+        pairs = [Pair(upper, "bottom", lower, "top"), Pair(upper, "top", tool)]
+        return ContactProblem([upper, lower], pairs).solve()
+
+    result = solved(0.0)
+    w = np.random.default_rng(0).standard_normal(result.u.size)
+    found = result.vjp(u=w).pose()
+    assert not found[0].any()
+    expected = difference(lambda y: float(w @ solved(y).u), 1e-5)
+    assert abs(found[1, 1] - expected) < 1e-6 * abs(expected)
 
 
 def test_degenerate_points_are_flagged():

@@ -12,6 +12,7 @@ from skfem import (
     ElementQuad2,
     ElementTetP1,
     ElementTriP2,
+    MeshHex,
     MeshQuad,
 )
 
@@ -294,6 +295,49 @@ def test_driven_by_forces_as_by_the_motions_they_cause(moment):
         assert np.abs(one.u - other.u).max() <= 1e-10 * np.abs(one.u).max()
         assert abs(other.resultant[1] + 0.03 * min(1, one.resultant[1] / -0.03)) <= 1e-10
         assert abs(abs(R * other.t.sum()) - moment) <= 1e-10  # normals meet the axle
+
+
+def pressed(mesh, tool, sliding="finite", depth=0.06, element=None, plane=None):
+    """A block under a tool; sides at zero are planes of symmetry, or the axis."""
+    low, dim = mesh.p.min(axis=1), mesh.dim()
+    ends = {"low": lambda x: x[-1] < 1e-9, "high": lambda x: x[-1] > 1 - 1e-9}
+    sides = {"xy"[c]: (lambda x, c=c: x[c] < 1e-9) for c in range(dim - 1) if low[c] == 0}
+    mesh = mesh.with_boundaries(ends | sides)
+    body = ElasticBody.from_mesh(mesh, element, E=1.0, nu=0.3, plane=plane)
+    body.fix("low", "xyz"[:dim])
+    for name in sides:
+        body.fix(name, name)
+    stepper = LoadStepper(ContactProblem(body, "high", tool, friction=F), sliding=sliding)
+    stepper.obstacle(lambda t: Moved(tool, (*[0.0] * (dim - 1), -depth * t)))
+    return stepper.run([0.5, 1.0])[-1]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_part_of_a_symmetric_model_has_the_forces_of_the_whole(dim):
+    """Its contact boundary leans as a whole, and yet slips by no turn."""
+    mesh, n = (MeshQuad, 8) if dim == 2 else (MeshHex, 4)
+    up, tool = np.linspace(0, 1, 4), (Cylinder((0, 1.8), 0.8), Sphere((0, 0, 2.5), 1.5))[dim - 2]
+    part, whole = (
+        pressed(mesh.init_tensor(*[np.linspace(low, 1, count + 1)] * (dim - 1), up), tool)
+        for low, count in ((0, n), (-1, 2 * n))
+    )
+    tree = {tuple(x): k for k, x in enumerate(whole.x_nominal.T.round(9))}
+    at = [tree[tuple(x)] for x in part.x_nominal.T.round(9)]
+    one, two = (np.linalg.norm(r.shear, axis=-1).ravel() for r in (part, whole))
+    assert np.abs(part.pressure - whole.pressure[at]).max() <= 1e-9 * whole.pressure.max()
+    assert np.abs(one - two[at]).max() <= 1e-9 * two.max() > 0
+
+
+@pytest.mark.parametrize("element", [ElementQuad1, ElementQuad2, ElementQuadAdini])
+def test_a_ring_that_touches_its_axis(element):
+    """In small steps pressed as in small sliding, in large ones without shear on the axis."""
+    mesh = MeshQuad.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 1, 5))
+    ring = (mesh, Sphere((0, 4.0), 3.0)), {"element": element(), "plane": "axisymmetric"}
+    near, small = (pressed(*ring[0], s, 1e-4, **ring[1]) for s in ("finite", "small"))
+    assert np.abs(near.mu - small.mu).max() <= 1e-2 * small.mu.max()
+    far = pressed(*ring[0], **ring[1])
+    assert far.t[0, 0] == 0.0
+    assert np.count_nonzero(far.t) > 2
 
 
 @pytest.mark.parametrize("dim", [2, 3])
