@@ -38,7 +38,7 @@ def closed_form(height: float) -> float:
 
 
 def main(argv: list[str] | None = None) -> SimpleNamespace:
-    """Press by 30 %, print forces, draw the bulging buffer, its contact pressure and both curves."""
+    """Press by 30 %, print forces, draw the bulging buffer, its tractions and both curves."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=12, help="along the radius")
     parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
