@@ -72,12 +72,13 @@ def test_rubber(run):
 @pytest.mark.parametrize(("friction", "cells"), [(0.2, 18), (0.0, 36)])
 def test_hardness(run, friction, cells):
     """Once all of it flows, three yield stresses (D. Tabor, The Hardness of Metals, 1951); without
-    friction 2.84 (R. L. Jackson and I. Green, J. Tribol. 127 (2005), 343-354)."""
+    friction 2.84 (1 - exp(-.82 (R / a)^.7)), 2.76 to 2.78 here, for a ball that yields on a plate
+    (R. L. Jackson and I. Green, J. Tribol. 127 (2005), 343-354)."""
     options = ("--friction", str(friction), "--cells", str(cells))
     found = run("hardness", *options, files=["hardness.png"])
     flows = found.a > (0.075 if friction else 0.11)  # E a / (Y R) above 75
     assert flows.sum() >= (4 if friction else 2)
-    assert found.hardness[flows].min() >= (2.8 if friction else 2.84 - 0.08)
+    assert found.hardness[flows].min() >= (2.8 if friction else 2.75)
     assert found.hardness[flows].max() <= (3.1 if friction else 2.84)
     assert np.all(np.diff(found.a) > 0)
 
