@@ -68,11 +68,11 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
     path = np.column_stack(([0.0, 0.0], closed_form(np.linspace(A, 1.6, 50)), [way[-1], left]))
     curve.plot(*path, "k", lw=0.8, label="closed form")
     curve.plot(way, pressure, "o", label="computed")
-    curve.set(xlabel="interference", ylabel="pressure over yield stress", title="warmed, cooled")
+    curve.set(xlabel="interference / radius", ylabel="pressure / yield stress")
     for result, name in ((history[4], "hot"), (history[-1], "cooled")):
         hoop = result[hub].cell_stress()[2, 2]
         wall.plot(hub.mesh.p[0][hub.mesh.t].mean(axis=0), hoop, label=name)
-    wall.set(xlabel="radius", title="hoop stress in the hub over yield stress")
+    wall.set(xlabel="radius / bore", ylabel="hoop stress in the hub / yield stress")
     curve.legend(), wall.legend()
     options.output.mkdir(parents=True, exist_ok=True)
     curve.figure.savefig(options.output / "press_fit.png", dpi=120)

@@ -2,7 +2,7 @@
 
 Between greased plates it stays a cylinder, and the force has a closed form; friction lets it bulge
 and makes it stiffer. The material is neo-Hooke with a bulk modulus a thousand times the shear
-modulus; the mean dilatation of each cell keeps it from locking.
+modulus mu; the mean dilatation of each cell keeps it from locking. The lower half is computed.
 
     python examples/rubber.py
 """
@@ -17,38 +17,49 @@ from scipy.optimize import brentq
 from skfem import ElementQuad1, MeshQuad
 
 from contact import ContactProblem, NeoHooke, NonlinearBody, NonlinearStepper, Plane
+from contact.plot import plot_tractions
 
-LAW, FLOOR = NeoHooke(mu=1.0, lam=1000.0), Plane((0.0, 0.0), (0.0, 1.0))
+LAW, FLOOR, DEPTHS = NeoHooke(1.0, 1000.0), Plane((0.0, 0.0), (0.0, 1.0)), np.linspace(0.0, 0.3, 11)
+
+
+def pressed(friction: float, cells: int):
+    """A cylinder of radius and half height one, whose middle plane comes down."""
+    mesh = MeshQuad.init_tensor(*[np.linspace(0.0, 1.0, cells + 1)] * 2).with_defaults()
+    kind = {"stress": LAW, "plane": "axisymmetric", "dilatation": "mean"}
+    body = NonlinearBody.from_mesh(mesh, ElementQuad1(), **kind).fix("top", "y")
+    problem = ContactProblem(body, ["bottom", "right"], FLOOR, friction)
+    return NonlinearStepper(problem).move("top", "y", -1.0).run(DEPTHS[1:])
+
+
+def closed_form(height: float) -> float:
+    """Force on a cylinder that widens until its side carries no stress."""
+    wide = brentq(lambda w: w**2 - 1 + LAW.lam * np.log(height * w * w), 0.9, 1.4, xtol=1e-15)
+    return -np.pi * (height - 1 / height + LAW.lam * np.log(height * wide**2) / height)
 
 
 def main(argv: list[str] | None = None) -> SimpleNamespace:
-    """Press by 30 %, print forces, draw the bulging buffer and both curves."""
+    """Press by 30 %, print forces, draw the bulging buffer, its tractions and both curves."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, default=8, help="along the radius")
+    parser.add_argument("--cells", type=int, default=12, help="along the radius")
     parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
     options = parser.parse_args(argv)
-    figure = Figure(figsize=(9, 4), layout="constrained")
-    (shape, curve), histories, n = figure.subplots(1, 2), {}, options.cells
-    for friction, held in ((0.0, "y"), (0.4, "xy")):
-        mesh = MeshQuad.init_tensor(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1))
-        kind = {"stress": LAW, "plane": "axisymmetric", "dilatation": "mean"}
-        body = NonlinearBody.from_mesh(mesh.with_defaults(), ElementQuad1(), **kind)
-        body.fix("top", held)
-        stepper = NonlinearStepper(ContactProblem(body, ["bottom", "right"], FLOOR, friction))
-        histories[friction] = stepper.move("top", "y", -0.3).run(np.linspace(0.1, 1.0, 10))
-        force = -histories[friction].curve("top")[:, 1]
-        curve.plot(0.3 * histories[friction].times, force, "o-", label=f"friction {friction}")
-    wide = brentq(lambda w: w**2 - 1 + LAW.lam * np.log(0.7 * w * w), 0.9, 1.4, xtol=1e-15)
-    exact = -np.pi * ((0.7 - 1 / 0.7) + LAW.lam * np.log(0.7 * wide**2) / 0.7)
-    forces = {friction: -h.curve("top")[-1, 1] for friction, h in histories.items()}
-    print({f"friction {key}": round(float(value), 4) for key, value in forces.items()}, exact)
-    histories[0.4].results[-1].plot(shape).set(xlabel="radius", ylabel="height")
-    curve.axhline(exact, color="k", lw=0.8, label="closed form, greased")
-    curve.set(xlabel="compression", ylabel="force")
-    curve.legend()
+    figure = Figure(figsize=(12, 3.8), layout="constrained")
+    (shape, pressure, curve), histories = figure.subplots(1, 3), {}
+    for friction, name in ((0.0, "greased"), (0.4, "friction .4")):
+        histories[friction] = pressed(friction, options.cells)
+        curve.plot(DEPTHS[1:], -histories[friction].curve("top")[:, 1], "o", label=name)
+    exact = np.array([closed_form(1.0 - depth) for depth in DEPTHS])
+    curve.plot(DEPTHS, exact, "k", lw=0.8, label="closed form, greased")
+    curve.set(xlabel="compression over height", ylabel=r"force / $\mu$ radius$^2$")
+    curve.legend(fontsize=8)
+    last = histories[0.4][-1]
+    last.plot(shape, "von_mises").set(xlabel="r / radius", ylabel="z / radius", title="friction .4")
+    plot_tractions(last, pressure, last.x[0], "r / radius").set(ylabel=r"contact traction / $\mu$")
     options.output.mkdir(parents=True, exist_ok=True)
     figure.savefig(options.output / "rubber.png", dpi=120)
-    return SimpleNamespace(forces=forces, exact=exact, histories=histories)
+    forces = {friction: -history.curve("top")[-1, 1] for friction, history in histories.items()}
+    print(f"greased {forces[0.0]:.4f} (exact {exact[-1]:.4f}), with friction {forces[0.4]:.4f}")
+    return SimpleNamespace(forces=forces, exact=exact[-1], histories=histories)
 
 
 if __name__ == "__main__":

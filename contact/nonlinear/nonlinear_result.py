@@ -297,7 +297,8 @@ class NonlinearResult(ContactFields):
         if not filled:
             known = sorted({name for one in drawn_bodies(self) for name in one.scalars})
             raise InputError(f"colour={colour!r}: expected displacement, or one of {known}")
-        scale_colours(ax, filled, colour)
+        labels = {"von_mises": "von Mises stress", "det_F": "volume over its undeformed one"}
+        scale_colours(ax, filled, labels.get(colour, colour))
         ax.scatter(*self.x[:, self.mu > 0], c="#d1495b", s=9, zorder=3)
         ax.set_aspect("equal")
         ax.autoscale_view()

@@ -245,9 +245,10 @@ class NonlinearStepper(LoadProgram):
         return forces
 
     @cached_property
-    def _stiffness(self) -> float:
-        """Largest diagonal entry of the tangent of the undeformed bodies."""
-        found = []
+    def _stiffness(self) -> tuple[float, float]:
+        """Largest diagonal entry of the tangent of the undeformed bodies, and of one times a cell's
+        size."""
+        found, of_cells = [], [0.0]
         for body, _ in self._bodies():
             if isinstance(body, NonlinearBody):
                 rest = np.zeros(body.ndofs)
@@ -255,7 +256,10 @@ class NonlinearStepper(LoadProgram):
             else:
                 diagonal = body.stiffness.diagonal()
             found.append(float((np.abs(diagonal) / body.lengths[0] ** 2).max()))
-        return max(found)
+            if isinstance(body, NonlinearBody):
+                volume = np.asarray(body.basis.dx).sum(axis=1).max()
+                of_cells.append(found[-1] * float(volume) ** (1 / body.dim))
+        return max(found), max(of_cells)
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
@@ -647,7 +651,8 @@ class NonlinearStepper(LoadProgram):
             picked=Csr(sparse.block_diag([one.picked for one in body.bodies], format="csr")),
             lengths=np.concatenate([one.lengths[1] for one in body.bodies]),
             extent=body.extent,
-            stiffness=self._stiffness,
+            stiffness=self._stiffness[0],
+            of_cells=self._stiffness[1],
             internal=lambda u: self._internal(u, last, dt),
             tangent=lambda u: self._tangent(u, last, end),
             touch=self._touch_at(last, end),

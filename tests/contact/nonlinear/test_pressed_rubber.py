@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from rubber_blocks import cube, orders, pressed
+from scipy.optimize import brentq
 from skfem import (
     ElementHex1,
     ElementQuad1,
@@ -104,6 +105,44 @@ def test_half_cylinder_pressed_flat(friction):
     assert np.abs(x + x[::-1]).max() <= 1e-7  # as symmetric as the mesh
     assert x[-1] > 0.7
     assert all(len(one.history) <= 7 for one in history)
+
+
+def hertz_line(delta):
+    """Force over length, of a cylinder of radius 1 between plates in plane strain; K. L. Johnson,
+    Contact Mechanics, 1985, section 5.6, with E / (1 - nu^2) = 4 for mu = 1, nu = 1/2."""
+
+    def away(P):
+        return P / (2 * np.pi) * (2 * np.log(4 * np.sqrt(np.pi / P)) - 1) - delta
+
+    return brentq(away, 1e-9, 1.0)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_o_ring_pressed_flat_to_forty_per_cent(friction):
+    """Force over pi D d E is 1.25 c^1.5 + 50 c^6 of the compression c; T. B. Lindley, J. Inst.
+    Rubber Ind. 1 (1967), 209-213. So is that of a ring with grease, up to .3. Friction keeps it
+    from widening: it is a cylinder in plane strain, at small c Hertz', and ever above Lindley, as
+    forces measured by H.-K. Kim et al., Eng. Failure Anal. 14 (2007), 1680-1692."""
+    mesh = MeshTri.init_circle(3)
+    mesh = mesh.restrict(np.flatnonzero(mesh.p[1][mesh.t].mean(axis=0) < 0.0))
+    names = {"middle": lambda x: np.isclose(x[1], 0.0), "arc": lambda x: x[1] < -1e-9}
+    mesh = MeshTri(mesh.p + np.array([[6.0], [0.0]]), mesh.t).with_boundaries(names)
+    options = {"plane": "axisymmetric", "dilatation": "mean"}
+    ring = NonlinearBody.from_mesh(mesh, ElementTriP2(), stress=NeoHooke(1.0, 1000.0), **options)
+    floor = Plane((0.0, -1.0), (0.0, 1.0))
+    stepper = NonlinearStepper(ContactProblem(ring.fix("middle", "y"), "arc", floor, friction))
+    c = np.array([0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4])
+    history = stepper.move("middle", "y", -1.0).run(c)
+    check_laws(history[-1], friction)
+    force = -history.curve("middle")[:, 1] / (np.pi * 12.0 * 2.0 * 3.0)
+    lindley = 1.25 * c**1.5 + 50 * c**6
+    if friction == 0.0:
+        assert np.abs(force / lindley - 1)[c <= 0.3].max() <= 0.1
+        assert force[-1] < lindley[-1]
+    else:
+        assert abs(force[0] * 6.0 - hertz_line(0.2)) <= 0.03 * hertz_line(0.2)
+        assert np.all(np.abs(force / lindley - 1.32) <= 0.06)
 
 
 def test_forces_converge_with_the_mesh():
