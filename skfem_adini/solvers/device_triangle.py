@@ -43,6 +43,19 @@ class Restricted:
         return type(self), (self.whole, self.free, self.scale)
 
 
+class Rows(NamedTuple):
+    """A matrix by rows, columns ascending, with its pattern on the host, values on either side."""
+
+    indptr: Any
+    indices: Any
+    data: Any
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns, which are as many."""
+        return self.indptr.size - 1, self.indptr.size - 1
+
+
 class DeviceTriangle:
     """Entries of a matrix that form its upper triangle, columns ascending, with the whole diagonal.
     Their number must fit into 32 bits."""
@@ -107,6 +120,26 @@ class DeviceTriangle:
             values *= scale[rows]
             values *= scale[self._columns]
         return values
+
+
+class DeviceRows:
+    """All entries of a matrix by rows, `Rows`, for cuDSS."""
+
+    def __init__(self, xp: Any, A: Rows) -> None:
+        self._xp, self._pattern = xp, (A.indptr, A.indices)
+        _countable(A.indices.size)
+
+    def arrays(self, A: Rows) -> tuple[Any, Any, Any]:
+        """Return row starts and columns (int32) and values of the matrix, on the device."""
+        starts, columns = (self._xp.asarray(part.astype(np.int32)) for part in self._pattern)
+        return starts, columns, self._xp.array(A.data)
+
+    def values(self, A: Rows) -> Any:
+        """Return the values of a matrix with the same pattern."""
+        pairs = zip(self._pattern, (A.indptr, A.indices), strict=True)
+        if not all(a is b or np.array_equal(a, b) for a, b in pairs):
+            raise InputError("A: its entries are not in the places that were analysed")
+        return self._xp.array(A.data)
 
 
 def _pattern(known: Any) -> tuple[Any, Any]:
