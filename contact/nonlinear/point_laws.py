@@ -24,7 +24,6 @@ __all__ = [
     "SaintVenant",
     "Viscous",
 ]
-EYE = np.eye(3)
 
 
 def _positive(**given: float) -> None:
@@ -44,7 +43,7 @@ def lame(E: float, nu: float) -> tuple[float, float]:
 
 
 def _unit(like: Any) -> Any:
-    return EYE.reshape(3, 3, *(1,) * (like.ndim - 2))
+    return np.eye(3, like=like).reshape(3, 3, *(1,) * (like.ndim - 2))
 
 
 def _times(A: Any, B: Any) -> Any:
