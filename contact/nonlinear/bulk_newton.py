@@ -16,7 +16,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +34,7 @@ from contact.laws.friction import Coulomb, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.law import ContactLaw, State
 from contact.laws.newton import LIMITS, newton
+from contact.nonlinear.free_unknowns import FreeUnknowns, added, entries
 from contact.nonlinear.touching import Touch
 from skfem_adini.ground.pardiso import GENERAL, Pardiso, SolverError, has_pardiso
 
@@ -43,7 +43,6 @@ Csr = sparse.csr_array
 Index = NDArray[np.int64]
 ROUNDING = 50 * float(np.finfo(float).eps)  # of sums of some hundred terms
 REACH = 0.05  # gaps beyond this part of the body are taken up once they close
-NOTHING = 1e-150  # in place of zeros, which sparse products drop, so that the pattern stays
 SINGULAR = 1e-13  # pivots of a matrix with a diagonal of one that are rounding errors
 
 
@@ -64,7 +63,7 @@ class StepProblem:
     """One step of the bodies: its loads and supports, and functions of the displacement."""
 
     load: Callable[[Array], Array]
-    P: Csr  # u = P z + u0
+    free: FreeUnknowns  # z in u = P z + u0
     u0: Array
     picked: Csr  # z = picked^T (u - u0)
     lengths: Array  # lengths of the free unknowns, see `dof_lengths`
@@ -78,25 +77,13 @@ class StepProblem:
     analysis: list[Any]  # see `BoundaryFactor`
     least_volume: Callable[[Array], float]  # smallest det F
 
-    @cached_property
-    def _free(self) -> Index | None:
-        """The dofs that are the unknowns themselves; None if supports couple dofs."""
-        P = self.P.tocsc()
-        alone = P.nnz == P.shape[1] and bool(np.all(np.diff(P.indptr) == 1) and np.all(P.data == 1))
-        return np.asarray(P.indices, dtype=np.int64) if alone else None
-
-    def restricted(self, K: Csr) -> Csr:
-        """P^T K P."""
-        free = self._free
-        return Csr(self.P.T @ K @ self.P) if free is None else Csr(K[free][:, free])
-
     def trial(self, u: Array, mu: Array, t: Array, like: Touch | None = None) -> Trial:
         """Evaluate an iterate; forces of other points than those at u are of the touch `like`."""
         touch = self.touch(u, mu, t)
         if touch.gap.size != mu.size:
             mu, t = carried(touch, like, mu, t)
             touch = self.touch(u, mu, t)
-        held = self.P @ (self.picked.T @ (u - self.u0)) + self.u0
+        held = self.free.displacement(self.picked.T @ (u - self.u0)) + self.u0
         return Trial(u, mu, t, touch, self.internal(u), self.load(u), held - u)
 
     def residuals(self, now: Trial, scale: Array) -> dict[str, float]:
@@ -104,11 +91,10 @@ class StepProblem:
         `scale` (m,) is physical over scaled displacement of each point, see `CondensedContact`."""
         contact = now.touch.G.T @ now.mu + now.touch.T.T @ now.t.ravel()
         terms = (now.internal, now.load, contact)
-        size = max(float(np.abs(self.P.T @ part / self.lengths).max(initial=0.0)) for part in terms)
+        size = max(self._largest(part) for part in terms)
         # Forces of supports measure a body that supports alone deform.
         size = max(size, float(np.abs(now.internal).max(initial=0.0)))
-        left = now.load - now.internal - contact
-        off = float(np.abs(self.P.T @ left / self.lengths).max(initial=0.0))
+        off = self._largest(now.load - now.internal - contact)
         off -= ROUNDING * self.stiffness * float(np.abs(now.u).max(initial=0.0))
         support = float(np.abs(now.support).max(initial=0.0)) / self.extent
         return {
@@ -117,6 +103,10 @@ class StepProblem:
             "support": support,
         }
 
+    def _largest(self, f: Array) -> float:
+        """Largest of the forces on free unknowns, over their lengths."""
+        return float(np.abs(self.free.forces(f) / self.lengths).max(initial=0.0))
+
     def _violation(self, now: Trial, scale: Array) -> float:
         """Largest violation of the contact and friction laws over the largest contact force."""
         touch, mu, t = now.touch, now.mu * scale, now.t.T * scale
@@ -124,7 +114,7 @@ class StepProblem:
             return 0.0
         through = -touch.gap / scale
         live = (
-            norms(touch.T @ self.P).reshape(t.T.shape).T
+            norms(self.free.rows(touch.T)).reshape(t.T.shape).T
             > 1e-9 * norms(touch.T).reshape(t.T.shape).T
         )
         live = live.reshape(now.t.shape).T
@@ -281,28 +271,32 @@ class PardisoParts:
 
 
 class BoundaryFactor:
-    """The factors of a matrix with some unknowns last, and their Schur complement S.
+    """The factors of a `FreeUnknowns.matrix` with some unknowns last, and their Schur complement S.
 
     A shift of its diagonal keeps pivots there from zero; dense factors with row exchanges solve for
-    S itself. `analysis` is a list that keeps PARDISO's for matrices of the same pattern."""
+    S itself. `analysis` is a list that keeps PARDISO's for matrices of the same pattern; a new one
+    is made for the unknowns `spare`, so that it serves as long as `last` is among them."""
 
-    def __init__(self, A: Csr, order: Index, last: Index, analysis: list[Any]) -> None:
+    def __init__(
+        self, A: Csr, order: Index, last: Index, analysis: list[Any], spare: Index | None = None
+    ) -> None:
         last = last if last.size else np.sort(order[-1:])
         if analysis and np.isin(last, analysis[0].last).all():
             last = analysis[0].last
+        elif spare is not None and has_pardiso():
+            last = spare
         self.last = last
-        shift = np.zeros(A.shape[0])
-        shift[last] = 1.0
-        shifted = Csr(A + sparse.diags_array(shift))
-        shifted.sort_indices()
+        A = Csr((A.data.copy(), A.indices, A.indptr), shape=A.shape)
+        at, keys = entries(A, last)
+        A.data[at[keys % (A.shape[0] + 1) == 0]] += 1.0  # on the diagonal
         if has_pardiso() and last.size < A.shape[0]:
-            if analysis and analysis[0].fits(shifted, last):
-                analysis[0].refactor(shifted)
+            if analysis and analysis[0].fits(A, last):
+                analysis[0].refactor(A)
             else:
-                analysis[:] = [PardisoParts(shifted, last)]
+                analysis[:] = [PardisoParts(A, last)]
             self._parts: Any = analysis[0]
         else:
-            self._parts = SuperLUParts(shifted, order, last)
+            self._parts = SuperLUParts(A, order, last)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinAlgWarning)  # singular: the pivots tell
             S = self._parts.schur - np.eye(last.size)
@@ -341,35 +335,45 @@ class Linearised:
 
     def __init__(self, step: StepProblem, now: Trial) -> None:
         self._step, self._now, touch = step, now, now.touch
-        K = step.tangent(now.u)
-        K.data[K.data == 0.0] = NOTHING
-        K = Csr(K + touch.force)
-        A = step.restricted(K)
-        size = np.sqrt(np.abs(A.diagonal()))
-        unit = 1.0 / np.where(size > 0, size, 1.0)
-        self._P = Csr(step.P @ sparse.diags_array(unit))  # the tangent has the diagonal one
-        A.data *= np.repeat(unit, np.diff(A.indptr)) * unit[A.indices]
-        G, T = touch.G @ self._P, touch.T @ self._P
+        K = added(step.tangent(now.u), touch.force)
+        A, unit = step.free.matrix(K)
+        self._unit = unit
+        G, T, tilted, turned = (
+            self._rows(part) for part in (touch.G, touch.T, touch.tilted, touch.turned)
+        )
         near = now.mu > 0
         near |= touch.bonded | (touch.gap <= REACH * step.extent + 2 * np.abs(now.support).max())
         rubs = np.repeat(near & ((touch.friction > 0) | touch.bonded), touch.slip.shape[1])
-        live_n = near & (norms(Csr(G)) > 1e-9 * norms(touch.G))
-        live_t = rubs & (norms(Csr(T)) > 1e-9 * norms(touch.T))
+        live_n = near & (norms(G) > 1e-9 * norms(touch.G))
+        live_t = rubs & (norms(T) > 1e-9 * norms(touch.T))
         m = touch.gap.size
         normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
         tangent = np.where(live_t, live_n.sum() + np.cumsum(live_t) - 1, -1)
         self._points = PointRows(normal, tangent.reshape(m, -1))
-        B = sparse.vstack([G[live_n], T[live_t]], format="csr")
-        E = sparse.vstack([touch.tilted[live_n], touch.turned[live_t]], format="csr") @ self._P
-        right = self._P.T @ (now.load - now.internal - K @ now.support)
+        rows = (G[live_n], T[live_t]), (tilted[live_n], turned[live_t])
+        moved = K @ now.support if now.support.any() else 0.0
+        right = unit * step.free.forces(now.load - now.internal - moved)
         used = np.zeros(A.shape[0], dtype=bool)
-        used[np.concatenate((B.indices, E.indices, step.kept))] = True
-        self._factor = BoundaryFactor(A, step.order, np.flatnonzero(used), step.analysis)
+        used[np.concatenate([step.kept, *(part.indices for pair in rows for part in pair)])] = True
+        last = np.flatnonzero(used)
+        used[self._next(near, G, T).indices] = True
+        spare = np.flatnonzero(used)
+        self._factor = BoundaryFactor(A, step.order, last, step.analysis, spare)
         last = self._factor.last
-        B, E = (part[:, last].toarray() for part in (B, B + E))
+        place = np.zeros(A.shape[0], dtype=np.int64)
+        place[last] = np.arange(last.size)
+        B, E = (
+            np.concatenate(
+                [
+                    Csr((p.data, place[p.indices], p.indptr), (p.shape[0], last.size)).toarray()
+                    for p in pair
+                ]
+            )
+            for pair in rows
+        )
         self._free, self._halfway = self._factor.forward(right)
         self._response = self._factor.compliance(B.T)
-        self._W = E @ self._response
+        self._W = (B + E) @ self._response
         if not (np.all(np.isfinite(self._W)) and np.all(np.isfinite(self._free))):
             raise NotConverged("large strain: the tangent holds values that are not finite")
         diagonal = np.maximum(np.diag(self._W), 0.0)
@@ -382,11 +386,11 @@ class Linearised:
     def solved(self, tol: float) -> tuple[Array, Array, Array, tuple[int, int, int]]:
         """Change of u, new mu and t, and the numbers of active, sticking and slipping points."""
         touch, scale, now = self._now.touch, self.scale, self._now
-        alone = np.zeros(self._P.shape[1])
+        alone = np.zeros(self._unit.size)
         alone[self._factor.last] = self._free  # all that the rows of live points see
-        free = self._P @ alone + now.support
-        u_n = (touch.G + touch.tilted) @ free
-        u_t = touch.slip + ((touch.T + touch.turned) @ free).reshape(touch.slip.shape)
+        free = self._displacement(alone) + now.support
+        u_n = touch.G @ free + touch.tilted @ free
+        u_t = touch.slip + (touch.T @ free + touch.turned @ free).reshape(touch.slip.shape)
         v0 = self._points.stacked(u_n, u_t) / self._of_rows
         if not v0.size:  # supports hold all contact points
             return self._moved(self._free), np.zeros(scale.size), np.zeros(u_t.shape), (0, 0, 0)
@@ -412,7 +416,26 @@ class Linearised:
 
     def _moved(self, last: Array) -> Array:
         """Change of u from that of the last unknowns."""
-        return self._P @ self._factor.backward(self._halfway, last) + self._now.support
+        return self._displacement(self._factor.backward(self._halfway, last)) + self._now.support
+
+    def _next(self, near: NDArray[np.bool_], G: Csr, T: Csr) -> Csr:
+        """Rows of the points that are likely to come near next, a third as many as are."""
+        touch, m = self._now.touch, near.sum()
+        soon = np.argsort(np.where(near, np.inf, touch.gap))[: min(m // 3 + 1, near.size - m)]
+        rubs = soon[touch.friction[soon] > 0]
+        slips = touch.slip.shape[1]
+        rows = (rubs[:, None] * slips + np.arange(slips)).ravel()
+        return Csr(sparse.vstack([G[soon], T[rows]], format="csr"))
+
+    def _displacement(self, z: Array) -> Array:
+        """Displacement of all dofs by scaled unknowns."""
+        return self._step.free.displacement(self._unit * z)
+
+    def _rows(self, R: Csr) -> Csr:
+        """Rows on all dofs as rows on scaled unknowns."""
+        found = self._step.free.rows(R)
+        found.data *= self._unit[found.indices]
+        return found
 
 
 def _singular() -> NotConverged:

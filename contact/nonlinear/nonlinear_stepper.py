@@ -23,6 +23,7 @@ from contact.laws.iteration import Iteration
 from contact.nonlinear.arc_length import MOST_CURVED, EquilibriumPath, control_of, mean_square
 from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
 from contact.nonlinear.cell_forces import cofactor, det
+from contact.nonlinear.free_unknowns import FreeUnknowns, added, stacked
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
 from contact.nonlinear.stress_forces import FollowerPressure
@@ -228,8 +229,8 @@ class NonlinearStepper(LoadProgram):
         self._checked = True
         for k, one, factor in self._pressures:
             own = self.problem.body.slices[k]
-            found[k] = found[k] - value_at(factor, end) * one.tangent(u[own], {}, 0.0)
-        return Csr(found[0] if len(found) == 1 else sparse.block_diag(found, format="csr"))
+            found[k] = added(found[k], -value_at(factor, end) * one.tangent(u[own], {}, 0.0))
+        return stacked(found)
 
     def _pressed(self, load: Array, end: float) -> Callable[[Array], Array]:
         """Applied forces at a time as a function of the displacement."""
@@ -256,6 +257,10 @@ class NonlinearStepper(LoadProgram):
                 diagonal = body.stiffness.diagonal()
             found.append(float((np.abs(diagonal) / body.lengths[0] ** 2).max()))
         return max(found)
+
+    @cached_property
+    def _free(self) -> FreeUnknowns:
+        return FreeUnknowns(Csr(self.problem.body.constraint[0]))
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
@@ -639,11 +644,10 @@ class NonlinearStepper(LoadProgram):
 
     def _step_problem(self, last: Start, end: float) -> StepProblem:
         body, dt = self._body_at(end), end - last.time
-        P, u0 = body.constraint
         return StepProblem(
             load=self._pressed(body.loads, end),
-            P=Csr(P),
-            u0=u0,
+            free=self._free,
+            u0=body.constraint[1],
             picked=Csr(sparse.block_diag([one.picked for one in body.bodies], format="csr")),
             lengths=np.concatenate([one.lengths[1] for one in body.bodies]),
             extent=body.extent,
