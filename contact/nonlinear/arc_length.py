@@ -25,7 +25,7 @@ from contact.body.boundary_names import select_components
 from contact.body.deferred_basis import dofs_on_facets
 from contact.errors import InputError
 from contact.nonlinear.bulk_newton import BoundaryFactor, StepProblem
-from contact.nonlinear.free_unknowns import FreeUnknowns
+from contact.nonlinear.free_unknowns import FreeUnknowns, on_host
 from contact.nonlinear.touching import Touch
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ class EquilibriumPath:
         def tangent(x: Array) -> Csr:
             time = self.time + unit * x[-1]
             column = -unit * self._load_rate(x[:-1], time)
-            K = self.at(time).tangent(x[:-1])
+            K = on_host(self.at(time).tangent(x[:-1]))
             blocks: Any = [[K, column[:, None]], [row[None], None]]
             return Csr(sparse.block_array(blocks, format="csr"))
 

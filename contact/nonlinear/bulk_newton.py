@@ -13,8 +13,10 @@ P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapter 10
 
 from __future__ import annotations
 
+import importlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -22,21 +24,32 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import LinAlgError, LinAlgWarning, lu_factor, lu_solve
+from scipy.linalg import LinAlgError, LinAlgWarning
 from scipy.sparse.linalg import splu
 
 from contact.body.supports import norms
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import PointRows
+from contact.condensation.device_schur import on_device
 from contact.errors import NotConverged
 from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Coulomb, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.law import ContactLaw, State
 from contact.laws.newton import LIMITS, newton
-from contact.nonlinear.free_unknowns import FreeUnknowns, added, entries
+from contact.nonlinear.free_unknowns import (
+    FreeUnknowns,
+    Matrix,
+    added,
+    entries,
+    on_host,
+    with_values,
+)
 from contact.nonlinear.touching import Touch
+from skfem_adini.ground.arrays import host, namespace
 from skfem_adini.ground.pardiso import GENERAL, Pardiso, SolverError, has_pardiso
+from skfem_adini.solvers.cudss import CudssGeneralSchur
+from skfem_adini.solvers.device_triangle import Rows
 
 Array = NDArray[np.float64]
 Csr = sparse.csr_array
@@ -70,7 +83,7 @@ class StepProblem:
     extent: float
     stiffness: float  # largest of the undeformed bodies, a force per length, for rounding errors
     internal: Callable[[Array], Array]
-    tangent: Callable[[Array], Csr]  # of internal minus applied forces
+    tangent: Callable[[Array], Matrix]  # of internal minus applied forces
     touch: Callable[[Array, Array, Array], Touch]
     order: Index  # free unknowns in an order of little fill
     kept: Index  # free unknowns that are eliminated last, with row exchanges
@@ -246,12 +259,8 @@ class PardisoParts:
         """Factor other values of the same pattern."""
         self._pardiso.values[:] = A.data
         self.schur = np.zeros((self.last.size, self.last.size))
-        try:
+        with _pivots():
             self._pardiso(22, x=self.schur)
-        except SolverError as error:
-            if error.pivot:
-                raise _singular() from error
-            raise
         if self._pardiso.perturbed:
             raise _singular()
 
@@ -270,43 +279,96 @@ class PardisoParts:
         return found
 
 
+class DeviceParts:
+    """cuDSS's partial factorisation of a general matrix on a device, as `PardisoParts`."""
+
+    def __init__(self, A: Rows, last: Index) -> None:
+        self.pattern, self.last = (A.indptr, A.indices), last
+
+        def factored(hybrid: bool) -> CudssGeneralSchur:
+            with _pivots():
+                return CudssGeneralSchur(A, last, hybrid_memory=hybrid)
+
+        self._cudss = on_device(factored)
+        self.schur = self._cudss.complement
+
+    fits = PardisoParts.fits
+
+    def refactor(self, A: Rows) -> None:
+        """Factor other values of the same pattern."""
+        with _pivots():
+            self._cudss.refactor(A)
+        self.schur = self._cudss.complement
+
+    def forward(self, load: Array) -> tuple[Array, Any]:
+        """What is left of a load on the last unknowns, and what `backward` needs."""
+        halfway = self._cudss.forward(load).copy()
+        return host(halfway[-self.last.size :]), halfway
+
+    def backward(self, halfway: Any, last: Array) -> Array:
+        """All unknowns, shape (n,), from the last ones."""
+        halfway[-self.last.size :] = self._cudss.placed(last)
+        found = np.array(host(self._cudss.backward(halfway)))
+        found[self.last] = last
+        return found
+
+
+@contextmanager
+def _pivots() -> Iterator[None]:
+    """Errors of the factors for pivots that are zero up to rounding, as NotConverged."""
+    try:
+        yield
+    except SolverError as error:
+        if error.pivot:
+            raise _singular() from error
+        raise
+
+
 class BoundaryFactor:
     """The factors of a `FreeUnknowns.matrix` with some unknowns last, and their Schur complement S.
 
     A shift of its diagonal keeps pivots there from zero; dense factors with row exchanges solve for
-    S itself. `analysis` is a list that keeps PARDISO's for matrices of the same pattern; a new one
-    is made for the unknowns `spare`, so that it serves as long as `last` is among them."""
+    S itself. `analysis` is a list that keeps PARDISO's or cuDSS's for matrices of the same pattern;
+    a new one is made for the unknowns `spare`, so that it serves as long as `last` is among
+    them."""
 
     def __init__(
-        self, A: Csr, order: Index, last: Index, analysis: list[Any], spare: Index | None = None
+        self, A: Matrix, order: Index, last: Index, analysis: list[Any], spare: Index | None = None
     ) -> None:
         last = last if last.size else np.sort(order[-1:])
+        parts: Any = DeviceParts if isinstance(A, Rows) else PardisoParts
+        kept = isinstance(A, Rows) or has_pardiso()
         if analysis and np.isin(last, analysis[0].last).all():
             last = analysis[0].last
-        elif spare is not None and has_pardiso():
+        elif spare is not None and kept:
             last = spare
         self.last = last
-        A = Csr((A.data.copy(), A.indices, A.indptr), shape=A.shape)
+        A, xp = with_values(A, A, A.data.copy()), namespace(A.data)
         at, keys = entries(A, last)
-        A.data[at[keys % (A.shape[0] + 1) == 0]] += 1.0  # on the diagonal
-        if has_pardiso() and last.size < A.shape[0]:
-            if analysis and analysis[0].fits(A, last):
+        A.data[xp.asarray(at[keys % (A.shape[0] + 1) == 0])] += 1.0  # on the diagonal
+        if kept and last.size < A.shape[0]:
+            if analysis and isinstance(analysis[0], parts) and analysis[0].fits(A, last):
                 analysis[0].refactor(A)
             else:
-                analysis[:] = [PardisoParts(A, last)]
+                analysis[:] = [parts(A, last)]
             self._parts: Any = analysis[0]
         else:
+            A = on_host(A)
             self._parts = SuperLUParts(A, order, last)
+        S = self._parts.schur.copy()
+        self._xp = namespace(S)
+        S[(self._xp.arange(last.size),) * 2] -= 1.0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinAlgWarning)  # singular: the pivots tell
-            S = self._parts.schur - np.eye(last.size)
-            self._dense = lu_factor(S, check_finite=False)
-        if not np.abs(np.diag(self._dense[0])).min(initial=1.0) >= SINGULAR:
+            self._dense = _dense(self._xp).lu_factor(S, check_finite=False)
+        pivots = host(self._xp.diagonal(self._dense[0]))
+        if not np.abs(pivots).min(initial=1.0) >= SINGULAR:
             raise _singular()
 
     def compliance(self, loads: Array) -> Array:
         """Solutions at the last unknowns for loads there, both of shape (nb, k)."""
-        return np.asarray(lu_solve(self._dense, loads, check_finite=False))
+        given = self._xp.asarray(loads)
+        return host(_dense(self._xp).lu_solve(self._dense, given, check_finite=False))
 
     def forward(self, load: Array) -> tuple[Array, Array]:
         """The last unknowns under a load, and what `backward` needs."""
@@ -316,6 +378,11 @@ class BoundaryFactor:
     def backward(self, halfway: Array, last: Array) -> Array:
         """All unknowns, shape (n,), from the last ones."""
         return np.asarray(self._parts.backward(halfway, last))
+
+
+def _dense(xp: Any) -> Any:
+    """Dense algebra of SciPy, or of CuPy."""
+    return scipy.linalg if xp is np else importlib.import_module("cupyx.scipy.linalg")
 
 
 def _linked(A: Any, first: int) -> Any:

@@ -33,6 +33,7 @@ class Forces(ABC):
     basis: Any
     complex_step = True
     xp: Any = np  # module of the arrays of cells
+    device = False  # whether they are on a device, that is of CuPy
     _last: tuple[Any, State] = (None, {})  # a state, and its copy on a device
 
     @abstractmethod
@@ -50,9 +51,9 @@ class Forces(ABC):
 
     def placed(self, state: State) -> State:
         """A state by arrays where the cells are; the last one is kept."""
-        if self.xp is not np and self._last[0] is not state:
+        if self.device and self._last[0] is not state:
             self._last = state, {name: self.xp.asarray(value) for name, value in state.items()}
-        return state if self.xp is np else self._last[1]
+        return self._last[1] if self.device else state
 
     def at(self, u: Array, state: State, dt: float) -> Array:
         """Forces on all dofs, shape (ndofs,), on the host."""
@@ -90,7 +91,7 @@ class Forces(ABC):
         """Sum of the cells' matrices, shape (ncells, n, n); on a device `Rows`."""
         like, place = self._pattern
         data = np.bincount(place, blocks.ravel(), like.nnz)
-        if self.xp is not np:
+        if self.device:
             return Rows(like.indptr, like.indices, data)
         return sparse.csr_array((data, like.indices, like.indptr), shape=like.shape)
 
@@ -111,6 +112,10 @@ class CellForces(Forces):
     @abstractmethod
     def energy(self, u: Array) -> float:
         """Stored energy; NaN if none is known."""
+
+    @abstractmethod
+    def on_device(self, xp: Any) -> CellForces:
+        """The same forces by arrays of CuPy, for Newton's method alone."""
 
     def check_tangent(self) -> str:
         """Choose between complex and real differences; a line for the log.
@@ -239,6 +244,10 @@ class FormForces(CellForces):
     def energy(self, u: Array) -> float:
         """Forms have no known energy."""
         return np.nan
+
+    def on_device(self, xp: Any) -> CellForces:
+        """Refused: scikit-fem's forms run on the host."""
+        raise InputError("device: weak forms run on the host; give stress=, or device='cpu'")
 
 
 def cofactor(F: Any) -> Any:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from contact.body.several_bodies import Bodies
+from contact.condensation.device_choice import chosen_device
 from contact.condensation.elimination_order import elimination_order
 from contact.errors import InputError, NotConverged
 from contact.histories.load_history import checked_times
@@ -23,7 +24,7 @@ from contact.laws.iteration import Iteration
 from contact.nonlinear.arc_length import MOST_CURVED, EquilibriumPath, control_of, mean_square
 from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
 from contact.nonlinear.cell_forces import cofactor, det
-from contact.nonlinear.free_unknowns import FreeUnknowns, added, stacked
+from contact.nonlinear.free_unknowns import FreeUnknowns, added, on_host, stacked
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
 from contact.nonlinear.stress_forces import FollowerPressure
@@ -31,6 +32,7 @@ from contact.nonlinear.touching import ElasticSides, RigidSide, Touch, checked_o
 from contact.rows.interfaces import Interfaces
 from skfem_adini.ground.archives import checksum, read_arrays, write_arrays
 from skfem_adini.ground.arguments import finite_number, integer
+from skfem_adini.solvers import cudss
 
 Array = NDArray[np.float64]
 Csr = sparse.csr_array
@@ -60,6 +62,10 @@ class NonlinearStepper(LoadProgram):
         Every relative residual of the certificate is at most this.
     halvings : int
         How often a step may be halved.
+    device : {"cpu", "cuda", "auto"}
+        Where tangents are assembled and factored: with "cuda" by CuPy and cuDSS, if the stress
+        functions take arrays of CuPy, as those of NumPy's functions do; "auto" chooses, and logs
+        why. The certificate is computed on the host.
 
     Attributes
     ----------
@@ -69,7 +75,10 @@ class NonlinearStepper(LoadProgram):
     Raises
     ------
     InputError
-        Another problem, an obstacle without a distance, given friction or compliant surfaces.
+        Another problem, an obstacle without a distance, given friction or compliant surfaces; on a
+        device bodies given by forms, or a stress that does not take its arrays.
+    MissingDependency
+        A device without CuPy or cuDSS.
 
     References
     ----------
@@ -92,7 +101,9 @@ class NonlinearStepper(LoadProgram):
     -0.1
     """
 
-    def __init__(self, problem: Any, *, tol: float = 1e-9, halvings: int = 6) -> None:
+    def __init__(
+        self, problem: Any, *, tol: float = 1e-9, halvings: int = 6, device: str = "cpu"
+    ) -> None:
         from contact.problem.contact_problem import ContactProblem
 
         if not isinstance(problem, ContactProblem):
@@ -121,6 +132,7 @@ class NonlinearStepper(LoadProgram):
         self.tol, self.halvings = tol, halvings
         self.history = NonlinearHistory(np.zeros(0), ())
         self._sides, self._elastic = self._read_sides()
+        self._cells = self._cells_on(chosen_device(device, problem.body, problem.solver))
         self._checked = False
         self._analysis = list[Any]()
         self._pressures: list[tuple[int, FollowerPressure, Callable[[float], float]]] = []
@@ -203,6 +215,19 @@ class NonlinearStepper(LoadProgram):
         each = [tuple(zip(*part, strict=True)) for part in (free, tied) if part]
         return rigid, [ElasticSides(Interfaces.of(together, p), list(k)) for k, p in each]
 
+    def _cells_on(self, device: Any) -> list[Any]:
+        """The forces of the bodies' cells where they are computed; None for linear bodies."""
+        cells = [getattr(body, "cells", None) for body in self.problem.body.bodies]
+        if device == "cpu":
+            return cells
+        if device != "cuda":
+            raise InputError(f"device={device!r}: large strain takes one device, 'cuda'")
+        xp = cudss.device_arrays()
+        for k, own in enumerate(cells):
+            if own is not None:
+                cells[k] = own.on_device(xp)
+        return cells
+
     def _bodies(self) -> list[tuple[Any, slice]]:
         return list(zip(self.problem.body.bodies, self.problem.body.slices, strict=True))
 
@@ -210,7 +235,7 @@ class NonlinearStepper(LoadProgram):
         found = []
         for k, (body, own) in enumerate(self._bodies()):
             if isinstance(body, NonlinearBody):
-                of = body.cells.recomputed if recomputed else body.cells.at
+                of = body.cells.recomputed if recomputed else self._cells[k].at
                 found.append(of(u[own], last.states[k], dt))
             else:
                 found.append(np.asarray(body.stiffness @ u[own]))
@@ -224,8 +249,8 @@ class NonlinearStepper(LoadProgram):
                 found.append(body.stiffness)
                 continue
             if not self._checked:
-                logger.info("%s", body.cells.check_tangent())
-            found.append(body.cells.tangent(u[own], last.states[k], end - last.time))
+                logger.info("%s", self._cells[k].check_tangent())
+            found.append(self._cells[k].tangent(u[own], last.states[k], end - last.time))
         self._checked = True
         for k, one, factor in self._pressures:
             own = self.problem.body.slices[k]
@@ -249,10 +274,10 @@ class NonlinearStepper(LoadProgram):
     def _stiffness(self) -> float:
         """Largest diagonal entry of the tangent of the undeformed bodies."""
         found = []
-        for body, _ in self._bodies():
+        for (body, _), cells in zip(self._bodies(), self._cells, strict=True):
             if isinstance(body, NonlinearBody):
                 rest = np.zeros(body.ndofs)
-                diagonal = body.cells.tangent(rest, body.cells.rest, 1.0).diagonal()
+                diagonal = on_host(cells.tangent(rest, cells.rest, 1.0)).diagonal()
             else:
                 diagonal = body.stiffness.diagonal()
             found.append(float((np.abs(diagonal) / body.lengths[0] ** 2).max()))
@@ -280,7 +305,13 @@ class NonlinearStepper(LoadProgram):
         ]
 
     def _least_volume(self, u: Array) -> float:
-        return min(float(det(F).min()) for F in self._gradients(u))
+        found = []
+        for (body, own), cells in zip(self._bodies(), self._cells, strict=True):
+            if cells is not None and cells.device:
+                found.append(cells.least_volume(u[own]))
+            elif cells is not None:
+                found.append(float(det(body.deformation_gradient(u[own])).min()))
+        return min(found)
 
     def _touch_at(self, last: Start, end: float) -> Callable[[Array, Array, Array], Touch]:
         """The rows of all sides as a function of u and the forces."""

@@ -55,15 +55,27 @@ class StressForces(CellForces):
         self._known: tuple[tuple[Array, Array], ...] = ()  # the last two displacements and their F
 
     def on_device(self, xp: Any) -> StressForces:
-        """The same forces by arrays of another module, CuPy, for Newton's method alone."""
+        """The same forces by arrays of CuPy, for Newton's method alone.
+        Raises InputError if the stress does not take them."""
         other = copy(self)
-        other.xp, other.placed_on_device, other._known = xp, True, ()
+        other.xp, other.device, other._known = xp, True, ()
         for name in ("_dofs", "_pattern"):
             vars(other).pop(name, None)
         for name in ("_dx", "_slope", "_hoop", "_modes"):
             if getattr(self, name) is not None:
                 setattr(other, name, xp.asarray(getattr(self, name)))
+        try:
+            other.at(np.zeros(self.basis.N), self.rest, 1.0)
+        except (TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                f"device: the stress does not take arrays of CuPy ({error}); let it call NumPy's "
+                "functions of F alone, or take device='cpu'"
+            ) from error
         return other
+
+    def least_volume(self, u: Array) -> float:
+        """Smallest det F at the quadrature points."""
+        return float(det(self.gradient(self.of_cells(u))).min())
 
     def gradient(self, dofs: Any) -> Any:
         """F at the quadrature points, shape (3, 3, ncells, npoints), which is not to be changed."""
@@ -79,7 +91,8 @@ class StressForces(CellForces):
     def _called(self, F: Any, state: State, dt: float) -> Any:
         """Stress at F, and the new state or None."""
         F = self.thinned(F, state, dt)
-        F = F if getattr(F.flags, "writeable", False) else F.copy()  # a stress function may write into its argument
+        if not getattr(F.flags, "writeable", False):
+            F = F.copy()  # a stress function may write into its argument
         found = self.stress(F, state, dt) if self.rest else (self.stress(F), None)
         if np.shape(found[0]) != F.shape:
             raise InputError(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_adini.errors import AdiniError, InputError
+from skfem_adini.ground.arrays import host, namespace, on_device
 from skfem_adini.ground.pardiso import upper_triangle
 
 
@@ -44,7 +45,7 @@ class Restricted:
 
 
 class Rows(NamedTuple):
-    """A matrix by rows, columns ascending, with its pattern on the host, values on either side."""
+    """A square matrix by rows, columns ascending: its pattern on the host, values on a device."""
 
     indptr: Any
     indices: Any
@@ -52,8 +53,27 @@ class Rows(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns, which are as many."""
+        """Rows and columns."""
         return self.indptr.size - 1, self.indptr.size - 1
+
+    @property
+    def nnz(self) -> int:
+        """Number of entries."""
+        return int(self.indices.size)
+
+    def on_host(self) -> sparse.csr_array:
+        """The same matrix of SciPy."""
+        return sparse.csr_array((host(self.data), self.indices, self.indptr), shape=self.shape)
+
+    def __matmul__(self, x: Any) -> Any:
+        """Return ``A x`` on the host, computed where the values are."""
+        if not on_device(self.data):
+            return self.on_host() @ x
+        from cupyx.scipy.sparse import csr_matrix  # type: ignore[import-not-found, unused-ignore]
+
+        put = namespace(self.data).asarray
+        A = csr_matrix((self.data, put(self.indices), put(self.indptr)), shape=self.shape)
+        return host(A @ put(x))
 
 
 class DeviceTriangle:
