@@ -27,6 +27,7 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, LinAlgWarning
 from scipy.sparse.linalg import splu
 
+from contact.arrays.dense_arrays import DeviceArrays, HostArrays
 from contact.body.supports import norms
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import PointRows
@@ -56,6 +57,7 @@ Csr = sparse.csr_array
 Index = NDArray[np.int64]
 ROUNDING = 50 * float(np.finfo(float).eps)  # of sums of some hundred terms
 REACH = 0.05  # gaps beyond this part of the body are taken up once they close
+ON_HOST = 400  # order up to which dense algebra on a device takes longer
 SINGULAR = 1e-13  # pivots of a matrix with a diagonal of one that are rounding errors
 
 
@@ -356,33 +358,41 @@ class BoundaryFactor:
             A = on_host(A)
             self._parts = SuperLUParts(A, order, last)
         S = self._parts.schur.copy()
-        self._xp = namespace(S)
-        S[(self._xp.arange(last.size),) * 2] -= 1.0
+        self.arrays = HostArrays() if namespace(S) is np else _GeneralArrays()
+        S[(self.arrays.xp.arange(last.size),) * 2] -= 1.0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinAlgWarning)  # singular: the pivots tell
-            self._dense = _dense(self._xp).lu_factor(S, check_finite=False)
-        pivots = host(self._xp.diagonal(self._dense[0]))
+            self._dense = self._lu.lu_factor(S, check_finite=False)
+        pivots = host(self._dense[0].diagonal())
         if not np.abs(pivots).min(initial=1.0) >= SINGULAR:
             raise _singular()
 
-    def compliance(self, loads: Array) -> Array:
-        """Solutions at the last unknowns for loads there, both of shape (nb, k)."""
-        given = self._xp.asarray(loads)
-        return host(_dense(self._xp).lu_solve(self._dense, given, check_finite=False))
+    @property
+    def _lu(self) -> Any:
+        """Dense factors of SciPy, or of CuPy."""
+        on_host = self.arrays.xp is np
+        return scipy.linalg if on_host else importlib.import_module("cupyx.scipy.linalg")
+
+    def compliance(self, loads: Any) -> Any:
+        """Solutions at the last unknowns for loads there, both of `arrays`, shape (nb, k)."""
+        return self._lu.lu_solve(self._dense, loads, check_finite=False)
 
     def forward(self, load: Array) -> tuple[Array, Array]:
         """The last unknowns under a load, and what `backward` needs."""
         left, halfway = self._parts.forward(load)
-        return self.compliance(left), halfway
+        return host(self.compliance(self.arrays.xp.asarray(left))), halfway
 
     def backward(self, halfway: Array, last: Array) -> Array:
         """All unknowns, shape (n,), from the last ones."""
         return np.asarray(self._parts.backward(halfway, last))
 
 
-def _dense(xp: Any) -> Any:
-    """Dense algebra of SciPy, or of CuPy."""
-    return scipy.linalg if xp is np else importlib.import_module("cupyx.scipy.linalg")
+class _GeneralArrays(DeviceArrays):
+    """Arrays of CuPy for compliances without symmetry."""
+
+    def solve_square(self, A: Any, b: Any, definite: bool = False) -> Any:
+        """Solve ``A x = b`` by LU; b and x are on the host."""
+        return super().solve_square(A, b)
 
 
 def _linked(A: Any, first: int) -> Any:
@@ -429,10 +439,11 @@ class Linearised:
         last = self._factor.last
         place = np.zeros(A.shape[0], dtype=np.int64)
         place[last] = np.arange(last.size)
+        arrays = self._arrays = self._factor.arrays
         B, E = (
-            np.concatenate(
+            arrays.xp.concatenate(
                 [
-                    Csr((p.data, place[p.indices], p.indptr), (p.shape[0], last.size)).toarray()
+                    arrays.dense(Csr((p.data, place[p.indices], p.indptr), (p.shape[0], last.size)))
                     for p in pair
                 ]
             )
@@ -441,9 +452,9 @@ class Linearised:
         self._free, self._halfway = self._factor.forward(right)
         self._response = self._factor.compliance(B.T)
         self._W = (B + E) @ self._response
-        if not (np.all(np.isfinite(self._W)) and np.all(np.isfinite(self._free))):
+        if not (arrays.xp.isfinite(self._W).all() and np.all(np.isfinite(self._free))):
             raise NotConverged("large strain: the tangent holds values that are not finite")
-        diagonal = np.maximum(np.diag(self._W), 0.0)
+        diagonal = np.maximum(host(self._W.diagonal()), 0.0)
         self._of_rows = self._points.lengths(diagonal) if diagonal.size else diagonal
         self._near, self.scale = near, np.ones(m)
         if diagonal.size:
@@ -461,8 +472,10 @@ class Linearised:
         v0 = self._points.stacked(u_n, u_t) / self._of_rows
         if not v0.size:  # supports hold all contact points
             return self._moved(self._free), np.zeros(scale.size), np.zeros(u_t.shape), (0, 0, 0)
+        by = self._arrays.xp.asarray(self._of_rows)
+        W = self._W / by / by[:, None]
         problem = BoundaryProblem(
-            W=self._W / self._of_rows / self._of_rows[:, None],
+            W=self._arrays.matrix(W) if by.size > ON_HOST else host(W),
             v0=v0,
             C=np.zeros((v0.size, 0)),
             s=np.zeros(0),
@@ -475,7 +488,7 @@ class Linearised:
         start = Forces(now.mu * scale, now.t * scale[:, None], np.zeros(0))
         forces = boundary_forces(problem, touch.friction, start, tol)
         l = problem.forces(forces.mu, forces.t) / self._of_rows
-        du = self._moved(self._free - self._response @ l)
+        du = self._moved(self._free - host(self._response @ self._arrays.xp.asarray(l)))
         held = Condensed(problem, Coulomb(touch.friction))
         zones = held.law.zones(held.state(forces))
         active, stick, slip = (int(z.sum()) for z in (zones.active, zones.stick, zones.slip))

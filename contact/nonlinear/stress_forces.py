@@ -242,13 +242,13 @@ class StressForces(CellForces):
         """Forces on all dofs by a scikit-fem form."""
         P, ring = self.stresses(u[self.basis.element_dofs], state, dt), self._ring
 
-        def work(v: Any, w: Any) -> Any:
-            dim = len(v)
-            density = sum(w["P"][c, j] * v.grad[c, j] for c in range(dim) for j in range(dim))
-            hoop = w["P"][2, 2] * v[0] / w.x[0] if ring else 0.0
+        def work(v: Any, w: Any) -> Any:  # P as it is: a parameter of a form is copied at each use
+            dim, slope = len(v), np.asarray(v.grad)
+            density = sum(P[c, j] * slope[c, j] for c in range(dim) for j in range(dim))
+            hoop = P[2, 2] * v[0] / w.x[0] if ring else 0.0
             return (density + hoop) * (2.0 * np.pi * w.x[0] if ring else 1.0)
 
-        return np.asarray(LinearForm(work).assemble(self.basis, P=P))
+        return np.asarray(LinearForm(work).assemble(self.basis))
 
     def energy(self, u: Array) -> float:
         """Stored energy, of a stress with a method `energy`; NaN without."""
