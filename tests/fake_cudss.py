@@ -5,6 +5,7 @@ import ctypes
 import numpy as np
 from scipy import sparse
 
+from contact.condensation import device_schur
 from skfem_adini.solvers import cudss, cudss_handles
 
 
@@ -26,6 +27,7 @@ class FakeCudss:
         monkeypatch.setattr(cudss_handles, "load_cudss", lambda: self)
         monkeypatch.setattr(cudss_handles, "device_arrays", lambda: np)
         monkeypatch.setattr(cudss, "device_arrays", lambda: np)
+        monkeypatch.setattr(device_schur, "device_arrays", lambda: np)
         monkeypatch.setattr(cudss_handles, "threading_layer", lambda: None)
         return self
 

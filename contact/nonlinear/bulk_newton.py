@@ -31,7 +31,7 @@ from contact.arrays.dense_arrays import DeviceArrays, HostArrays
 from contact.body.supports import norms
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import PointRows
-from contact.condensation.device_schur import on_device
+from contact.condensation.device_schur import DeviceParts, Rows
 from contact.errors import NotConverged
 from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Coulomb, Tresca
@@ -49,8 +49,6 @@ from contact.nonlinear.free_unknowns import (
 from contact.nonlinear.touching import Touch
 from skfem_adini.ground.arrays import host, namespace
 from skfem_adini.ground.pardiso import GENERAL, Pardiso, SolverError, has_pardiso
-from skfem_adini.solvers.cudss import CudssGeneralSchur
-from skfem_adini.solvers.device_triangle import Rows
 
 Array = NDArray[np.float64]
 Csr = sparse.csr_array
@@ -261,8 +259,7 @@ class PardisoParts:
         """Factor other values of the same pattern."""
         self._pardiso.values[:] = A.data
         self.schur = np.zeros((self.last.size, self.last.size))
-        with _pivots():
-            self._pardiso(22, x=self.schur)
+        self._pardiso(22, x=self.schur)
         if self._pardiso.perturbed:
             raise _singular()
 
@@ -277,40 +274,6 @@ class PardisoParts:
         halfway[self.last] = last
         found = np.zeros_like(halfway)
         self._pardiso(333, halfway, found)
-        found[self.last] = last
-        return found
-
-
-class DeviceParts:
-    """cuDSS's partial factorisation of a general matrix on a device, as `PardisoParts`."""
-
-    def __init__(self, A: Rows, last: Index) -> None:
-        self.pattern, self.last = (A.indptr, A.indices), last
-
-        def factored(hybrid: bool) -> CudssGeneralSchur:
-            with _pivots():
-                return CudssGeneralSchur(A, last, hybrid_memory=hybrid)
-
-        self._cudss = on_device(factored)
-        self.schur = self._cudss.complement
-
-    fits = PardisoParts.fits
-
-    def refactor(self, A: Rows) -> None:
-        """Factor other values of the same pattern."""
-        with _pivots():
-            self._cudss.refactor(A)
-        self.schur = self._cudss.complement
-
-    def forward(self, load: Array) -> tuple[Array, Any]:
-        """What is left of a load on the last unknowns, and what `backward` needs."""
-        halfway = self._cudss.forward(load).copy()
-        return host(halfway[-self.last.size :]), halfway
-
-    def backward(self, halfway: Any, last: Array) -> Array:
-        """All unknowns, shape (n,), from the last ones."""
-        halfway[-self.last.size :] = self._cudss.placed(last)
-        found = np.array(host(self._cudss.backward(halfway)))
         found[self.last] = last
         return found
 
@@ -349,10 +312,11 @@ class BoundaryFactor:
         at, keys = entries(A, last)
         A.data[xp.asarray(at[keys % (A.shape[0] + 1) == 0])] += 1.0  # on the diagonal
         if kept and last.size < A.shape[0]:
-            if analysis and isinstance(analysis[0], parts) and analysis[0].fits(A, last):
-                analysis[0].refactor(A)
-            else:
-                analysis[:] = [parts(A, last)]
+            with _pivots():
+                if analysis and isinstance(analysis[0], parts) and analysis[0].fits(A, last):
+                    analysis[0].refactor(A)
+                else:
+                    analysis[:] = [parts(A, last)]
             self._parts: Any = analysis[0]
         else:
             A = on_host(A)

@@ -18,9 +18,9 @@ from scipy import sparse
 from skfem import Basis, BilinearForm, DiscreteField, LinearForm
 from skfem.assembly.form.form import FormExtraParams
 
+from contact.condensation.device_schur import Rows
 from contact.errors import InputError
 from skfem_adini.ground.arrays import host
-from skfem_adini.solvers.device_triangle import Rows
 
 Array = NDArray[np.float64]
 State = dict[str, Array]
@@ -71,7 +71,7 @@ class Forces(ABC):
             blocks[:, :, j] = self.slope(lambda v: self.forces(v, state, dt), own, way, h).T
         return self.matrix(blocks)
 
-    def slope(self, function: Callable[[Any], Any], x: Array, way: Array, h: float) -> Any:
+    def slope(self, function: Callable[[Any], Any], x: Any, way: Any, h: float) -> Any:
         """Derivative of a function at x along a way, by complex or central differences."""
         if self.complex_step:
             return np.imag(function(x + 1j * COMPLEX_STEP * way)) / COMPLEX_STEP

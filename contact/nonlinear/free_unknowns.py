@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.condensation.device_schur import Rows
 from skfem_adini.ground.arrays import host, namespace
-from skfem_adini.solvers.device_triangle import Rows
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from contact.body.several_bodies import Bodies
+from contact.condensation import device_schur
 from contact.condensation.device_choice import chosen_device
 from contact.condensation.elimination_order import elimination_order
 from contact.errors import InputError, NotConverged
@@ -32,7 +33,6 @@ from contact.nonlinear.touching import ElasticSides, RigidSide, Touch, checked_o
 from contact.rows.interfaces import Interfaces
 from skfem_adini.ground.archives import checksum, read_arrays, write_arrays
 from skfem_adini.ground.arguments import finite_number, integer
-from skfem_adini.solvers import cudss
 
 Array = NDArray[np.float64]
 Csr = sparse.csr_array
@@ -222,7 +222,7 @@ class NonlinearStepper(LoadProgram):
             return cells
         if device != "cuda":
             raise InputError(f"device={device!r}: large strain takes one device, 'cuda'")
-        xp = cudss.device_arrays()
+        xp = device_schur.device_arrays()
         for k, own in enumerate(cells):
             if own is not None:
                 cells[k] = own.on_device(xp)
