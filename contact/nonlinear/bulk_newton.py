@@ -305,7 +305,7 @@ class BoundaryFactor:
         kept = isinstance(A, Rows) or has_pardiso()
         if analysis and np.isin(last, analysis[0].last).all():
             last = analysis[0].last
-        elif spare is not None and kept:
+        elif kept and spare is not None and spare.size:
             last = spare
         self.last = last
         A, xp = with_values(A, A, A.data.copy()), namespace(A.data)
