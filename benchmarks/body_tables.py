@@ -47,6 +47,25 @@ def contact_materials(record: Record) -> str:
     return f"{table}\n\n{said}{source('contact_materials', record, 'MKL')}"
 
 
+def contact_nonlinear_device(record: Record) -> str:
+    """A load step of large strain on a device and on its host."""
+    names = "tangent", "factor", "certificate", "step"
+    table = rows_of(
+        "unknowns | contact points | on | iterations | tangents | factors | certificate | step",
+        (
+            (
+                *(f"{row[name]:,}" for name in ("unknowns", "points")),
+                row["device"],
+                str(row["iterations"]),
+                *(f"{row[name]:.2f} s" for name in names),
+            )
+            for row in record["rows"]
+        ),
+    )
+    said = f"The host has {record['machine']['cores']} cores and {record['factoriser']}. "
+    return f"{table}\n\n{said}{source('contact_nonlinear_device', record, 'cupy')}"
+
+
 def contact_derivatives(record: Record) -> str:
     """Gradients over solutions, histories and steps; heat over mechanics."""
     one, past, far = (record[name] for name in ("gradients", "history", "sliding"))
