@@ -29,12 +29,13 @@ def contact_materials(record: Record) -> str:
     """Load steps of large strain beside their assemblies and factorisations."""
     table = rows_of(
         "unknowns | contact points | iterations of two steps | tangents | factors | both steps "
-        "| ratio",
+        "| ratio | with held factors",
         (
             (
                 *(f"{row[name]:,}" for name in ("unknowns", "points", "iterations")),
                 *(f"{row[name]:.2f} s" for name in ("assembly", "factor", "total")),
                 f"**{row['ratio']:.2f}**",
+                f"{row['chords']['total']:.2f} s",
             )
             for row in record["rows"]
         ),

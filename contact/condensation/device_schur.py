@@ -75,7 +75,7 @@ class DeviceParts:
     Raises SolverError for pivots that are zero, else as `on_device`."""
 
     def __init__(self, A: Rows, last: NDArray[np.int64]) -> None:
-        self.pattern, self.last = (A.indptr, A.indices), last
+        self.pattern, self.last, self.turn = (A.indptr, A.indices), last, 0
         self._cudss = on_device(
             lambda hybrid: CudssGeneralSchur(A, last, hybrid_memory=hybrid), definite=False
         )
@@ -87,7 +87,13 @@ class DeviceParts:
 
     def refactor(self, A: Rows) -> None:
         """Factor other values of the same pattern."""
+        self.turn += 1
         self._cudss.refactor(A)
+
+    @property
+    def fill(self) -> int:
+        """Entries of the factors."""
+        return int(self._cudss.statistics()["entries"])
 
     @property
     def schur(self) -> Any:

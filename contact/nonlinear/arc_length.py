@@ -25,6 +25,7 @@ from contact.body.boundary_names import select_components
 from contact.body.deferred_basis import dofs_on_facets
 from contact.errors import InputError
 from contact.nonlinear.bulk_newton import BoundaryFactor, StepProblem
+from contact.nonlinear.chord import Chord
 from contact.nonlinear.free_unknowns import FreeUnknowns, on_host
 from contact.nonlinear.touching import Touch
 
@@ -109,6 +110,7 @@ class EquilibriumPath:
             lengths=np.append(step.lengths, 1.0),
             order=np.append(step.order, n),
             kept=np.array([n]),
+            chord=Chord(),
             least_volume=lambda x: step.least_volume(x[:-1]),
         )
 

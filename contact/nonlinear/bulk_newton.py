@@ -7,7 +7,7 @@ derivatives E of the rows and C of the contact forces, an iteration solves
 
 with the law between v and the new forces l+: condensed onto the contact points, that is a
 `BoundaryProblem`, solved by `contact.laws`. Steps that invert a cell or enlarge the residual are
-shortened.
+shortened; K + C of an earlier iterate serves where `contact.nonlinear.chord` expects less work.
 
 P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapter 10."""
 
@@ -38,6 +38,7 @@ from contact.laws.friction import Coulomb, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.law import ContactLaw, State
 from contact.laws.newton import LIMITS, newton
+from contact.nonlinear.chord import Chord, Tangent
 from contact.nonlinear.free_unknowns import (
     FreeUnknowns,
     Matrix,
@@ -89,6 +90,7 @@ class StepProblem:
     kept: Index  # free unknowns that are eliminated last, with row exchanges
     analysis: list[Any]  # see `BoundaryFactor`
     least_volume: Callable[[Array], float]  # smallest det F
+    chord: Chord
 
     def trial(self, u: Array, mu: Array, t: Array, like: Touch | None = None) -> Trial:
         """Evaluate an iterate; forces of other points than those at u are of the touch `like`."""
@@ -152,16 +154,22 @@ def solve_step(
     with np.errstate(all="ignore"):
         now = step.trial(*start)
         lines, sizes = list[Iteration](), list[float]()
-        for k in range(1, most + 1):
-            linear = Linearised(step, now)
+        tangent, k, factored = step.chord.first(now.u), 0, 0
+        while factored < most:
+            k += 1
+            linear = Linearised(step, now, tangent)
             before = max(step.residuals(now, linear.scale).values())
             sizes.append(before)
             du, mu, t, counts = linear.solved(tol)
             now, size = _shortened(step, now, (du, mu, t), linear.scale, max(sizes[-3:]), k == 1)
-            lines.append(Iteration(k, "newton", *counts, size))
+            newton = linear.tangent is not tangent
+            factored += newton
+            lines.append(Iteration(k, "newton" if newton else "chord", *counts, size))
             report(lines[-1])
             if size <= tol:
+                step.chord.end(linear.tangent, now.u)
                 return now, linear.scale
+            tangent = step.chord.next(linear.tangent, newton, before, size, tol)
     raise NotConverged(f"large strain: residual {size:.1e} after {most} iterations", tuple(lines))
 
 
@@ -200,6 +208,8 @@ def _shortened(
 class SuperLUParts:
     """SuperLU without row exchanges, with some unknowns last: the trailing block of L U is S."""
 
+    turn = 0  # of the factorisations that share an analysis
+
     def __init__(self, A: Csr, order: Index, last: Index) -> None:
         n, nb = A.shape[0], last.size
         inner = np.ones(n, dtype=bool)
@@ -219,6 +229,7 @@ class SuperLUParts:
         U, L = self._lu.U, self._lu.L
         if not np.abs(U.diagonal()[: n - nb]).min(initial=1.0) >= SINGULAR:
             raise _singular()
+        self.fill = L.nnz + U.nnz
         self.schur = L[:, n - nb :][n - nb :].toarray() @ U[:, n - nb :][n - nb :].toarray()
 
     def forward(self, load: Array) -> tuple[Array, Array]:
@@ -245,9 +256,10 @@ class PardisoParts:
     def __init__(self, A: Csr, last: Index) -> None:
         self.pattern, self.last = (A.indptr, A.indices), last
         # As `PardisoSchur`; without scaling and matching, which a Schur complement excludes.
-        parameters = {1: 3, 9: 13, 23: 1, 24: 1, 35: 2}
+        parameters = {1: 3, 9: 13, 17: -1, 23: 1, 24: 1, 35: 2}
         self._pardiso = Pardiso(A, GENERAL, parameters, chosen=last)
         self._pardiso(11)
+        self.fill, self.turn = self._pardiso.fill, 0
         self.refactor(A)
 
     def fits(self, A: Csr, last: Index) -> bool:
@@ -257,7 +269,7 @@ class PardisoParts:
 
     def refactor(self, A: Csr) -> None:
         """Factor other values of the same pattern."""
-        self._pardiso.values[:] = A.data
+        self._pardiso.values[:], self.turn = A.data, self.turn + 1
         self.schur = np.zeros((self.last.size, self.last.size))
         self._pardiso(22, x=self.schur)
         if self._pardiso.perturbed:
@@ -305,8 +317,8 @@ class BoundaryFactor:
         kept = isinstance(A, Rows) or has_pardiso()
         if analysis and np.isin(last, analysis[0].last).all():
             last = analysis[0].last
-        elif kept and spare is not None and spare.size:
-            last = spare
+        elif kept and spare is not None:
+            last = np.union1d(last, spare)
         self.last = last
         A, xp = with_values(A, A, A.data.copy()), namespace(A.data)
         at, keys = entries(A, last)
@@ -321,7 +333,7 @@ class BoundaryFactor:
         else:
             A = on_host(A)
             self._parts = SuperLUParts(A, order, last)
-        S = self._parts.schur.copy()
+        self._turn, S = self._parts.turn, self._parts.schur.copy()
         self.arrays = HostArrays() if namespace(S) is np else _GeneralArrays()
         S[(self.arrays.xp.arange(last.size),) * 2] -= 1.0
         with warnings.catch_warnings():
@@ -336,6 +348,15 @@ class BoundaryFactor:
         """Dense factors of SciPy, or of CuPy."""
         on_host = self.arrays.xp is np
         return scipy.linalg if on_host else importlib.import_module("cupyx.scipy.linalg")
+
+    def serves(self, last: Index) -> bool:
+        """Whether it is the factor of its `analysis` still, and has these unknowns last."""
+        return self._turn == self._parts.turn and bool(np.isin(last, self.last).all())
+
+    @property
+    def fill(self) -> int:
+        """Entries of the sparse factors."""
+        return int(self._parts.fill)
 
     def compliance(self, loads: Any) -> Any:
         """Solutions at the last unknowns for loads there, both of `arrays`, shape (nb, k)."""
@@ -372,15 +393,13 @@ def _linked(A: Any, first: int) -> Any:
 
 
 class Linearised:
-    """The linear equations of an iterate, condensed onto the contact points."""
+    """The linear equations of an iterate, condensed onto the contact points; with the tangent of
+    another one if it is given and serves."""
 
-    def __init__(self, step: StepProblem, now: Trial) -> None:
+    def __init__(self, step: StepProblem, now: Trial, tangent: Tangent | None = None) -> None:
         self._step, self._now, touch = step, now, now.touch
-        K = added(step.tangent(now.u), touch.force)
-        A, unit = step.free.matrix(K)
-        self._unit = unit
         G, T, tilted, turned = (
-            self._rows(part) for part in (touch.G, touch.T, touch.tilted, touch.turned)
+            step.free.rows(part) for part in (touch.G, touch.T, touch.tilted, touch.turned)
         )
         near = now.mu > 0
         near |= touch.bonded | (touch.gap <= REACH * step.extent + 2 * np.abs(now.support).max())
@@ -389,23 +408,28 @@ class Linearised:
         live_t = rubs & (norms(T) > 1e-9 * norms(touch.T))
         m = touch.gap.size
         normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
-        tangent = np.where(live_t, live_n.sum() + np.cumsum(live_t) - 1, -1)
-        self._points = PointRows(normal, tangent.reshape(m, -1))
+        slips = np.where(live_t, live_n.sum() + np.cumsum(live_t) - 1, -1)
+        self._points = PointRows(normal, slips.reshape(m, -1))
         rows = (G[live_n], T[live_t]), (tilted[live_n], turned[live_t])
-        moved = K @ now.support if now.support.any() else 0.0
-        right = unit * step.free.forces(now.load - now.internal - moved)
-        used = np.zeros(A.shape[0], dtype=bool)
+        used = np.zeros(step.lengths.size, dtype=bool)
         used[np.concatenate([step.kept, *(part.indices for pair in rows for part in pair)])] = True
         last = np.flatnonzero(used)
-        used[self._next(near, G, T).indices] = True
-        spare = np.flatnonzero(used)
-        self._factor = BoundaryFactor(A, step.order, last, step.analysis, spare)
+        if tangent is None or not tangent.factor.serves(last):
+            K = added(step.tangent(now.u), touch.force)
+            A, unit = step.free.matrix(K)
+            used[self._next(near, G, T).indices] = True
+            factor = BoundaryFactor(A, step.order, last, step.analysis, np.flatnonzero(used))
+            tangent = Tangent(K, unit, factor)
+        self.tangent, self._factor = tangent, tangent.factor
+        moved = tangent.K @ now.support if now.support.any() else 0.0
+        right = tangent.unit * step.free.forces(now.load - now.internal - moved)
         last = self._factor.last
-        place = np.zeros(A.shape[0], dtype=np.int64)
+        place = np.zeros(used.size, dtype=np.int64)
         place[last] = np.arange(last.size)
         arrays = self._arrays = self._factor.arrays
         B, E = (
-            arrays.xp.concatenate(
+            arrays.xp.asarray(tangent.unit[last])
+            * arrays.xp.concatenate(
                 [
                     arrays.dense(Csr((p.data, place[p.indices], p.indptr), (p.shape[0], last.size)))
                     for p in pair
@@ -428,7 +452,7 @@ class Linearised:
     def solved(self, tol: float) -> tuple[Array, Array, Array, tuple[int, int, int]]:
         """Change of u, new mu and t, and the numbers of active, sticking and slipping points."""
         touch, scale, now = self._now.touch, self.scale, self._now
-        alone = np.zeros(self._unit.size)
+        alone = np.zeros(self.tangent.unit.size)
         alone[self._factor.last] = self._free  # all that the rows of live points see
         free = self._displacement(alone) + now.support
         u_n = touch.G @ free + touch.tilted @ free
@@ -473,13 +497,7 @@ class Linearised:
 
     def _displacement(self, z: Array) -> Array:
         """Displacement of all dofs by scaled unknowns."""
-        return self._step.free.displacement(self._unit * z)
-
-    def _rows(self, R: Csr) -> Csr:
-        """Rows on all dofs as rows on scaled unknowns."""
-        found = self._step.free.rows(R)
-        found.data *= self._unit[found.indices]
-        return found
+        return self._step.free.displacement(self.tangent.unit * z)
 
 
 def _singular() -> NotConverged:

@@ -25,6 +25,7 @@ from contact.laws.iteration import Iteration
 from contact.nonlinear.arc_length import MOST_CURVED, EquilibriumPath, control_of, mean_square
 from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
 from contact.nonlinear.cell_forces import cofactor, det
+from contact.nonlinear.chord import Chord
 from contact.nonlinear.free_unknowns import FreeUnknowns, added, on_host, stacked
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
@@ -134,7 +135,7 @@ class NonlinearStepper(LoadProgram):
         self._sides, self._elastic = self._read_sides()
         self._cells = self._cells_on(chosen_device(device, problem.body, problem.solver))
         self._checked = False
-        self._analysis = list[Any]()
+        self._analysis, self._chord = list[Any](), Chord()
         self._pressures: list[tuple[int, FollowerPressure, Callable[[float], float]]] = []
 
     def pressure(
@@ -337,6 +338,12 @@ class NonlinearStepper(LoadProgram):
             return joined(parts)
 
         return touch
+
+    @property
+    def _lasting(self) -> bool:
+        """Whether the tangent depends on the displacement alone, and not on the step."""
+        bodies = [body for body, _ in self._bodies() if isinstance(body, NonlinearBody)]
+        return not self._pressures and not any(body.cells.rest for body in bodies)
 
     @property
     def _slips(self) -> int:
@@ -690,6 +697,7 @@ class NonlinearStepper(LoadProgram):
             kept=np.zeros(0, dtype=np.int64),
             analysis=self._analysis,
             least_volume=self._least_volume,
+            chord=self._chord if self._lasting else Chord(),
         )
 
     def _solved(self, last: Start, end: float) -> NonlinearResult:
