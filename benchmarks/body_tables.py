@@ -29,12 +29,13 @@ def contact_materials(record: Record) -> str:
     """Load steps of large strain beside their assemblies and factorisations."""
     table = rows_of(
         "unknowns | contact points | iterations of two steps | tangents | factors | both steps "
-        "| ratio",
+        "| ratio | with held factors",
         (
             (
                 *(f"{row[name]:,}" for name in ("unknowns", "points", "iterations")),
                 *(f"{row[name]:.2f} s" for name in ("assembly", "factor", "total")),
                 f"**{row['ratio']:.2f}**",
+                f"{row['chords']['total']:.2f} s",
             )
             for row in record["rows"]
         ),
@@ -45,6 +46,25 @@ def contact_materials(record: Record) -> str:
         said = f"A tangent of {peer['cells']:,} Q1 cells takes {times:.2f} times that of felupe "
         said += f"{peer['version']}. "
     return f"{table}\n\n{said}{source('contact_materials', record, 'MKL')}"
+
+
+def contact_nonlinear_device(record: Record) -> str:
+    """A load step of large strain on a device and on its host."""
+    names = "tangent", "factor", "certificate", "step"
+    table = rows_of(
+        "unknowns | contact points | on | iterations | tangents | factors | certificate | step",
+        (
+            (
+                *(f"{row[name]:,}" for name in ("unknowns", "points")),
+                row["device"],
+                str(row["iterations"]),
+                *(f"{row[name]:.2f} s" for name in names),
+            )
+            for row in record["rows"]
+        ),
+    )
+    said = f"The host has {record['machine']['cores']} cores and {record['factoriser']}. "
+    return f"{table}\n\n{said}{source('contact_nonlinear_device', record, 'cupy')}"
 
 
 def contact_derivatives(record: Record) -> str:

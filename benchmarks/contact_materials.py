@@ -1,10 +1,11 @@
 """What a load step of large strain costs beside its assemblies and factorisations.
 
 Half a cylinder of rubber on P2 triangles is pressed onto a plane with friction .3, two steps of a
-tenth of its radius after a first one. The unit is what its Newton iterations spend on tangents and
-on factors with the Schur complement of the contact points, both in the same run, processor seconds;
-run it with OMP_NUM_THREADS=1. Where felupe is installed, its assembly of the same tangent stands
-beside ours, interleaved, least of several.
+tenth of its radius after a first one, by Newton's method alone. The unit is what its iterations
+spend on tangents and on factors with the Schur complement of the contact points, both in the same
+run, processor seconds; run it with OMP_NUM_THREADS=1. Beside it stand the same steps where factors
+of earlier iterates serve, as they do by default (`contact.nonlinear.chord`). Where felupe is
+installed, its assembly of the same tangent stands beside ours, interleaved, least of several.
 
     python benchmarks/contact_materials.py
 """
@@ -24,9 +25,11 @@ from skfem import ElementQuad1, ElementTriP2, MeshQuad, MeshTri
 
 from contact import ContactProblem, NeoHooke, NonlinearBody, NonlinearStepper, Plane
 from contact.nonlinear import bulk_newton
+from contact.nonlinear.chord import Tangent
 from skfem_adini.ground.pardiso import has_pardiso
 
 RUBBER = NeoHooke(1.0, 9.0)
+PRICE = Tangent.price
 
 
 def half_cylinder(fine: int) -> NonlinearBody:
@@ -39,23 +42,26 @@ def half_cylinder(fine: int) -> NonlinearBody:
 
 
 class Timed:
-    """Adds up the processor time of a method."""
+    """Adds up the time of a method, of the processor unless another clock is given."""
 
-    def __init__(self, owner: Any, name: str) -> None:
+    def __init__(
+        self, owner: Any, name: str, clock: Callable[[], float] = time.process_time
+    ) -> None:
         self.spent, self.calls, method = 0.0, 0, getattr(owner, name)
 
         def timed(*arguments: Any, **more: Any) -> Any:
-            begin = time.process_time()
+            begin = clock()
             found = method(*arguments, **more)
-            self.spent += time.process_time() - begin
+            self.spent += clock() - begin
             self.calls += 1
             return found
 
         setattr(owner, name, timed)
 
 
-def steps(fine: int, parts: dict[str, Timed]) -> dict[str, Any]:
-    """Times of two steps and of their parts."""
+def steps(fine: int, parts: dict[str, Timed], chords: bool) -> dict[str, Any]:
+    """Times of two steps and of their parts, by Newton's method or with chords."""
+    Tangent.price = PRICE if chords else property(lambda tangent: 0.0)  # type: ignore[assignment]
     body = half_cylinder(fine)
     problem = ContactProblem(body, "arc", Plane((0.0, -1.0), (0.0, 1.0)), friction=0.3)
     stepper = NonlinearStepper(problem).move("top", "y", -0.4)
@@ -119,8 +125,11 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     }
     rows = []
     for fine in options.fine:
-        found = [steps(fine, parts) for _ in range(options.repeats)]
-        rows.append(min(found, key=lambda row: row["total"]))
+        pairs = [[steps(fine, parts, way) for way in (False, True)] for _ in range(options.repeats)]
+        ways = zip(*pairs, strict=True)
+        newton, chord = (min(found, key=lambda row: row["total"]) for found in ways)
+        names = ("assembly", "factor", "total", "iterations")
+        rows.append(newton | {"chords": {name: chord[name] for name in names}})
         print(rows[-1], flush=True)
     record = {
         "benchmark": "contact_materials",

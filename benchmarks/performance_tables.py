@@ -313,7 +313,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(body_tables.contact_pair, body_tables.distributed, body_tables.rough_layers),
         *(body_tables.contact_dynamics, body_tables.rough_peers, body_tables.contact_device),
         *(body_tables.contact_gpus, body_tables.contact_materials),
-        body_tables.contact_derivatives,
+        *(body_tables.contact_nonlinear_device, body_tables.contact_derivatives),
         inverse_tables.assimilation_device,
         *(kernel_tables.cip, kernel_tables.cip_sphere, kernel_tables.cip_device),
         *(profile_tables.cip_profiles, profile_tables.cip_profile_costs),

@@ -5,6 +5,7 @@ import ctypes
 import numpy as np
 from scipy import sparse
 
+from contact.condensation import device_schur
 from skfem_adini.solvers import cudss, cudss_handles
 
 
@@ -26,6 +27,7 @@ class FakeCudss:
         monkeypatch.setattr(cudss_handles, "load_cudss", lambda: self)
         monkeypatch.setattr(cudss_handles, "device_arrays", lambda: np)
         monkeypatch.setattr(cudss, "device_arrays", lambda: np)
+        monkeypatch.setattr(device_schur, "device_arrays", lambda: np)
         monkeypatch.setattr(cudss_handles, "threading_layer", lambda: None)
         return self
 
@@ -112,8 +114,9 @@ class FakeCudss:
     def _cudssExecute(self, handle, phase, config, data, matrix, x, b):
         parts, kind = self.alive[matrix.value]
         n = len(parts[2]) - 1
-        upper = sparse.csr_array(parts, shape=(n, n)).toarray()
-        A = upper + np.triu(upper, 1).T
+        A = sparse.csr_array(parts, shape=(n, n)).toarray()
+        if kind:  # an upper triangle
+            A = A + np.triu(A, 1).T
         columns = self.alive[b.value].shape[1]
         self.phases.append(phase)
         self.alive[data.value]["upper"] = n * (n + 1) // 2  # entries of its dense factor
@@ -136,7 +139,7 @@ class FakeCudss:
             return 4  # not supported in the deterministic mode
         if self.keys.get(23):
             kept = self.alive[data.value]
-            return self._partial(phase, A, kept, self.alive[b.value], self.alive[x.value])
+            return self._partial(phase, A, kind, kept, self.alive[b.value], self.alive[x.value])
         if phase in (4, 8):
             lowest = np.linalg.eigvalsh(A).min()
             self.info = int(kind == 3 and lowest <= 0)
@@ -149,27 +152,27 @@ class FakeCudss:
             assert phase == 3
         return 0
 
-    def _partial(self, phase, A, kept, b, x):
+    def _partial(self, phase, A, kind, kept, b, x):
         """The Schur mode; the library's deterministic mode is wrong in it."""
         assert not self.keys[24]
         marks = kept["marks"]
-        inner, k = np.flatnonzero(~marks)[::-1], int(marks.sum())
-        order, m = np.concatenate([inner, np.flatnonzero(marks)]), len(A) - k
+        others, k = np.flatnonzero(~marks)[::-1], int(marks.sum())
+        order, m = np.concatenate([others, np.flatnonzero(marks)]), len(A) - k
         P = A[np.ix_(order, order)]
         if phase in (4, 8):
-            self.info = int(np.linalg.eigvalsh(P[:m, :m]).min() <= 0)
-            if not self.info:
-                L = np.linalg.cholesky(P[:m, :m])
-                kept["factor"] = L, np.linalg.solve(L, P[:m, m:])
-                carried = kept["factor"][1].T @ kept["factor"][1]
-                kept["complement"] = (P[m:, m:] - carried) * self._varied()
+            inner = P[:m, :m]
+            singular = np.linalg.svd(inner, compute_uv=False).min(initial=1.0) < 1e-14
+            self.info = int(kind == 3 and np.linalg.eigvalsh(inner).min() <= 0)
+            self.pivots = int(kind == 0 and singular)
+            if not (self.info or singular):
+                kept["factor"] = inner, np.linalg.solve(inner, P[:m, m:]), P[m:, :m]
+                kept["complement"] = (P[m:, m:] - P[m:, :m] @ kept["factor"][1]) * self._varied()
         elif phase == 48:
-            L, Y = kept["factor"]
-            x[:m] = np.linalg.solve(L, b[order[:m]])
-            x[m:] = b[order[m:]] - Y.T @ x[:m]
+            inner, _, lower = kept["factor"]
+            x[:m] = np.linalg.solve(inner, b[order[:m]])
+            x[m:] = b[order[m:]] - lower @ x[:m]
         elif phase == 384:
-            L, Y = kept["factor"]
-            x[order[:m]] = np.linalg.solve(L.T, b[:m] - Y @ b[m:])
+            x[order[:m]] = b[:m] - kept["factor"][1] @ b[m:]
             x[order[m:]] = b[m:]
         else:
             assert phase == 3
@@ -183,6 +186,9 @@ class FakeCudss:
         if key == 19:
             marked = int(self.alive[data.value]["marks"].sum())
             out._obj[:] = [marked, marked, marked**2]
+            return
+        if key == 2:
+            out._obj.value = self.pivots
             return
         if key == 20:
             self.alive[out._obj.value][...] = self.alive[data.value]["complement"]

@@ -14,13 +14,13 @@ from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import ForwardCache, Vector, not_definite
 from contact.errors import InputError, MissingDependency
 from skfem_adini.ground.arrays import host
-from skfem_adini.solvers.cudss import CudssSchur
+from skfem_adini.solvers.cudss import CudssGeneralSchur, CudssSchur
 from skfem_adini.solvers.cudss_library import (
     SolverError,
     device_arrays,
     load_cudss,
 )
-from skfem_adini.solvers.device_triangle import Restricted
+from skfem_adini.solvers.device_triangle import Restricted, Rows
 
 _log = logging.getLogger(__name__)
 Factors = TypeVar("Factors")
@@ -70,6 +70,49 @@ class DeviceSchur(ForwardCache):
         return {name: value for name, value in vars(self).items() if name != "_known"}
 
 
+class DeviceParts:
+    """The complement of the unknowns `last`, ascending, of a general matrix, and substitutions.
+    Raises SolverError for pivots that are zero, else as `on_device`."""
+
+    def __init__(self, A: Rows, last: NDArray[np.int64]) -> None:
+        self.pattern, self.last, self.turn = (A.indptr, A.indices), last, 0
+        self._cudss = on_device(
+            lambda hybrid: CudssGeneralSchur(A, last, hybrid_memory=hybrid), definite=False
+        )
+
+    def fits(self, A: Rows, last: NDArray[np.int64]) -> bool:
+        """Whether a matrix has the pattern and the last unknowns of this one."""
+        pairs = zip((*self.pattern, self.last), (A.indptr, A.indices, last), strict=True)
+        return all(a is b or np.array_equal(a, b) for a, b in pairs)
+
+    def refactor(self, A: Rows) -> None:
+        """Factor other values of the same pattern."""
+        self.turn += 1
+        self._cudss.refactor(A)
+
+    @property
+    def fill(self) -> int:
+        """Entries of the factors."""
+        return int(self._cudss.statistics()["entries"])
+
+    @property
+    def schur(self) -> Any:
+        """The complement, on the device."""
+        return self._cudss.complement
+
+    def forward(self, load: Vector) -> tuple[Vector, Any]:
+        """What is left of a load on the last unknowns, and what `backward` needs."""
+        halfway = self._cudss.forward(load).copy()
+        return np.array(host(halfway[-self.last.size :])), halfway
+
+    def backward(self, halfway: Any, last: Vector) -> Vector:
+        """All unknowns, shape (n,), from the last ones."""
+        halfway[-self.last.size :] = self._cudss.placed(last)
+        found = np.array(host(self._cudss.backward(halfway)))
+        found[self.last] = last
+        return found
+
+
 def restricted(system: ScaledStiffness) -> Restricted | None:
     """The matrix, formed on the device; None unless unknowns are dofs in ascending order."""
     if system.free is None or np.any(np.diff(system.free) <= 0):
@@ -78,10 +121,12 @@ def restricted(system: ScaledStiffness) -> Restricted | None:
     return Restricted(system.given, system.free, system.unit, placed)
 
 
-def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Factors:
+def on_device(
+    factored: Callable[[bool], Factors], hybrid: bool = True, definite: bool = True
+) -> Factors:
     """Factors by ``factored(hybrid)``; in hybrid memory with the host if the device is too small.
-    Raises InputError (not definite), MissingDependency (no cuDSS, CuPy or device) or ContactError
-    (cuDSS fails, as for lack of memory)."""
+    Raises InputError (not definite, if it should be), MissingDependency (no cuDSS, CuPy or device)
+    or ContactError (cuDSS fails, as for lack of memory)."""
     try:
         try:
             return factored(False)
@@ -95,7 +140,7 @@ def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Facto
     except InputError as error:
         raise InputError(f"device: {error}") from error
     except SolverError as error:
-        if error.pivot:
+        if error.pivot and definite:
             raise not_definite() from error
         raise
 

@@ -25,6 +25,8 @@ from contact.body.boundary_names import select_components
 from contact.body.deferred_basis import dofs_on_facets
 from contact.errors import InputError
 from contact.nonlinear.bulk_newton import BoundaryFactor, StepProblem
+from contact.nonlinear.chord import Chord
+from contact.nonlinear.free_unknowns import FreeUnknowns, on_host
 from contact.nonlinear.touching import Touch
 
 Array = NDArray[np.float64]
@@ -60,7 +62,7 @@ class EquilibriumPath:
     def _unit(self) -> float:
         """Time whose load moves the stiffest dof by a unit."""
         step = self.at(self.time)
-        rate = np.abs(step.P.T @ self._load_rate(self.u, self.time) / step.lengths)
+        rate = np.abs(step.free.forces(self._load_rate(self.u, self.time)) / step.lengths)
         size = float(rate.max(initial=0.0))
         if not size > 0.0:
             raise InputError("follow: no load varies at this time; add load(...) or pressure(...)")
@@ -69,17 +71,15 @@ class EquilibriumPath:
     def tangent(self) -> Array:
         """Displacement by a unit of time at the beginning, without contact, shape (ndofs,)."""
         step = self.at(self.time)
-        A = Csr(step.P.T @ step.tangent(self.u) @ step.P)
-        unit = sparse.diags_array(1.0 / np.sqrt(np.maximum(np.abs(A.diagonal()), 1e-300)))
-        P = Csr(step.P @ unit)
-        factor = BoundaryFactor(Csr(unit @ A @ unit), step.order, step.kept, step.analysis)
-        last, halfway = factor.forward(P.T @ self._load_rate(self.u, self.time))
-        return np.asarray(P @ factor.backward(halfway, last))
+        A, unit = step.free.matrix(step.tangent(self.u))
+        factor = BoundaryFactor(A, step.order, step.kept, step.analysis)
+        last, halfway = factor.forward(unit * step.free.forces(self._load_rate(self.u, self.time)))
+        return step.free.displacement(unit * factor.backward(halfway, last))
 
     def problem(self) -> StepProblem:
         """The step with the time among its unknowns."""
         step, unit = self.at(self.time), self._unit
-        n, row = step.P.shape[1], step.stiffness * self.direction
+        P, n, row = step.free.P, step.lengths.size, step.stiffness * self.direction
 
         def load(x: Array) -> Array:
             return np.append(self.at(self.time + unit * x[-1]).load(x[:-1]), 0.0)
@@ -91,7 +91,7 @@ class EquilibriumPath:
         def tangent(x: Array) -> Csr:
             time = self.time + unit * x[-1]
             column = -unit * self._load_rate(x[:-1], time)
-            K = self.at(time).tangent(x[:-1])
+            K = on_host(self.at(time).tangent(x[:-1]))
             blocks: Any = [[K, column[:, None]], [row[None], None]]
             return Csr(sparse.block_array(blocks, format="csr"))
 
@@ -104,12 +104,13 @@ class EquilibriumPath:
             internal=internal,
             tangent=tangent,
             touch=touch,
-            P=Csr(sparse.block_diag([step.P, [[1.0]]], format="csr")),
+            free=FreeUnknowns(Csr(sparse.block_diag([P, [[1.0]]], format="csr"))),
             picked=Csr(sparse.block_diag([step.picked, [[1.0]]], format="csr")),
             u0=np.append(step.u0, 0.0),
             lengths=np.append(step.lengths, 1.0),
             order=np.append(step.order, n),
             kept=np.array([n]),
+            chord=Chord(),
             least_volume=lambda x: step.least_volume(x[:-1]),
         )
 

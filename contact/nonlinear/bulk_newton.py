@@ -7,35 +7,48 @@ derivatives E of the rows and C of the contact forces, an iteration solves
 
 with the law between v and the new forces l+: condensed onto the contact points, that is a
 `BoundaryProblem`, solved by `contact.laws`. Steps that invert a cell or enlarge the residual are
-shortened.
+shortened; K + C of an earlier iterate serves where `contact.nonlinear.chord` expects less work.
 
 P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapter 10."""
 
 from __future__ import annotations
 
+import importlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import LinAlgError, LinAlgWarning, lu_factor, lu_solve
+from scipy.linalg import LinAlgError, LinAlgWarning
 from scipy.sparse.linalg import splu
 
+from contact.arrays.dense_arrays import DeviceArrays, HostArrays
 from contact.body.supports import norms
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import PointRows
+from contact.condensation.device_schur import DeviceParts, Rows
 from contact.errors import NotConverged
 from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Coulomb, Tresca
 from contact.laws.iteration import Iteration
 from contact.laws.law import ContactLaw, State
 from contact.laws.newton import LIMITS, newton
+from contact.nonlinear.chord import Chord, Tangent
+from contact.nonlinear.free_unknowns import (
+    FreeUnknowns,
+    Matrix,
+    added,
+    entries,
+    on_host,
+    with_values,
+)
 from contact.nonlinear.touching import Touch
+from skfem_adini.ground.arrays import host, namespace
 from skfem_adini.ground.pardiso import GENERAL, Pardiso, SolverError, has_pardiso
 
 Array = NDArray[np.float64]
@@ -43,7 +56,7 @@ Csr = sparse.csr_array
 Index = NDArray[np.int64]
 ROUNDING = 50 * float(np.finfo(float).eps)  # of sums of some hundred terms
 REACH = 0.05  # gaps beyond this part of the body are taken up once they close
-NOTHING = 1e-150  # in place of zeros, which sparse products drop, so that the pattern stays
+ON_HOST = 400  # order up to which dense algebra on a device takes longer
 SINGULAR = 1e-13  # pivots of a matrix with a diagonal of one that are rounding errors
 
 
@@ -64,7 +77,7 @@ class StepProblem:
     """One step of the bodies: its loads and supports, and functions of the displacement."""
 
     load: Callable[[Array], Array]
-    P: Csr  # u = P z + u0
+    free: FreeUnknowns  # z in u = P z + u0
     u0: Array
     picked: Csr  # z = picked^T (u - u0)
     lengths: Array  # lengths of the free unknowns, see `dof_lengths`
@@ -72,24 +85,13 @@ class StepProblem:
     stiffness: float  # largest of the undeformed bodies, a force per length, for rounding errors
     of_cells: float  # the largest times the size of a cell, for those of F = 1 + grad u
     internal: Callable[[Array], Array]
-    tangent: Callable[[Array], Csr]  # of internal minus applied forces
+    tangent: Callable[[Array], Matrix]  # of internal minus applied forces
     touch: Callable[[Array, Array, Array], Touch]
     order: Index  # free unknowns in an order of little fill
     kept: Index  # free unknowns that are eliminated last, with row exchanges
     analysis: list[Any]  # see `BoundaryFactor`
     least_volume: Callable[[Array], float]  # smallest det F
-
-    @cached_property
-    def _free(self) -> Index | None:
-        """The dofs that are the unknowns themselves; None if supports couple dofs."""
-        P = self.P.tocsc()
-        alone = P.nnz == P.shape[1] and bool(np.all(np.diff(P.indptr) == 1) and np.all(P.data == 1))
-        return np.asarray(P.indices, dtype=np.int64) if alone else None
-
-    def restricted(self, K: Csr) -> Csr:
-        """P^T K P."""
-        free = self._free
-        return Csr(self.P.T @ K @ self.P) if free is None else Csr(K[free][:, free])
+    chord: Chord
 
     def trial(self, u: Array, mu: Array, t: Array, like: Touch | None = None) -> Trial:
         """Evaluate an iterate; forces of other points than those at u are of the touch `like`."""
@@ -97,7 +99,7 @@ class StepProblem:
         if touch.gap.size != mu.size:
             mu, t = carried(touch, like, mu, t)
             touch = self.touch(u, mu, t)
-        held = self.P @ (self.picked.T @ (u - self.u0)) + self.u0
+        held = self.free.displacement(self.picked.T @ (u - self.u0)) + self.u0
         return Trial(u, mu, t, touch, self.internal(u), self.load(u), held - u)
 
     def residuals(self, now: Trial, scale: Array) -> dict[str, float]:
@@ -105,11 +107,10 @@ class StepProblem:
         `scale` (m,) is physical over scaled displacement of each point, see `CondensedContact`."""
         contact = now.touch.G.T @ now.mu + now.touch.T.T @ now.t.ravel()
         terms = (now.internal, now.load, contact)
-        size = max(float(np.abs(self.P.T @ part / self.lengths).max(initial=0.0)) for part in terms)
+        size = max(self._largest(part) for part in terms)
         # Forces of supports measure a body that supports alone deform.
         size = max(size, float(np.abs(now.internal).max(initial=0.0)))
-        left = now.load - now.internal - contact
-        off = float(np.abs(self.P.T @ left / self.lengths).max(initial=0.0))
+        off = self._largest(now.load - now.internal - contact)
         off -= ROUNDING * self.stiffness * float(np.abs(now.u).max(initial=0.0))
         off -= 4 * float(np.finfo(float).eps) * self.of_cells  # at most .9 eps was measured
         support = float(np.abs(now.support).max(initial=0.0)) / self.extent
@@ -119,6 +120,10 @@ class StepProblem:
             "support": support,
         }
 
+    def _largest(self, f: Array) -> float:
+        """Largest of the forces on free unknowns, over their lengths."""
+        return float(np.abs(self.free.forces(f) / self.lengths).max(initial=0.0))
+
     def _violation(self, now: Trial, scale: Array) -> float:
         """Largest violation of the contact and friction laws over the largest contact force."""
         touch, mu, t = now.touch, now.mu * scale, now.t.T * scale
@@ -126,7 +131,7 @@ class StepProblem:
             return 0.0
         through = -touch.gap / scale
         live = (
-            norms(touch.T @ self.P).reshape(t.T.shape).T
+            norms(self.free.rows(touch.T)).reshape(t.T.shape).T
             > 1e-9 * norms(touch.T).reshape(t.T.shape).T
         )
         live = live.reshape(now.t.shape).T
@@ -151,16 +156,22 @@ def solve_step(
     with np.errstate(all="ignore"):
         now = step.trial(*start)
         lines, sizes = list[Iteration](), list[float]()
-        for k in range(1, most + 1):
-            linear = Linearised(step, now)
+        tangent, k, factored = step.chord.first(now.u), 0, 0
+        while factored < most:
+            k += 1
+            linear = Linearised(step, now, tangent)
             before = max(step.residuals(now, linear.scale).values())
             sizes.append(before)
             du, mu, t, counts = linear.solved(tol)
             now, size = _shortened(step, now, (du, mu, t), linear.scale, max(sizes[-3:]), k == 1)
-            lines.append(Iteration(k, "newton", *counts, size))
+            newton = linear.tangent is not tangent
+            factored += newton
+            lines.append(Iteration(k, "newton" if newton else "chord", *counts, size))
             report(lines[-1])
             if size <= tol:
+                step.chord.end(linear.tangent, now.u)
                 return now, linear.scale
+            tangent = step.chord.next(linear.tangent, newton, before, size, tol)
     raise NotConverged(f"large strain: residual {size:.1e} after {most} iterations", tuple(lines))
 
 
@@ -199,6 +210,8 @@ def _shortened(
 class SuperLUParts:
     """SuperLU without row exchanges, with some unknowns last: the trailing block of L U is S."""
 
+    turn = 0  # of the factorisations that share an analysis
+
     def __init__(self, A: Csr, order: Index, last: Index) -> None:
         n, nb = A.shape[0], last.size
         inner = np.ones(n, dtype=bool)
@@ -218,6 +231,7 @@ class SuperLUParts:
         U, L = self._lu.U, self._lu.L
         if not np.abs(U.diagonal()[: n - nb]).min(initial=1.0) >= SINGULAR:
             raise _singular()
+        self.fill = L.nnz + U.nnz
         self.schur = L[:, n - nb :][n - nb :].toarray() @ U[:, n - nb :][n - nb :].toarray()
 
     def forward(self, load: Array) -> tuple[Array, Array]:
@@ -244,9 +258,10 @@ class PardisoParts:
     def __init__(self, A: Csr, last: Index) -> None:
         self.pattern, self.last = (A.indptr, A.indices), last
         # As `PardisoSchur`; without scaling and matching, which a Schur complement excludes.
-        parameters = {1: 3, 9: 13, 23: 1, 24: 1, 35: 2}
+        parameters = {1: 3, 9: 13, 17: -1, 23: 1, 24: 1, 35: 2}
         self._pardiso = Pardiso(A, GENERAL, parameters, chosen=last)
         self._pardiso(11)
+        self.fill, self.turn = self._pardiso.fill, 0
         self.refactor(A)
 
     def fits(self, A: Csr, last: Index) -> bool:
@@ -256,14 +271,9 @@ class PardisoParts:
 
     def refactor(self, A: Csr) -> None:
         """Factor other values of the same pattern."""
-        self._pardiso.values[:] = A.data
+        self._pardiso.values[:], self.turn = A.data, self.turn + 1
         self.schur = np.zeros((self.last.size, self.last.size))
-        try:
-            self._pardiso(22, x=self.schur)
-        except SolverError as error:
-            if error.pivot:
-                raise _singular() from error
-            raise
+        self._pardiso(22, x=self.schur)
         if self._pardiso.perturbed:
             raise _singular()
 
@@ -282,48 +292,94 @@ class PardisoParts:
         return found
 
 
+@contextmanager
+def _pivots() -> Iterator[None]:
+    """Errors of the factors for pivots that are zero up to rounding, as NotConverged."""
+    try:
+        yield
+    except SolverError as error:
+        if error.pivot:
+            raise _singular() from error
+        raise
+
+
 class BoundaryFactor:
-    """The factors of a matrix with some unknowns last, and their Schur complement S.
+    """The factors of a `FreeUnknowns.matrix` with some unknowns last, and their Schur complement S.
 
     A shift of its diagonal keeps pivots there from zero; dense factors with row exchanges solve for
-    S itself. `analysis` is a list that keeps PARDISO's for matrices of the same pattern."""
+    S itself. `analysis` is a list that keeps PARDISO's or cuDSS's for matrices of the same pattern;
+    a new one is made for the unknowns `spare`, so that it serves as long as `last` is among
+    them."""
 
-    def __init__(self, A: Csr, order: Index, last: Index, analysis: list[Any]) -> None:
+    def __init__(
+        self, A: Matrix, order: Index, last: Index, analysis: list[Any], spare: Index | None = None
+    ) -> None:
         last = last if last.size else np.sort(order[-1:])
+        parts: Any = DeviceParts if isinstance(A, Rows) else PardisoParts
+        kept = isinstance(A, Rows) or has_pardiso()
         if analysis and np.isin(last, analysis[0].last).all():
             last = analysis[0].last
+        elif kept and spare is not None:
+            last = np.union1d(last, spare)
         self.last = last
-        shift = np.zeros(A.shape[0])
-        shift[last] = 1.0
-        shifted = Csr(A + sparse.diags_array(shift))
-        shifted.sort_indices()
-        if has_pardiso() and last.size < A.shape[0]:
-            if analysis and analysis[0].fits(shifted, last):
-                analysis[0].refactor(shifted)
-            else:
-                analysis[:] = [PardisoParts(shifted, last)]
+        A, xp = with_values(A, A, A.data.copy()), namespace(A.data)
+        at, keys = entries(A, last)
+        A.data[xp.asarray(at[keys % (A.shape[0] + 1) == 0])] += 1.0  # on the diagonal
+        if kept and last.size < A.shape[0]:
+            with _pivots():
+                if analysis and isinstance(analysis[0], parts) and analysis[0].fits(A, last):
+                    analysis[0].refactor(A)
+                else:
+                    analysis[:] = [parts(A, last)]
             self._parts: Any = analysis[0]
         else:
-            self._parts = SuperLUParts(shifted, order, last)
+            A = on_host(A)
+            self._parts = SuperLUParts(A, order, last)
+        self._turn, S = self._parts.turn, self._parts.schur.copy()
+        self.arrays = HostArrays() if namespace(S) is np else _GeneralArrays()
+        S[(self.arrays.xp.arange(last.size),) * 2] -= 1.0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", LinAlgWarning)  # singular: the pivots tell
-            S = self._parts.schur - np.eye(last.size)
-            self._dense = lu_factor(S, check_finite=False)
-        if not np.abs(np.diag(self._dense[0])).min(initial=1.0) >= SINGULAR:
+            self._dense = self._lu.lu_factor(S, check_finite=False)
+        pivots = host(self._dense[0].diagonal())
+        if not np.abs(pivots).min(initial=1.0) >= SINGULAR:
             raise _singular()
 
-    def compliance(self, loads: Array) -> Array:
-        """Solutions at the last unknowns for loads there, both of shape (nb, k)."""
-        return np.asarray(lu_solve(self._dense, loads, check_finite=False))
+    @property
+    def _lu(self) -> Any:
+        """Dense factors of SciPy, or of CuPy."""
+        on_host = self.arrays.xp is np
+        return scipy.linalg if on_host else importlib.import_module("cupyx.scipy.linalg")
+
+    def serves(self, last: Index) -> bool:
+        """Whether it is the factor of its `analysis` still, and has these unknowns last."""
+        return self._turn == self._parts.turn and bool(np.isin(last, self.last).all())
+
+    @property
+    def fill(self) -> int:
+        """Entries of the sparse factors."""
+        return int(self._parts.fill)
+
+    def compliance(self, loads: Any) -> Any:
+        """Solutions at the last unknowns for loads there, both of `arrays`, shape (nb, k)."""
+        return self._lu.lu_solve(self._dense, loads, check_finite=False)
 
     def forward(self, load: Array) -> tuple[Array, Array]:
         """The last unknowns under a load, and what `backward` needs."""
         left, halfway = self._parts.forward(load)
-        return self.compliance(left), halfway
+        return host(self.compliance(self.arrays.xp.asarray(left))), halfway
 
     def backward(self, halfway: Array, last: Array) -> Array:
         """All unknowns, shape (n,), from the last ones."""
         return np.asarray(self._parts.backward(halfway, last))
+
+
+class _GeneralArrays(DeviceArrays):
+    """Arrays of CuPy for compliances without symmetry."""
+
+    def solve_square(self, A: Any, b: Any, definite: bool = False) -> Any:
+        """Solve ``A x = b`` by LU; b and x are on the host."""
+        return super().solve_square(A, b)
 
 
 def _linked(A: Any, first: int) -> Any:
@@ -339,42 +395,56 @@ def _linked(A: Any, first: int) -> Any:
 
 
 class Linearised:
-    """The linear equations of an iterate, condensed onto the contact points."""
+    """The linear equations of an iterate, condensed onto the contact points; with the tangent of
+    another one if it is given and serves."""
 
-    def __init__(self, step: StepProblem, now: Trial) -> None:
+    def __init__(self, step: StepProblem, now: Trial, tangent: Tangent | None = None) -> None:
         self._step, self._now, touch = step, now, now.touch
-        K = step.tangent(now.u)
-        K.data[K.data == 0.0] = NOTHING
-        K = Csr(K + touch.force)
-        A = step.restricted(K)
-        size = np.sqrt(np.abs(A.diagonal()))
-        unit = 1.0 / np.where(size > 0, size, 1.0)
-        self._P = Csr(step.P @ sparse.diags_array(unit))  # the tangent has the diagonal one
-        A.data *= np.repeat(unit, np.diff(A.indptr)) * unit[A.indices]
-        G, T = touch.G @ self._P, touch.T @ self._P
+        G, T, tilted, turned = (
+            step.free.rows(part) for part in (touch.G, touch.T, touch.tilted, touch.turned)
+        )
         near = now.mu > 0
         near |= touch.bonded | (touch.gap <= REACH * step.extent + 2 * np.abs(now.support).max())
         rubs = np.repeat(near & ((touch.friction > 0) | touch.bonded), touch.slip.shape[1])
-        live_n = near & (norms(Csr(G)) > 1e-9 * norms(touch.G))
-        live_t = rubs & (norms(Csr(T)) > 1e-9 * norms(touch.T))
+        live_n = near & (norms(G) > 1e-9 * norms(touch.G))
+        live_t = rubs & (norms(T) > 1e-9 * norms(touch.T))
         m = touch.gap.size
         normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
-        tangent = np.where(live_t, live_n.sum() + np.cumsum(live_t) - 1, -1)
-        self._points = PointRows(normal, tangent.reshape(m, -1))
-        B = sparse.vstack([G[live_n], T[live_t]], format="csr")
-        E = sparse.vstack([touch.tilted[live_n], touch.turned[live_t]], format="csr") @ self._P
-        right = self._P.T @ (now.load - now.internal - K @ now.support)
-        used = np.zeros(A.shape[0], dtype=bool)
-        used[np.concatenate((B.indices, E.indices, step.kept))] = True
-        self._factor = BoundaryFactor(A, step.order, np.flatnonzero(used), step.analysis)
+        slips = np.where(live_t, live_n.sum() + np.cumsum(live_t) - 1, -1)
+        self._points = PointRows(normal, slips.reshape(m, -1))
+        rows = (G[live_n], T[live_t]), (tilted[live_n], turned[live_t])
+        used = np.zeros(step.lengths.size, dtype=bool)
+        used[np.concatenate([step.kept, *(part.indices for pair in rows for part in pair)])] = True
+        last = np.flatnonzero(used)
+        if tangent is None or not tangent.factor.serves(last):
+            K = added(step.tangent(now.u), touch.force)
+            A, unit = step.free.matrix(K)
+            used[self._next(near, G, T).indices] = True
+            factor = BoundaryFactor(A, step.order, last, step.analysis, np.flatnonzero(used))
+            tangent = Tangent(K, unit, factor)
+        self.tangent, self._factor = tangent, tangent.factor
+        moved = tangent.K @ now.support if now.support.any() else 0.0
+        right = tangent.unit * step.free.forces(now.load - now.internal - moved)
         last = self._factor.last
-        B, E = (part[:, last].toarray() for part in (B, B + E))
+        place = np.zeros(used.size, dtype=np.int64)
+        place[last] = np.arange(last.size)
+        arrays = self._arrays = self._factor.arrays
+        B, E = (
+            arrays.xp.asarray(tangent.unit[last])
+            * arrays.xp.concatenate(
+                [
+                    arrays.dense(Csr((p.data, place[p.indices], p.indptr), (p.shape[0], last.size)))
+                    for p in pair
+                ]
+            )
+            for pair in rows
+        )
         self._free, self._halfway = self._factor.forward(right)
         self._response = self._factor.compliance(B.T)
-        self._W = E @ self._response
-        if not (np.all(np.isfinite(self._W)) and np.all(np.isfinite(self._free))):
+        self._W = (B + E) @ self._response
+        if not (arrays.xp.isfinite(self._W).all() and np.all(np.isfinite(self._free))):
             raise NotConverged("large strain: the tangent holds values that are not finite")
-        diagonal = np.maximum(np.diag(self._W), 0.0)
+        diagonal = np.maximum(host(self._W.diagonal()), 0.0)
         self._of_rows = self._points.lengths(diagonal) if diagonal.size else diagonal
         self._near, self.scale = near, np.ones(m)
         if diagonal.size:
@@ -384,16 +454,18 @@ class Linearised:
     def solved(self, tol: float) -> tuple[Array, Array, Array, tuple[int, int, int]]:
         """Change of u, new mu and t, and the numbers of active, sticking and slipping points."""
         touch, scale, now = self._now.touch, self.scale, self._now
-        alone = np.zeros(self._P.shape[1])
+        alone = np.zeros(self.tangent.unit.size)
         alone[self._factor.last] = self._free  # all that the rows of live points see
-        free = self._P @ alone + now.support
-        u_n = (touch.G + touch.tilted) @ free
-        u_t = touch.slip + ((touch.T + touch.turned) @ free).reshape(touch.slip.shape)
+        free = self._displacement(alone) + now.support
+        u_n = touch.G @ free + touch.tilted @ free
+        u_t = touch.slip + (touch.T @ free + touch.turned @ free).reshape(touch.slip.shape)
         v0 = self._points.stacked(u_n, u_t) / self._of_rows
         if not v0.size:  # supports hold all contact points
             return self._moved(self._free), np.zeros(scale.size), np.zeros(u_t.shape), (0, 0, 0)
+        by = self._arrays.xp.asarray(self._of_rows)
+        W = self._W / by / by[:, None]
         problem = BoundaryProblem(
-            W=self._W / self._of_rows / self._of_rows[:, None],
+            W=self._arrays.matrix(W) if by.size > ON_HOST else host(W),
             v0=v0,
             C=np.zeros((v0.size, 0)),
             s=np.zeros(0),
@@ -406,7 +478,7 @@ class Linearised:
         start = Forces(now.mu * scale, now.t * scale[:, None], np.zeros(0))
         forces = boundary_forces(problem, touch.friction, start, tol)
         l = problem.forces(forces.mu, forces.t) / self._of_rows
-        du = self._moved(self._free - self._response @ l)
+        du = self._moved(self._free - host(self._response @ self._arrays.xp.asarray(l)))
         held = Condensed(problem, Coulomb(touch.friction))
         zones = held.law.zones(held.state(forces))
         active, stick, slip = (int(z.sum()) for z in (zones.active, zones.stick, zones.slip))
@@ -414,7 +486,20 @@ class Linearised:
 
     def _moved(self, last: Array) -> Array:
         """Change of u from that of the last unknowns."""
-        return self._P @ self._factor.backward(self._halfway, last) + self._now.support
+        return self._displacement(self._factor.backward(self._halfway, last)) + self._now.support
+
+    def _next(self, near: NDArray[np.bool_], G: Csr, T: Csr) -> Csr:
+        """Rows of the points that are likely to come near next, a third as many as are."""
+        touch, m = self._now.touch, near.sum()
+        soon = np.argsort(np.where(near, np.inf, touch.gap))[: min(m // 3 + 1, near.size - m)]
+        rubs = soon[touch.friction[soon] > 0]
+        slips = touch.slip.shape[1]
+        rows = (rubs[:, None] * slips + np.arange(slips)).ravel()
+        return Csr(sparse.vstack([G[soon], T[rows]], format="csr"))
+
+    def _displacement(self, z: Array) -> Array:
+        """Displacement of all dofs by scaled unknowns."""
+        return self._step.free.displacement(self.tangent.unit * z)
 
 
 def _singular() -> NotConverged:

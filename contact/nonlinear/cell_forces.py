@@ -18,7 +18,9 @@ from scipy import sparse
 from skfem import Basis, BilinearForm, DiscreteField, LinearForm
 from skfem.assembly.form.form import FormExtraParams
 
+from contact.condensation.device_schur import Rows
 from contact.errors import InputError
+from skfem_adini.ground.arrays import host
 
 Array = NDArray[np.float64]
 State = dict[str, Array]
@@ -30,19 +32,36 @@ class Forces(ABC):
 
     basis: Any
     complex_step = True
+    xp: Any = np  # module of the arrays of cells
+    device = False  # whether they are on a device, that is of CuPy
+    _last: tuple[Any, State] = (None, {})  # a state, and its copy on a device
 
     @abstractmethod
     def forces(self, dofs: Any, state: State, dt: float) -> Any:
         """Forces (nfunctions, ncells) for possibly complex dofs of the same shape."""
 
-    def at(self, u: Array, state: State, dt: float) -> Array:
-        """Forces on all dofs, shape (ndofs,)."""
-        dofs = self.basis.element_dofs
-        of_cells = self.forces(u[dofs], state, dt)
-        return np.asarray(np.bincount(dofs.ravel(), of_cells.ravel(), self.basis.N), dtype=float)
+    @cached_property
+    def _dofs(self) -> Any:
+        """Dofs of the cells, shape (nfunctions, ncells)."""
+        return self.xp.asarray(self.basis.element_dofs)
 
-    def tangent(self, u: Array, state: State, dt: float) -> sparse.csr_array:
-        """Derivative of `at` in u."""
+    def of_cells(self, u: Array) -> Any:
+        """A vector of all dofs as dofs of the cells, shape (nfunctions, ncells)."""
+        return self.xp.asarray(u)[self._dofs]
+
+    def placed(self, state: State) -> State:
+        """A state by arrays where the cells are; the last one is kept."""
+        if self.device and self._last[0] is not state:
+            self._last = state, {name: self.xp.asarray(value) for name, value in state.items()}
+        return self._last[1] if self.device else state
+
+    def at(self, u: Array, state: State, dt: float) -> Array:
+        """Forces on all dofs, shape (ndofs,), on the host."""
+        found = self.forces(self.of_cells(u), self.placed(state), dt)
+        return host(np.bincount(self._dofs.ravel(), found.ravel(), self.basis.N)).astype(float)
+
+    def tangent(self, u: Array, state: State, dt: float) -> Any:
+        """Derivative of `at` in u, as `matrix`."""
         own = u[self.basis.element_dofs]
         h = 1e-6 * (float(np.abs(u).max(initial=0.0)) or 1.0)
         blocks = np.empty((own.shape[1], len(own), len(own)))
@@ -52,25 +71,28 @@ class Forces(ABC):
             blocks[:, :, j] = self.slope(lambda v: self.forces(v, state, dt), own, way, h).T
         return self.matrix(blocks)
 
-    def slope(self, function: Callable[[Any], Any], x: Array, way: Array, h: float) -> Any:
+    def slope(self, function: Callable[[Any], Any], x: Any, way: Any, h: float) -> Any:
         """Derivative of a function at x along a way, by complex or central differences."""
         if self.complex_step:
             return np.imag(function(x + 1j * COMPLEX_STEP * way)) / COMPLEX_STEP
         return (function(x + h * way) - function(x - h * way)) / (2.0 * h)
 
     @cached_property
-    def _pattern(self) -> tuple[sparse.csr_array, NDArray[np.int64]]:
+    def _pattern(self) -> tuple[sparse.csr_array, Any]:
         """The sparse matrix of all cells, and the place of each cell's entries in it."""
-        dofs, N = np.asarray(self.basis.element_dofs, dtype=np.int64).T, self.basis.N
+        dofs, N = self._dofs.astype(np.int64).T, self.basis.N
         keys, place = np.unique(N * dofs[:, :, None] + dofs[:, None], return_inverse=True)
+        keys = host(keys)
         ends = np.searchsorted(keys, N * np.arange(N + 1))
         empty = sparse.csr_array((np.zeros(keys.size), keys % N, ends), shape=(N, N))
         return empty, place.ravel()
 
-    def matrix(self, blocks: Array) -> sparse.csr_array:
-        """Sum of the cells' matrices, shape (ncells, n, n)."""
+    def matrix(self, blocks: Any) -> Any:
+        """Sum of the cells' matrices, shape (ncells, n, n); on a device `Rows`."""
         like, place = self._pattern
         data = np.bincount(place, blocks.ravel(), like.nnz)
+        if self.device:
+            return Rows(like.indptr, like.indices, data)
         return sparse.csr_array((data, like.indices, like.indptr), shape=like.shape)
 
 
@@ -90,6 +112,10 @@ class CellForces(Forces):
     @abstractmethod
     def energy(self, u: Array) -> float:
         """Stored energy; NaN if none is known."""
+
+    @abstractmethod
+    def on_device(self, xp: Any) -> CellForces:
+        """The same forces by arrays of CuPy, for Newton's method alone."""
 
     def check_tangent(self) -> str:
         """Choose between complex and real differences; a line for the log.
@@ -218,6 +244,10 @@ class FormForces(CellForces):
     def energy(self, u: Array) -> float:
         """Forms have no known energy."""
         return np.nan
+
+    def on_device(self, xp: Any) -> CellForces:
+        """Refused: scikit-fem's forms run on the host."""
+        raise InputError("device: weak forms run on the host; give stress=, or device='cpu'")
 
 
 def cofactor(F: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn, Self
 
@@ -292,7 +293,7 @@ class NonlinearBody(ElasticBody):
     def deformation_gradient(self, u: Array, at_nodes: bool = False) -> Array:
         """F (3, 3, ncells, npoints) at the quadrature points, or at the corners of the cells.
 
-        In plane stress F_33 is given as 1.
+        In plane stress F_33 is given as 1. The array is read-only.
 
         Parameters
         ----------
@@ -303,15 +304,17 @@ class NonlinearBody(ElasticBody):
         -------
         ndarray
         """
-        basis = self.basis
         if not at_nodes and isinstance(self.cells, StressForces):
-            return np.asarray(self.cells.gradient(u[basis.element_dofs]))
-        if at_nodes:
-            corners = self.mesh.elem.refdom.p
-            rule = corners, np.ones(corners.shape[1])
-            basis = Basis(self.mesh, basis.elem, quadrature=rule, dofs=basis.dofs)
+            return self.cells.gradient(u[self.basis.element_dofs])
+        basis = self._at_corners if at_nodes else self.basis
         x = np.asarray(basis.global_coordinates())
         return with_unit(self.in_space(basis.interpolate(u), x))
+
+    @cached_property
+    def _at_corners(self) -> Basis:
+        corners = self.mesh.elem.refdom.p
+        rule = corners, np.ones(corners.shape[1])
+        return Basis(self.mesh, self.basis.elem, quadrature=rule, dofs=self.basis.dofs)
 
     def cauchy_stress(self, u: Array, state: dict[str, Array], dt: float = 0.0) -> Array:
         """Cauchy stress at the quadrature points, shape (3, 3, ncells, npoints).

@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from contact.body.several_bodies import Bodies
+from contact.condensation import device_schur
+from contact.condensation.device_choice import chosen_device
 from contact.condensation.elimination_order import elimination_order
 from contact.errors import InputError, NotConverged
 from contact.histories.load_history import checked_times
@@ -23,6 +25,8 @@ from contact.laws.iteration import Iteration
 from contact.nonlinear.arc_length import MOST_CURVED, EquilibriumPath, control_of, mean_square
 from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
 from contact.nonlinear.cell_forces import cofactor, det
+from contact.nonlinear.chord import Chord
+from contact.nonlinear.free_unknowns import FreeUnknowns, added, on_host, stacked
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
 from contact.nonlinear.stress_forces import FollowerPressure
@@ -59,6 +63,10 @@ class NonlinearStepper(LoadProgram):
         Every relative residual of the certificate is at most this.
     halvings : int
         How often a step may be halved.
+    device : {"cpu", "cuda", "auto"}
+        Where tangents are assembled and factored: with "cuda" by CuPy and cuDSS, if the stress
+        functions take arrays of CuPy, as those of NumPy's functions do; "auto" chooses, and logs
+        why. The certificate is computed on the host.
 
     Attributes
     ----------
@@ -68,7 +76,10 @@ class NonlinearStepper(LoadProgram):
     Raises
     ------
     InputError
-        Another problem, an obstacle without a distance, given friction or compliant surfaces.
+        Another problem, an obstacle without a distance, given friction or compliant surfaces; on a
+        device bodies given by forms, or a stress that does not take its arrays.
+    MissingDependency
+        A device without CuPy or cuDSS.
 
     References
     ----------
@@ -91,7 +102,9 @@ class NonlinearStepper(LoadProgram):
     -0.1
     """
 
-    def __init__(self, problem: Any, *, tol: float = 1e-9, halvings: int = 6) -> None:
+    def __init__(
+        self, problem: Any, *, tol: float = 1e-9, halvings: int = 6, device: str = "cpu"
+    ) -> None:
         from contact.problem.contact_problem import ContactProblem
 
         if not isinstance(problem, ContactProblem):
@@ -120,8 +133,9 @@ class NonlinearStepper(LoadProgram):
         self.tol, self.halvings = tol, halvings
         self.history = NonlinearHistory(np.zeros(0), ())
         self._sides, self._elastic = self._read_sides()
+        self._cells = self._cells_on(chosen_device(device, problem.body, problem.solver))
         self._checked = False
-        self._analysis = list[Any]()
+        self._analysis, self._chord = list[Any](), Chord()
         self._pressures: list[tuple[int, FollowerPressure, Callable[[float], float]]] = []
 
     def pressure(
@@ -202,6 +216,19 @@ class NonlinearStepper(LoadProgram):
         each = [tuple(zip(*part, strict=True)) for part in (free, tied) if part]
         return rigid, [ElasticSides(Interfaces.of(together, p), list(k)) for k, p in each]
 
+    def _cells_on(self, device: Any) -> list[Any]:
+        """The forces of the bodies' cells where they are computed; None for linear bodies."""
+        cells = [getattr(body, "cells", None) for body in self.problem.body.bodies]
+        if device == "cpu":
+            return cells
+        if device != "cuda":
+            raise InputError(f"device={device!r}: large strain takes one device, 'cuda'")
+        xp = device_schur.device_arrays()
+        for k, own in enumerate(cells):
+            if own is not None:
+                cells[k] = own.on_device(xp)
+        return cells
+
     def _bodies(self) -> list[tuple[Any, slice]]:
         return list(zip(self.problem.body.bodies, self.problem.body.slices, strict=True))
 
@@ -209,7 +236,7 @@ class NonlinearStepper(LoadProgram):
         found = []
         for k, (body, own) in enumerate(self._bodies()):
             if isinstance(body, NonlinearBody):
-                of = body.cells.recomputed if recomputed else body.cells.at
+                of = body.cells.recomputed if recomputed else self._cells[k].at
                 found.append(of(u[own], last.states[k], dt))
             else:
                 found.append(np.asarray(body.stiffness @ u[own]))
@@ -223,13 +250,13 @@ class NonlinearStepper(LoadProgram):
                 found.append(body.stiffness)
                 continue
             if not self._checked:
-                logger.info("%s", body.cells.check_tangent())
-            found.append(body.cells.tangent(u[own], last.states[k], end - last.time))
+                logger.info("%s", self._cells[k].check_tangent())
+            found.append(self._cells[k].tangent(u[own], last.states[k], end - last.time))
         self._checked = True
         for k, one, factor in self._pressures:
             own = self.problem.body.slices[k]
-            found[k] = found[k] - value_at(factor, end) * one.tangent(u[own], {}, 0.0)
-        return Csr(found[0] if len(found) == 1 else sparse.block_diag(found, format="csr"))
+            found[k] = added(found[k], -value_at(factor, end) * one.tangent(u[own], {}, 0.0))
+        return stacked(found)
 
     def _pressed(self, load: Array, end: float) -> Callable[[Array], Array]:
         """Applied forces at a time as a function of the displacement."""
@@ -249,10 +276,10 @@ class NonlinearStepper(LoadProgram):
         """Largest diagonal entry of the tangent of the undeformed bodies, and of one times a cell's
         size."""
         found, of_cells = [], [0.0]
-        for body, _ in self._bodies():
+        for (body, _), cells in zip(self._bodies(), self._cells, strict=True):
             if isinstance(body, NonlinearBody):
                 rest = np.zeros(body.ndofs)
-                diagonal = body.cells.tangent(rest, body.cells.rest, 1.0).diagonal()
+                diagonal = on_host(cells.tangent(rest, cells.rest, 1.0)).diagonal()
             else:
                 diagonal = body.stiffness.diagonal()
             found.append(float((np.abs(diagonal) / body.lengths[0] ** 2).max()))
@@ -260,6 +287,10 @@ class NonlinearStepper(LoadProgram):
                 volume = np.asarray(body.basis.dx).sum(axis=1).max()
                 of_cells.append(found[-1] * float(volume) ** (1 / body.dim))
         return max(found), max(of_cells)
+
+    @cached_property
+    def _free(self) -> FreeUnknowns:
+        return FreeUnknowns(Csr(self.problem.body.constraint[0]))
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
@@ -279,7 +310,13 @@ class NonlinearStepper(LoadProgram):
         ]
 
     def _least_volume(self, u: Array) -> float:
-        return min(float(det(F).min()) for F in self._gradients(u))
+        found = []
+        for (body, own), cells in zip(self._bodies(), self._cells, strict=True):
+            if cells is not None and cells.device:
+                found.append(cells.least_volume(u[own]))
+            elif cells is not None:
+                found.append(float(det(body.deformation_gradient(u[own])).min()))
+        return min(found)
 
     def _touch_at(self, last: Start, end: float) -> Callable[[Array, Array, Array], Touch]:
         """The rows of all sides as a function of u and the forces."""
@@ -305,6 +342,12 @@ class NonlinearStepper(LoadProgram):
             return joined(parts)
 
         return touch
+
+    @property
+    def _lasting(self) -> bool:
+        """Whether the tangent depends on the displacement alone, and not on the step."""
+        bodies = [body for body, _ in self._bodies() if isinstance(body, NonlinearBody)]
+        return not self._pressures and not any(body.cells.rest for body in bodies)
 
     @property
     def _slips(self) -> int:
@@ -643,11 +686,10 @@ class NonlinearStepper(LoadProgram):
 
     def _step_problem(self, last: Start, end: float) -> StepProblem:
         body, dt = self._body_at(end), end - last.time
-        P, u0 = body.constraint
         return StepProblem(
             load=self._pressed(body.loads, end),
-            P=Csr(P),
-            u0=u0,
+            free=self._free,
+            u0=body.constraint[1],
             picked=Csr(sparse.block_diag([one.picked for one in body.bodies], format="csr")),
             lengths=np.concatenate([one.lengths[1] for one in body.bodies]),
             extent=body.extent,
@@ -660,6 +702,7 @@ class NonlinearStepper(LoadProgram):
             kept=np.zeros(0, dtype=np.int64),
             analysis=self._analysis,
             least_volume=self._least_volume,
+            chord=self._chord if self._lasting else Chord(),
         )
 
     def _solved(self, last: Start, end: float) -> NonlinearResult:

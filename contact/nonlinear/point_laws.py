@@ -24,7 +24,6 @@ __all__ = [
     "SaintVenant",
     "Viscous",
 ]
-EYE = np.eye(3)
 
 
 def _positive(**given: float) -> None:
@@ -44,7 +43,10 @@ def lame(E: float, nu: float) -> tuple[float, float]:
 
 
 def _unit(like: Any) -> Any:
-    return EYE.reshape(3, 3, *(1,) * (like.ndim - 2))
+    found = np.zeros_like(like, shape=(3, 3, *(1,) * (like.ndim - 2)), dtype=float)
+    for i in range(3):
+        found[i, i] = 1.0
+    return found
 
 
 def _times(A: Any, B: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,11 @@ from contact.nonlinear.cell_forces import (
     spread,
 )
 from skfem_adini.ground.arguments import evaluated
+from skfem_adini.ground.arrays import on_device
 
 Array = NDArray[np.float64]
 CHUNK = 200_000  # numbers of an array of some cells that stays in the cache of a processor
+DEVICE_CHUNK = 50_000_000  # of one that fills a device
 
 
 class StressForces(CellForces):
@@ -49,14 +52,47 @@ class StressForces(CellForces):
         self._strains = [(i, j) for i in range(dim) for j in range(dim)] + [(2, 2)] * ring
         linear = isinstance(basis.elem.elem, ElementQuad2 | ElementHex2)
         self._modes = _orthonormal(x if linear else x[:0], self._dx)
+        self._known: tuple[tuple[Array, Array], ...] = ()  # the last two displacements and their F
+
+    def on_device(self, xp: Any) -> StressForces:
+        """The same forces by arrays of CuPy, for Newton's method alone.
+        Raises InputError if the stress does not take them."""
+        other = copy(self)
+        other.xp, other.device, other._known = xp, True, ()
+        for name in ("_dofs", "_pattern"):
+            vars(other).pop(name, None)
+        for name in ("_dx", "_slope", "_hoop", "_modes"):
+            if getattr(self, name) is not None:
+                setattr(other, name, xp.asarray(getattr(self, name)))
+        try:
+            other.at(np.zeros(self.basis.N), self.rest, 1.0)
+        except (TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                f"device: the stress does not take arrays of CuPy ({error}); let it call NumPy's "
+                "functions of F alone, or take device='cpu'"
+            ) from error
+        return other
+
+    def least_volume(self, u: Array) -> float:
+        """Smallest det F at the quadrature points."""
+        return float(det(self.gradient(self.of_cells(u))).min())
 
     def gradient(self, dofs: Any) -> Any:
-        """F at the quadrature points, shape (3, 3, ncells, npoints)."""
-        return deformed(dofs, self._slope, self._hoop)
+        """F at the quadrature points, shape (3, 3, ncells, npoints), which is not to be changed."""
+        for known, F in self._known:
+            if np.array_equal(known, dofs):
+                return F
+        F = deformed(dofs, self._slope, self._hoop)
+        if isinstance(F, np.ndarray):
+            F.flags.writeable = False
+        self._known = ((dofs, F), *self._known[:1])
+        return F
 
     def _called(self, F: Any, state: State, dt: float) -> Any:
         """Stress at F, and the new state or None."""
         F = self.thinned(F, state, dt)
+        if not getattr(F.flags, "writeable", False):
+            F = F.copy()  # a stress function may write into its argument
         found = self.stress(F, state, dt) if self.rest else (self.stress(F), None)
         if np.shape(found[0]) != F.shape:
             raise InputError(
@@ -70,13 +106,12 @@ class StressForces(CellForces):
         Imaginary parts follow by the derivative of that equation. NaN where it has no solution."""
         if not self._flat:
             return F
-        way = np.zeros((3, 3, 1, 1))
-        way[2, 2] = 1.0
+        way = _unit((2, 2), F)
 
         def normal(G: Any) -> Any:
             return (self.stress(G, state, dt)[0] if self.rest else self.stress(G))[2, 2]
 
-        G = np.array(np.real(F))
+        G = np.real(F).copy()
         G[2, 2] = np.clip(1.0 / np.maximum(det(G), 0.1), 0.3, 3.0)
         for _ in range(50):
             change = -normal(G) / self.slope(normal, G, way, 1e-6)
@@ -129,7 +164,7 @@ class StressForces(CellForces):
 
     def tangent(self, u: Array, state: State, dt: float) -> Any:
         """Derivative of the forces by that of the stress in F at each point."""
-        F = self.gradient(u[self.basis.element_dofs])
+        F, state = self.gradient(self.of_cells(u)), self.placed(state)
         theta = self._projected(det(F)) if self.mean else None
         pressure = self._slopes(F, theta, state, dt)[1]
         pressure = pressure if pressure is None else self._projected(pressure)
@@ -137,21 +172,19 @@ class StressForces(CellForces):
         def slopes(G: Any, mean: Any = theta) -> Any:
             """Components of P that may vary, then the derivative in theta."""
             P, p = self._slopes(G, mean, state, dt)
-            if p is None:
-                return np.array([P[strain] for strain in self._strains])
-            P = P + pressure * cofactor(G)
-            return np.array([*(P[strain] for strain in self._strains), p])
+            if p is not None:
+                P = P + pressure * cofactor(G)
+            found = [P[strain] for strain in self._strains]
+            return np.stack(found if p is None else [*found, p])
 
         m = len(self._strains)
-        rate = np.empty((m, m + self.mean, *self._dx.shape))
+        rate = np.empty_like(F, shape=(m, m + self.mean, *self._dx.shape))
         for k, strain in enumerate(self._strains):
-            way = np.zeros((3, 3, 1, 1))
-            way[strain] = 1.0
-            rate[k] = self.slope(slopes, F, way, 1e-6)
+            rate[k] = self.slope(slopes, F, _unit(strain, F), 1e-6)
         rate *= self._dx
         blocks = self._summed(rate[:, :m])
         if self.mean:
-            rise: Any = self.slope(lambda v: slopes(F, v), np.asarray(theta), np.ones(1), 1e-6)
+            rise: Any = self.slope(lambda v: slopes(F, v), theta, np.ones_like(F[0, 0]), 1e-6)
             of_theta = self._dx * rise
             C = self._dx * cofactor(F)
             g = self._tested([C[strain] for strain in self._strains])
@@ -165,7 +198,7 @@ class StressForces(CellForces):
         """Components of F by the cells' dofs, shape (ncells, npoints, nstrains, ndofs)."""
         slope = self._slope[:, :, cells]
         size, dim = slope.shape[:2]
-        B = np.zeros((*slope.shape[2:], len(self._strains), size * dim))
+        B = np.zeros_like(slope, shape=(*slope.shape[2:], len(self._strains), size * dim))
         for s, (i, j) in enumerate(self._strains):
             values = slope[:, j] if j < dim else self._hoop[:, cells]  # type: ignore[index]
             B[:, :, s, (i if j < dim else 0) :: dim] = np.moveaxis(values, 0, -1)
@@ -173,13 +206,14 @@ class StressForces(CellForces):
 
     def _chunks(self) -> list[slice]:
         cells, points = self._dx.shape
-        step = max(1, CHUNK // (points * len(self._strains) * self.basis.Nbfun))
+        room = DEVICE_CHUNK if on_device(self._dx) else CHUNK
+        step = max(1, room // (points * len(self._strains) * self.basis.Nbfun))
         return [slice(a, a + step) for a in range(0, cells, step)]
 
     def _summed(self, rate: Array) -> Array:
         """Matrices of the cells from weighted dP/dF, (nstrains, nstrains, ncells, npoints)."""
         n = self.basis.Nbfun
-        found = np.empty((len(self._dx), n, n))
+        found = np.empty_like(rate, shape=(len(self._dx), n, n))
         for cells in self._chunks():
             B = self._strain(cells)
             X = rate[:, :, cells].transpose(2, 3, 1, 0) @ B
@@ -188,8 +222,8 @@ class StressForces(CellForces):
 
     def _tested(self, P: Any) -> Array:
         """Forces of the cells' dofs by weighted stresses times modes, (ncells, ndofs, nmodes)."""
-        found = np.empty((len(self._dx), self.basis.Nbfun, self._modes.shape[1]))
-        P = np.asarray(P)
+        P = np.stack(list(P))
+        found = np.empty_like(P, shape=(len(self._dx), self.basis.Nbfun, self._modes.shape[1]))
         for cells in self._chunks():
             B = self._strain(cells)
             sums = np.einsum("eaq,seq->eaqs", self._modes[cells], P[:, cells])
@@ -208,13 +242,13 @@ class StressForces(CellForces):
         """Forces on all dofs by a scikit-fem form."""
         P, ring = self.stresses(u[self.basis.element_dofs], state, dt), self._ring
 
-        def work(v: Any, w: Any) -> Any:
-            dim = len(v)
-            density = sum(w["P"][c, j] * v.grad[c, j] for c in range(dim) for j in range(dim))
-            hoop = w["P"][2, 2] * v[0] / w.x[0] if ring else 0.0
+        def work(v: Any, w: Any) -> Any:  # P as it is: a parameter of a form is copied at each use
+            dim, slope = len(v), np.asarray(v.grad)
+            density = sum(P[c, j] * slope[c, j] for c in range(dim) for j in range(dim))
+            hoop = P[2, 2] * v[0] / w.x[0] if ring else 0.0
             return (density + hoop) * (2.0 * np.pi * w.x[0] if ring else 1.0)
 
-        return np.asarray(LinearForm(work).assemble(self.basis, P=P))
+        return np.asarray(LinearForm(work).assemble(self.basis))
 
     def energy(self, u: Array) -> float:
         """Stored energy, of a stress with a method `energy`; NaN without."""
@@ -222,7 +256,7 @@ class StressForces(CellForces):
         if density is None:
             return np.nan
         F = self._averaged(self.gradient(u[self.basis.element_dofs]))
-        return float(np.sum(density(self.thinned(F, self.rest, 0.0)) * self._dx))
+        return float(np.sum(density(self.thinned(F, self.rest, 0.0).copy()) * self._dx))
 
 
 class FollowerPressure(Forces):
@@ -267,12 +301,20 @@ def deformed(dofs: Any, slope: Array, hoop: Array | None) -> Any:
     """F (3, 3, ncells, npoints) by the dofs of the cells, see `functions_of`."""
     dim = slope.shape[1]
     own = dofs.reshape(-1, dim, dofs.shape[1])
-    F = np.zeros((3, 3, *slope.shape[2:]), dtype=dofs.dtype)
+    F = np.zeros_like(dofs, shape=(3, 3, *slope.shape[2:]))
     F[:dim, :dim] = np.einsum("kce,kjeq->cjeq", own, slope)
     if hoop is not None:
         F[2, 2] = np.einsum("ke,keq->eq", own[:, 0], hoop)
-    F[np.arange(3), np.arange(3)] += 1.0
+    for i in range(3):
+        F[i, i] += 1.0
     return F
+
+
+def _unit(component: tuple[int, int], like: Any) -> Any:
+    """The tensor (3, 3, 1, 1) that has one component."""
+    found = np.zeros_like(np.real(like), shape=(3, 3, 1, 1))
+    found[component] = 1.0
+    return found
 
 
 def _orthonormal(x: Array, dx: Array) -> Array:

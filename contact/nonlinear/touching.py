@@ -22,7 +22,8 @@ from scipy import sparse
 
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
-from contact.nonlinear.cell_forces import cofactor, with_unit
+from contact.nonlinear.cell_forces import cofactor
+from contact.nonlinear.stress_forces import deformed, functions_of
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import motion_between, said_motion, unknown_motion
 from contact.rows.contact_boundaries import friction_values
@@ -68,8 +69,11 @@ class RigidSide:
         order = 2 * body.element.maxdeg + 2
         scalar = facet_basis(mesh, body.element, facets, intorder=order, dofs=body.scalar_dofs)
         element, dofs = body.basis.elem, body.basis.dofs
-        self._whole = facet_basis(mesh, element, facets, intorder=order, dofs=dofs)
+        whole = facet_basis(mesh, element, facets, intorder=order, dofs=dofs)
         x = np.asarray(scalar.global_coordinates())
+        values, self._slope = functions_of(whole)
+        self._hoop = values / x[0] if body.is_ring else None
+        self._facet_dofs, self._facet_normals = whole.element_dofs, np.asarray(whole.normals)
         dA = (scalar.dx * body.depth(x)).ravel()
         trace = _trace(scalar)
         touched = np.unique(trace.indices)
@@ -87,13 +91,9 @@ class RigidSide:
             self._share = _hats(mesh.facets[:, facets], scalar, dA)
             self.weights = np.asarray(self._share.sum(axis=1)).ravel()
             self.mean = scaled(1.0 / self.weights, self._share)
-        columns = [
-            self._own.start + body.dim * np.arange(trace.shape[1]) + c for c in range(body.dim)
-        ]
-        shape = trace.shape[0], self._total
-        self._phi = [
-            Csr((trace.data, at[trace.indices], trace.indptr), shape=shape) for at in columns
-        ]
+        self._trace = trace
+        self._of_rows = _Pattern(self.mean, trace)  # mean of directions times functions
+        self._of_pairs = _Pattern(Csr(trace.T), trace)
         self.friction = friction_values(friction, self.mean_of(self._X))
         self.size = float(np.ptp(mesh.p, axis=1).max())
 
@@ -102,7 +102,7 @@ class RigidSide:
         return np.asarray((self.mean @ values.T).T)
 
     def _moved(self, u: Array) -> Array:
-        return np.array([phi @ u for phi in self._phi])
+        return np.asarray((self._trace @ u[self._own].reshape(-1, self.body.dim)).T)
 
     def at(
         self, u: Array, last: Array, forces: tuple[Array, Array], obstacle: Any, said: Any
@@ -115,9 +115,8 @@ class RigidSide:
         turn = _turning(now, y, 1e-6 * self.size)
         slip = self._moved(u - last) - self._travel(before, now, said, y)
         G, *T = (self._rows(frames[k]) for k in range(dim))
-        turned = [
-            self._rows(np.einsum("icq,cq->iq", turn[:, k], slip)) for k in range(1, dim)
-        ]  # d tau / d y_i . slip
+        # d tau / d y_i . slip
+        turned = [self._rows(np.einsum("icq,cq->iq", turn[:, k], slip)) for k in range(1, dim)]
         at_points = self.mean.T @ np.column_stack((mu, t))
         stiff = np.einsum("ikcq,qk->ciq", turn, at_points)
         slips = np.stack([self.mean @ (frames[k] * slip).sum(axis=0) for k in range(1, dim)], 1)
@@ -127,7 +126,7 @@ class RigidSide:
         m, x = len(mu), self.mean_of(y)
         return Touch(
             G=G,
-            T=by_point(T),
+            T=T[0] if dim == 2 else by_point(T),
             gap=np.asarray(self.mean @ gap),
             weights=np.linalg.norm(stretched, axis=0) @ self._share.T,
             x=x,
@@ -141,33 +140,44 @@ class RigidSide:
             axes=means.transpose(2, 0, 1),
             slip=slips,
             tilted=Csr(G.shape),
-            turned=by_point(turned),
+            turned=turned[0] if dim == 2 else by_point(turned),
             force=self._force(stiff),
             friction=self.friction,
         )
 
     def _rows(self, directions: Array) -> Csr:
         """Mean displacement along directions (dim, npoints), shape (m, ndofs)."""
-        pairs = zip(directions, self._phi, strict=True)
-        total = sum((scaled(d, phi) for d, phi in pairs), start=Csr(self._phi[0].shape))
-        return Csr(self.mean @ total)
+        pattern, dim, m = self._of_rows, self.body.dim, self.weights.size
+        if not directions.any():
+            return Csr((m, self._total))
+        column = self._own.start + dim * pattern.column[:, None] + np.arange(dim)
+        data = pattern.weights @ directions.T
+        found = Csr((data.ravel(), column.ravel(), dim * pattern.ends), shape=(m, self._total))
+        found.eliminate_zeros()
+        return found
 
     def _force(self, stiff: Array) -> Csr:
-        total = Csr((self._total, self._total))
-        for c, phi in enumerate(self._phi):
-            for i, other in enumerate(self._phi):
-                if np.any(stiff[c, i]):
-                    total = total + phi.T @ scaled(stiff[c, i], other)
-        return Csr(total)
+        """Sum of phi_c^T stiff_ci phi_i, for stiff of shape (dim, dim, npoints)."""
+        if not stiff.any():
+            return Csr((self._total, self._total))
+        pattern, dim = self._of_pairs, self.body.dim
+        row = np.repeat(np.arange(pattern.ends.size - 1), np.diff(pattern.ends))
+        data = pattern.weights @ stiff.reshape(dim * dim, -1).T
+        c, i = np.divmod(np.arange(dim * dim), dim)
+        place = (self._own.start + dim * n[:, None] + k for n, k in ((row, c), (pattern.column, i)))
+        coo = (data.ravel(), tuple(part.ravel() for part in place))
+        found = Csr(sparse.coo_array(coo, shape=(self._total, self._total)))
+        found.eliminate_zeros()
+        return found
 
     def _stretched(self, u: Array) -> Array:
         """Outward normals of the current facets, as long as current over undeformed area."""
-        basis, body = self._whole, self.body
-        field, x = basis.interpolate(u[self._own]), np.asarray(basis.global_coordinates())
-        F = with_unit(body.in_space(field, x))
-        N = np.asarray(basis.normals)
-        along = np.einsum("ij...,j...->i...", cofactor(F)[:, : len(N)], N)
-        return np.asarray(along[: body.dim].reshape(body.dim, -1))
+        C, N = (
+            cofactor(deformed(u[self._own][self._facet_dofs], self._slope, self._hoop)),
+            self._facet_normals,
+        )
+        along = np.einsum("ijeq,jeq->ieq", C[: len(N), : len(N)], N)
+        return np.asarray(along.reshape(len(N), -1))
 
     def _travel(self, before: Any, now: Any, said: Any, y: Array) -> Array:
         """Displacement of the obstacle's surface since the last step at places y."""
@@ -184,6 +194,25 @@ class RigidSide:
         turn = motion.rotation
         spin = np.array([-off[1], off[0]]) * turn if dim == 2 else np.cross(turn, off.T).T
         return np.asarray(motion.translation[:, None] + spin)
+
+
+class _Pattern:
+    """A matrix L diag(d) R as a function of d (n,): its entries are `weights` @ d."""
+
+    def __init__(self, L: Csr, R: Csr) -> None:
+        count = np.diff(R.indptr)[L.indices]  # entries of R behind each one of L
+        entry = np.repeat(R.indptr[L.indices] - np.cumsum(count) + count, count)
+        entry += np.arange(entry.size)
+        row, point = (
+            np.repeat(part, count)
+            for part in (np.repeat(np.arange(L.shape[0]), np.diff(L.indptr)), L.indices)
+        )
+        keys, place = np.unique(row * R.shape[1] + R.indices[entry], return_inverse=True)
+        values = np.repeat(L.data, count) * R.data[entry]
+        at: Any = place, point
+        self.weights = Csr(sparse.coo_array((values, at), shape=(keys.size, L.shape[1])))
+        self.column = keys % R.shape[1]
+        self.ends = np.searchsorted(keys, R.shape[1] * np.arange(L.shape[0] + 1))
 
 
 def _trace(scalar: Any) -> Csr:

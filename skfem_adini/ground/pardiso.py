@@ -129,6 +129,11 @@ class Pardiso:
         return int(self._iparm[13])
 
     @property
+    def fill(self) -> int:
+        """Entries of the factors, if iparm[17] is -1."""
+        return int(self._iparm[17])
+
+    @property
     def pending(self) -> bool:
         """Whether the factors must be recomputed; partial solutions then do not match."""
         return bool(self._anew)

@@ -28,7 +28,7 @@ from skfem_adini.solvers.cudss_library import (
     failed,
     too_large,
 )
-from skfem_adini.solvers.device_triangle import DeviceTriangle, on_host_alone
+from skfem_adini.solvers.device_triangle import DeviceRows, DeviceTriangle, on_host_alone
 
 Array = NDArray[np.float64]
 Blocks = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]  # of a `DissectionTree`
@@ -59,9 +59,9 @@ class CudssMatrix:
         self._devices = chosen_devices(xp, devices)
         with self._home(), ExitStack() as opened:
             before = self._free(xp)
-            self._triangle = DeviceTriangle(xp, A)
-            arrays = self._triangle.arrays(A)
-            self._cudss = CudssHandles(opened, arrays, definite, self._settings(), self._devices)
+            self._triangle = self._stored(xp, A)
+            arrays, kind = self._triangle.arrays(A), self._kind(definite)
+            self._cudss = CudssHandles(opened, arrays, kind, self._settings(), self._devices)
             order = order() if callable(order) else order
             self._given: tuple[Any, ...] = (
                 on_host_alone(A), definite, deterministic, order, hybrid_memory, devices
@@ -70,6 +70,14 @@ class CudssMatrix:
             self._factor(CODES.analysis, CODES.factorisation)
             self._used = tuple(b - a for b, a in zip(before, self._free(xp), strict=True))
             weakref.finalize(self, self._cudss.release, opened.pop_all())
+
+    def _stored(self, xp: Any, A: Any) -> Any:
+        """Return what stores the entries of the matrix on the device."""
+        return DeviceTriangle(xp, A)
+
+    def _kind(self, definite: bool) -> int:
+        """Return cuDSS's number for the kind of the matrix."""
+        return int(CODES.definite if definite else CODES.symmetric)
 
     def refactor(self, A: Any) -> None:
         """Factor a matrix with entries, zeros included, in the same places; keep the analysis.
@@ -447,3 +455,19 @@ class CudssSchur(CudssMatrix):
         with ExitStack() as opened:
             self._cudss.get(CODES.schur, self._cudss.dense(opened, S))
         return S
+
+
+class CudssGeneralSchur(CudssSchur):
+    """The same of a matrix without symmetry, by rows of SciPy with values on host or device; pivots
+    are exchanged within dense blocks only."""
+
+    def _stored(self, xp: Any, A: Any) -> Any:
+        return DeviceRows(xp, A)
+
+    def _kind(self, definite: bool) -> int:
+        return int(CODES.general)
+
+    def _complement(self) -> Any:
+        if count := self._cudss.get(CODES.pivots, ctypes.c_int(0)).value:
+            raise failed("cudssExecute", count, pivot=True)
+        return super()._complement().T  # cuDSS writes columns

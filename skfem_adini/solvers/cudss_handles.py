@@ -25,11 +25,12 @@ from skfem_adini.solvers.cudss_library import (
 
 class CudssHandles:
     """Handles of cuDSS for a matrix on the device; `opened` destroys them in the reverse order.
-    `arrays` are row starts, columns (int32) and values (float64) of the upper triangle, on the
-    first of `devices` (None: the present one); `settings` map cuDSS's numbers to ctypes values."""
+    `arrays` are row starts, columns (int32) and values (float64) of the upper triangle, or of all
+    of a matrix whose kind is general, on the first of `devices` (None: the present one); `settings`
+    map cuDSS's numbers to ctypes values."""
 
     def __init__(
-        self, opened: ExitStack, arrays: Any, definite: bool, settings: Any,
+        self, opened: ExitStack, arrays: Any, kind: int, settings: Any,
         devices: tuple[int, ...] | None = None,
     ) -> None:  # fmt: skip
         self.library, self.xp = load_cudss(), device_arrays()
@@ -56,8 +57,8 @@ class CudssHandles:
         opened.callback(self.library.cudssDataDestroy, self._handle, self._data)
         n, nnz = ctypes.c_int64(self.n), ctypes.c_int64(len(data))
         pointers = (pointer(indptr), None, pointer(indices), pointer(data))
-        kind = CODES.definite if definite else CODES.symmetric
-        types = CODES.int32, CODES.int32, CODES.float64, kind, CODES.upper, CODES.zero_based
+        view = CODES.full if kind == CODES.general else CODES.upper
+        types = CODES.int32, CODES.int32, CODES.float64, kind, view, CODES.zero_based
         self._matrix = self.create(
             opened, "cudssMatrixCreateCsr", "cudssMatrixDestroy", n, n, nnz, *pointers, *types
         )

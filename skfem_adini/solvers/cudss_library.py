@@ -16,14 +16,14 @@ from skfem_adini.ground.errors import optional
 
 CODES = SimpleNamespace(  # of cuDSS 1.0 (cudss_data_types.h); those of 0.x differ
     version=1, allocation_failed=2, int32=10, float64=1,
-    # Kinds of matrices, given by the upper triangle: symmetric, or also definite.
-    symmetric=1, definite=3, upper=2, zero_based=0, column_major=0,
+    # Kinds of matrices; symmetric and definite ones are given by the upper triangle.
+    general=0, symmetric=1, definite=3, full=0, upper=2, zero_based=0, column_major=0,
     # Settings.
     refinements=5, hybrid_memory=11, memory_limit=12, levels=17, devices=21, device_numbers=22,
     schur_mode=23, deterministic=24,
     # Data, and the indices of those of the 16 estimates for the peak on the device, the peak on the
     # host, and the least use of the device in hybrid mode.
-    info=0, fill=1, order=9, estimates=13, chosen=18, schur_shape=19, schur=20, tree=21,
+    info=0, fill=1, pivots=2, order=9, estimates=13, chosen=18, schur_shape=19, schur=20, tree=21,
     interrupt=23, peak=1, host_peak=3, hybrid_least=4,
     # Phases.
     analysis=0b11, factorisation=0b100, refactorisation=0b1000, solution=0b11_1111_0000,

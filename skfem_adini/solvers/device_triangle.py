@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_adini.errors import AdiniError, InputError
+from skfem_adini.ground.arrays import host, namespace, on_device
 from skfem_adini.ground.pardiso import upper_triangle
 
 
@@ -41,6 +42,38 @@ class Restricted:
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the data of a copy, on the host only."""
         return type(self), (self.whole, self.free, self.scale)
+
+
+class Rows(NamedTuple):
+    """A square matrix by rows, columns ascending: its pattern on the host, values on a device."""
+
+    indptr: Any
+    indices: Any
+    data: Any
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.indptr.size - 1, self.indptr.size - 1
+
+    @property
+    def nnz(self) -> int:
+        """Number of entries."""
+        return int(self.indices.size)
+
+    def on_host(self) -> sparse.csr_array:
+        """The same matrix of SciPy."""
+        return sparse.csr_array((host(self.data), self.indices, self.indptr), shape=self.shape)
+
+    def __matmul__(self, x: Any) -> Any:
+        """Return ``A x`` on the host, computed where the values are."""
+        if not on_device(self.data):
+            return self.on_host() @ x
+        from cupyx.scipy.sparse import csr_matrix  # type: ignore[import-not-found, unused-ignore]
+
+        put = namespace(self.data).asarray
+        A = csr_matrix((self.data, put(self.indices), put(self.indptr)), shape=self.shape)
+        return host(A @ put(x))
 
 
 class DeviceTriangle:
@@ -107,6 +140,26 @@ class DeviceTriangle:
             values *= scale[rows]
             values *= scale[self._columns]
         return values
+
+
+class DeviceRows:
+    """All entries of a matrix by rows, `Rows`, for cuDSS."""
+
+    def __init__(self, xp: Any, A: Rows) -> None:
+        self._xp, self._pattern = xp, (A.indptr, A.indices)
+        _countable(A.indices.size)
+
+    def arrays(self, A: Rows) -> tuple[Any, Any, Any]:
+        """Return row starts and columns (int32) and values of the matrix, on the device."""
+        starts, columns = (self._xp.asarray(part.astype(np.int32)) for part in self._pattern)
+        return starts, columns, self._xp.array(A.data)
+
+    def values(self, A: Rows) -> Any:
+        """Return the values of a matrix with the same pattern."""
+        pairs = zip(self._pattern, (A.indptr, A.indices), strict=True)
+        if not all(a is b or np.array_equal(a, b) for a, b in pairs):
+            raise InputError("A: its entries are not in the places that were analysed")
+        return self._xp.array(A.data)
 
 
 def _pattern(known: Any) -> tuple[Any, Any]:

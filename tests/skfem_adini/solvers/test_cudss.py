@@ -16,10 +16,11 @@ from scipy import sparse
 
 from skfem_adini import AdiniError, InputError, MissingDependency, factorize
 from skfem_adini.errors import SolverError
+from skfem_adini.ground.arrays import host
 from skfem_adini.ground.pardiso import upper_triangle
 from skfem_adini.solvers import cudss, cudss_handles, cudss_library
-from skfem_adini.solvers.cudss import CudssSchur
-from skfem_adini.solvers.device_triangle import DeviceTriangle, Restricted
+from skfem_adini.solvers.cudss import CudssGeneralSchur, CudssSchur
+from skfem_adini.solvers.device_triangle import DeviceTriangle, Restricted, Rows
 
 
 def _device():
@@ -460,3 +461,33 @@ def test_a_restricted_matrix_is_that_of_the_host(fake):
     assert abs(copied.on_host() - restricted.on_host()).max() == 0.0
     S = CudssSchur(restricted, [3, 5]).complement
     np.testing.assert_allclose(S, CudssSchur(restricted.on_host(), [3, 5]).complement, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [7, 60])
+def test_partial_factors_without_symmetry(engine, n):
+    rng, last = np.random.default_rng(n), np.array([1, n // 2, n - 1])
+    A = sparse.csr_array(matrix(n, True) + sparse.random_array((n, n), density=0.2, rng=rng))
+    A.sort_indices()
+    inner = np.setdiff1d(np.arange(n), last)
+    factors = CudssGeneralSchur(Rows(A.indptr, A.indices, A.data), last)
+    put, load = factors.placed, rng.standard_normal(n)
+    for scale in (1.0, -3.0):
+        S = scale * A.toarray()
+        expected = S[np.ix_(last, last)] - S[np.ix_(last, inner)] @ np.linalg.solve(
+            S[np.ix_(inner, inner)], S[np.ix_(inner, last)]
+        )
+        found = host(factors.complement)
+        np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(S).max())
+        halfway = factors.forward(load).copy()
+        halfway[-3:] = put(np.linalg.solve(expected, host(halfway[-3:])))
+        x = host(factors.backward(halfway)).copy()
+        x[last] = host(halfway[-3:])
+        np.testing.assert_allclose(S @ x, load, atol=1e-12 * np.abs(S).max())
+        factors.refactor(Rows(A.indptr, A.indices, -3.0 * A.data))
+    with pytest.raises(InputError, match="not in the places"):
+        factors.refactor(Rows(A.indptr, A.indices[::-1], A.data))
+    singular = A.toarray()
+    singular[inner[0], inner] = 0.0
+    rows, columns = A.nonzero()
+    with pytest.raises(SolverError, match="pivot"):
+        factors.refactor(Rows(A.indptr, A.indices, singular[rows, columns]))
