@@ -7,7 +7,8 @@ Opposite a rigid obstacle with the signed distance g the contact points are the 
 with weights over the undeformed area: the forces are derivatives of :math:`\sum \mu_k g_k`, and
 those of a uniform pressure are exact. Elements with a node of no weight (P2 on faces, and on the
 axis of a ring) or with derivatives as dofs take the means of g, weighted by the hat functions of
-the vertices. Between bodies the rows are `Interfaces.displaced`.
+the vertices, at sharp edges by those of each side. Between bodies they are
+`Interfaces.displaced`.
 
 P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4 and 9."""
 
@@ -31,7 +32,7 @@ from contact.rows.contact_boundaries import joined as rows_joined
 from contact.rows.contact_rows import ContactRows
 from contact.rows.frames import by_point, scaled, tangent_frame
 from contact.rows.interfaces import Interfaces
-from contact.rows.outline import hats
+from contact.rows.outline import Outline, hats
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -88,7 +89,7 @@ class RigidSide:
             )
         else:
             self._X, self._functional = x.reshape(body.dim, -1), "hat"
-            self._share = _hats(mesh.facets[:, facets], scalar, dA)
+            self._share = _hats(Outline(body, facets).parted.T, scalar, dA)
             self.weights = np.asarray(self._share.sum(axis=1)).ravel()
             self.mean = scaled(1.0 / self.weights, self._share)
         self._trace = trace

@@ -66,6 +66,20 @@ class Outline:
         return vertex, place.reshape(self.corners.shape)
 
     @cached_property
+    def parted(self) -> Index:
+        """Numbers of the vertices of each facet, shape as `corners`, from zero; facets that meet at
+        a sharp angle have vertices of their own there."""
+        normals, slot = self.at_corners.reshape(self.body.dim, -1), np.arange(self.corners.size)
+        at = sparse.csr_array((np.ones(slot.size), (self._vertices[1].ravel(), slot)))
+        pair = (at.T @ at).tocoo()
+        smooth = np.sum(normals[:, pair.row] * normals[:, pair.col], axis=0) > np.cos(CORNER)
+        linked = sparse.coo_array(
+            (smooth[smooth], (pair.row[smooth], pair.col[smooth])), pair.shape
+        )
+        labels = sparse.csgraph.connected_components(linked, directed=False)[1]
+        return np.asarray(labels, dtype=np.int64).reshape(self.corners.shape)
+
+    @cached_property
     def turned(self) -> Array:
         """Smooth normals at facet corners, at sharp ones the facet's; shape as `at_corners`."""
         return self.averaged(self.at_corners, self.body.mesh.p[:, self.corners])

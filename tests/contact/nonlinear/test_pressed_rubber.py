@@ -12,6 +12,7 @@ from skfem import (
     ElementTriP1,
     ElementTriP2,
     MeshQuad,
+    MeshTet,
     MeshTri,
 )
 
@@ -90,6 +91,26 @@ def test_pressed_onto_a_round_obstacle(element, friction):
     check_laws(result, friction)
     assert np.abs(result.resultant + result.reaction("top")).max() <= 1e-8
     assert result.certificate["balance"] <= 1e-9
+
+
+PLANE, SPACE = (ElementQuad2(), 2), (ElementTetP2(), 3)
+
+
+@pytest.mark.parametrize(("element", "dim"), [PLANE, SPACE], ids=["ring", "tetrahedra"])
+def test_averages_do_not_go_round_sharp_edges(element, dim):
+    mesh = MeshQuad() if dim == 2 else MeshTet()
+    mesh = mesh.refined(2).with_defaults()
+    plane = "axisymmetric" if dim == 2 else None
+    floor = Plane(np.zeros(dim), np.eye(dim)[1])
+    results = []
+    for names in ("bottom", ["bottom", "right"]):
+        body = NonlinearBody.from_mesh(mesh, element, stress=RUBBER, plane=plane)
+        body.fix("left", "x").fix("top", "xyz"[:dim])
+        problem = ContactProblem(body, names, floor)
+        results.append(NonlinearStepper(problem).move("top", "y", -0.15).run([1.0]).results[-1])
+    alone, both = results
+    assert alone.mu.max() > 0.0
+    assert np.allclose(both.u, alone.u, atol=1e-9)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
