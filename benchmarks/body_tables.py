@@ -29,13 +29,14 @@ def contact_materials(record: Record) -> str:
     """Load steps of large strain beside their assemblies and factorisations."""
     table = rows_of(
         "unknowns | contact points | iterations of two steps | tangents | factors | both steps "
-        "| ratio | with held factors",
+        "| ratio | with held factors | ratio",
         (
             (
                 *(f"{row[name]:,}" for name in ("unknowns", "points", "iterations")),
                 *(f"{row[name]:.2f} s" for name in ("assembly", "factor", "total")),
                 f"**{row['ratio']:.2f}**",
                 f"{row['chords']['total']:.2f} s",
+                f"**{row['chords']['total'] / (row['assembly'] + row['factor']):.2f}**",
             )
             for row in record["rows"]
         ),

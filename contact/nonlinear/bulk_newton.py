@@ -70,6 +70,7 @@ class Trial(NamedTuple):
     internal: Array  # internal forces on all dofs
     load: Array  # applied forces on all dofs
     support: Array  # prescribed minus present displacement, zero on free dofs
+    contact: Array  # forces of the contact points on all dofs
 
 
 @dataclass(frozen=True)
@@ -100,17 +101,17 @@ class StepProblem:
             mu, t = carried(touch, like, mu, t)
             touch = self.touch(u, mu, t)
         held = self.free.displacement(self.picked.T @ (u - self.u0)) + self.u0
-        return Trial(u, mu, t, touch, self.internal(u), self.load(u), held - u)
+        contact = touch.G.T @ mu + touch.T.T @ t.ravel()
+        return Trial(u, mu, t, touch, self.internal(u), self.load(u), held - u, contact)
 
     def residuals(self, now: Trial, scale: Array) -> dict[str, float]:
         """Relative residuals beyond rounding errors: balance, contact and friction, supports.
         `scale` (m,) is physical over scaled displacement of each point, see `CondensedContact`."""
-        contact = now.touch.G.T @ now.mu + now.touch.T.T @ now.t.ravel()
-        terms = (now.internal, now.load, contact)
+        terms = (now.internal, now.load, now.contact)
         size = max(self._largest(part) for part in terms)
         # Forces of supports measure a body that supports alone deform.
         size = max(size, float(np.abs(now.internal).max(initial=0.0)))
-        off = self._largest(now.load - now.internal - contact)
+        off = self._largest(now.load - now.internal - now.contact)
         off -= ROUNDING * self.stiffness * float(np.abs(now.u).max(initial=0.0))
         off -= 4 * float(np.finfo(float).eps) * self.of_cells  # at most .9 eps was measured
         support = float(np.abs(now.support).max(initial=0.0)) / self.extent
