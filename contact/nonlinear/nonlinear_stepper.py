@@ -438,6 +438,8 @@ class NonlinearStepper(LoadProgram):
             for k, result in enumerate(self.history.results):
                 self._write(folder, k, result)
         for step in steps:
+            if folder is not None:
+                self._chord = Chord()  # as a resumed history begins, which is to be the same
             result = step()
             if folder is not None:
                 self._write(folder, len(self.history) - 1, result)
