@@ -123,10 +123,7 @@ class StepProblem:
         if not mu.size:
             return 0.0
         through = -touch.gap / scale
-        live = (
-            norms(touch.T @ self.P).reshape(t.T.shape).T
-            > 1e-9 * norms(touch.T).reshape(t.T.shape).T
-        )
+        live = norms(touch.T @ self.P) > 1e-9 * norms(touch.T)
         live = live.reshape(now.t.shape).T
         law = ContactLaw(Coulomb(touch.friction), (1.0, 1.0), live, touch.bonded)
         state = State(None, mu, t, through, touch.slip.T / scale)

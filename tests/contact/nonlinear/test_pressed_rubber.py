@@ -91,6 +91,19 @@ def test_pressed_onto_a_round_obstacle(element, friction):
     assert result.certificate["balance"] <= 1e-9
 
 
+def test_points_that_supports_hold_do_not_hide_the_slip_of_others():
+    """A cube pressed askew, whose side belongs to the contact up to the support."""
+    problem = ContactProblem(
+        cube(ElementHex1, RUBBER).fix("top"),
+        ["bottom", "right"],
+        Plane((0.0, 0.0, 0.0), (0.2, 0.1, 1.0)),
+        friction=0.3,
+    )
+    result = NonlinearStepper(problem, halvings=0).move("top", "z", -0.3).run([1.0])[-1]
+    check_laws(result, 0.3)
+    assert all(line.phase == "newton" for line in result.history)
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_half_cylinder_pressed_flat(friction):
     floor = Plane((0.0, -1.0), (0.0, 1.0))
