@@ -21,7 +21,7 @@ from contact.histories.load_program import LoadProgram, checked_factor, value_at
 from contact.histories.step_history import as_path
 from contact.laws.iteration import Iteration
 from contact.nonlinear.arc_length import MOST_CURVED, EquilibriumPath, control_of, mean_square
-from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
+from contact.nonlinear.bulk_newton import StepProblem, Trial, settle, solve_step
 from contact.nonlinear.cell_forces import cofactor, det
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
@@ -336,7 +336,8 @@ class NonlinearStepper(LoadProgram):
         InputError
             The time is not later than that of the last step.
         NotConverged
-            Not even steps halved `halvings` times converge; the history holds what was finished.
+            Not even steps halved `halvings` times converge, nor does an overdamped motion from the
+            last of them come to rest; the history holds what was finished.
         """
         finite_number("time", time)
         times = self.history.times
@@ -622,12 +623,44 @@ class NonlinearStepper(LoadProgram):
                 return result
         except NotConverged as error:
             if halvings == 0:
-                raise
+                return self._settled(last, end, error)
             failure = error
         middle = 0.5 * (last.time + end)
         logger.info("t = %g: %s; halved, by way of t = %g", end, failure, middle)
         half = self._advance(last, middle, halvings - 1)
         return self._advance(half.end, end, halvings - 1)
+
+    def _settled(self, last: Start, end: float, failure: NotConverged) -> NonlinearResult:
+        """The smallest step by an overdamped motion: no equilibrium is near."""
+        try:
+            result = self._solved(last, end, settle)
+        except NotConverged as error:
+            why = str(error).removeprefix("large strain: ")
+            raise NotConverged(
+                f"{failure}. From t = {last.time:g} not even a step to {end:g} was found: {why}. "
+                f"There the least det F is {self._least(last.u)}. Where cells fold take a finer "
+                "mesh, and name all sides that may touch; past a greatest load use follow(...); "
+                "otherwise try other times or less friction",
+                error.history,
+            ) from failure
+        logger.warning(
+            "t = %g: no equilibrium near that of t = %g, another one was reached by an overdamped "
+            "motion: the body snaps, or friction gives way",
+            *(end, last.time),
+        )
+        return result
+
+    def _least(self, u: Array) -> str:
+        """Words for the least det F at the corners, and its undeformed place."""
+        found = []
+        for body, own in self._bodies():
+            if isinstance(body, NonlinearBody):
+                J = det(body.deformation_gradient(u[own], at_nodes=True))
+                cell, corner = np.unravel_index(np.argmin(J), J.shape)
+                place = body.mesh.p[:, body.mesh.t[corner, cell]]
+                found.append((float(J.min()), ", ".join(f"{x:.3g}" for x in place)))
+        least, place = min(found)
+        return f"{least:.2g} at ({place})"
 
     def _largest_change(self, before: Array, now: Array) -> float:
         """Largest norm of F_now F_before^-1 - I: other solutions of the same loads are far away."""
@@ -657,7 +690,7 @@ class NonlinearStepper(LoadProgram):
             least_volume=self._least_volume,
         )
 
-    def _solved(self, last: Start, end: float) -> NonlinearResult:
+    def _solved(self, last: Start, end: float, solve: Any = solve_step) -> NonlinearResult:
         step, lines = self._step_problem(last, end), list[Iteration]()
 
         def report(line: Iteration) -> None:
@@ -665,7 +698,7 @@ class NonlinearStepper(LoadProgram):
             logger.info("t = %g: %s", end, line)
 
         start = last.u, last.mu, last.t, last.touch
-        now, scale = solve_step(step, start, self.tol, report=report)
+        now, scale = solve(step, start, self.tol, report=report)
         return self._certified(step, last, end, now, scale, tuple(lines))
 
     def _certified(
@@ -692,8 +725,8 @@ class NonlinearStepper(LoadProgram):
         found["det_F_max"] = max(float(J.max()) for J in ranges)
         if not found["det_F_min"] > 0.0:
             raise NotConverged(
-                f"large strain: det F is {found['det_F_min']:.2g} in a corner of a cell, which "
-                "folds; take smaller steps, or a finer mesh there",
+                f"large strain: a cell folds, det F is {self._least(u)}; take smaller steps, or a "
+                "finer mesh there, and name all sides that may touch as contact boundaries",
                 lines,
             )
         states = tuple(
