@@ -170,6 +170,7 @@ def settle(
     step: StepProblem,
     start: tuple[Array, Array, Array, Touch | None],
     tol: float,
+    moves: int,
     report: Callable[[Iteration], None] = lambda line: None,
 ) -> tuple[Trial, Array]:
     """As `solve_step`, by an overdamped motion from the start to its rest, where no equilibrium is
@@ -181,7 +182,7 @@ def settle(
     def damped(line: Iteration) -> None:
         report(replace(line, phase="damped"))
 
-    for _ in range(MOST_MOVES):
+    for _ in range(moves):
         slow = slowed(step, start[0], damping * drag)
         try:
             now, scale = solve_step(slow, start, max(tol, AT_REST), 10, damped)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,7 +21,7 @@ from contact.histories.load_program import LoadProgram, checked_factor, value_at
 from contact.histories.step_history import as_path
 from contact.laws.iteration import Iteration
 from contact.nonlinear.arc_length import MOST_CURVED, EquilibriumPath, control_of, mean_square
-from contact.nonlinear.bulk_newton import StepProblem, Trial, settle, solve_step
+from contact.nonlinear.bulk_newton import MOST_MOVES, StepProblem, Trial, settle, solve_step
 from contact.nonlinear.cell_forces import cofactor, det
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
@@ -618,22 +618,30 @@ class NonlinearStepper(LoadProgram):
     def _advance(self, last: Start, end: float, halvings: int) -> NonlinearResult:
         failure: NotConverged | str = "the deformation changes too much for one step"
         try:
-            result = self._solved(last, end)
+            result = self._found(last, end, halvings)
             if halvings == 0 or self._largest_change(last.u, result.u) <= LARGEST_CHANGE:
                 return result
         except NotConverged as error:
             if halvings == 0:
-                return self._settled(last, end, error)
+                raise
             failure = error
         middle = 0.5 * (last.time + end)
         logger.info("t = %g: %s; halved, by way of t = %g", end, failure, middle)
         half = self._advance(last, middle, halvings - 1)
         return self._advance(half.end, end, halvings - 1)
 
-    def _settled(self, last: Start, end: float, failure: NotConverged) -> NonlinearResult:
-        """The smallest step by an overdamped motion: no equilibrium is near."""
+    def _found(self, last: Start, end: float, halvings: int) -> NonlinearResult:
+        """A step by Newton's method, or by an overdamped motion: by a few of its moves where half
+        of the halvings did not help, by many where none did."""
         try:
-            result = self._solved(last, end, settle)
+            return self._solved(last, end)
+        except NotConverged as error:
+            if halvings not in (0, self.halvings // 2):
+                raise
+            failure = error
+        moves = MOST_MOVES if halvings == 0 else MOST_MOVES // 10
+        try:
+            result = self._solved(last, end, partial(settle, moves=moves))
         except NotConverged as error:
             why = str(error).removeprefix("large strain: ")
             raise NotConverged(
@@ -643,11 +651,13 @@ class NonlinearStepper(LoadProgram):
                 "otherwise try other times or less friction",
                 error.history,
             ) from failure
-        logger.warning(
-            "t = %g: no equilibrium near that of t = %g, another one was reached by an overdamped "
-            "motion: the body snaps, or friction gives way",
-            *(end, last.time),
-        )
+        if halvings == 0:
+            logger.warning(
+                "t = %g: Newton's method found no equilibrium near that of t = %g, an overdamped "
+                "motion from there came to rest at one: the body may have snapped, or friction "
+                "given way",
+                *(end, last.time),
+            )
         return result
 
     def _least(self, u: Array) -> str:

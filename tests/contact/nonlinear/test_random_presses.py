@@ -124,19 +124,18 @@ def press(seed):
 
 
 def given_up(seeds):
-    """The seeds that end early, in words that say why; fails where a law does not hold."""
+    """Why seeds end early, in words; fails where a law does not hold."""
     found = []
     for seed in seeds:
         stepper, times, friction = press(seed)
         try:
             stepper.run(times)
         except NotConverged as error:
-            assert "large strain: " in str(error)
-            assert "det F is" in str(error)
-            found.append(seed)
+            found.append(str(error))
         for result in stepper.history:
             if result.mu.max() > 0:
                 check_laws(result, friction, stepper.problem.body.extent)
+    assert all(said.startswith("large strain: ") and "least det F is" in said for said in found)
     return found
 
 
