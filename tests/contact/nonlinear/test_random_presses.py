@@ -147,5 +147,6 @@ def test_no_wrong_answer(seed):
 
 @pytest.mark.slow
 def test_few_are_given_up():
+    """In three of a hundred the corner of a cell folds."""
     seeds = range(100, 200)
-    assert len(given_up(seeds)) <= 0.04 * len(seeds)
+    assert len(given_up(seeds)) <= 3
