@@ -17,7 +17,7 @@ import importlib
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ from contact.body.supports import norms
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import PointRows
 from contact.condensation.device_schur import DeviceParts, Rows
-from contact.errors import NotConverged
+from contact.errors import InputError, NotConverged
 from contact.laws.condensed_newton import Condensed
 from contact.laws.friction import Coulomb, Tresca
 from contact.laws.iteration import Iteration
@@ -57,6 +57,9 @@ Index = NDArray[np.int64]
 ROUNDING = 50 * float(np.finfo(float).eps)  # of sums of some hundred terms
 REACH = 0.05  # gaps beyond this part of the body are taken up once they close
 ON_HOST = 400  # order up to which dense algebra on a device takes longer
+FIRST_DAMPING = 1e-2  # over the diagonal of the tangent: some ten cells follow a support
+AT_REST = 1e-6  # residual of a body that has come to rest
+MOST_MOVES = 100  # steps of time of an overdamped motion
 SINGULAR = 1e-13  # pivots of a matrix with a diagonal of one that are rounding errors
 
 
@@ -131,10 +134,7 @@ class StepProblem:
         if not mu.size:
             return 0.0
         through = -touch.gap / scale
-        live = (
-            norms(self.free.rows(touch.T)).reshape(t.T.shape).T
-            > 1e-9 * norms(touch.T).reshape(t.T.shape).T
-        )
+        live = norms(self.free.rows(touch.T)) > 1e-9 * norms(touch.T)
         live = live.reshape(now.t.shape).T
         law = ContactLaw(Coulomb(touch.friction), (1.0, 1.0), live, touch.bonded)
         state = State(None, mu, t, through, touch.slip.T / scale)
@@ -161,8 +161,8 @@ def solve_step(
         while factored < most:
             k += 1
             linear = Linearised(step, now, tangent)
-            before = max(step.residuals(now, linear.scale).values())
-            sizes.append(before)
+            left = step.residuals(now, linear.scale)
+            sizes.append(max(left.values()))
             du, mu, t, counts = linear.solved(tol)
             now, size = _shortened(step, now, (du, mu, t), linear.scale, max(sizes[-3:]), k == 1)
             newton = linear.tangent is not tangent
@@ -171,9 +171,57 @@ def solve_step(
             report(lines[-1])
             if size <= tol:
                 step.chord.end(linear.tangent, now.u)
-                return now, linear.scale
-            tangent = step.chord.next(linear.tangent, newton, before, size, tol)
-    raise NotConverged(f"large strain: residual {size:.1e} after {most} iterations", tuple(lines))
+                return now, of_points(linear.scale, now)
+            tangent = step.chord.next(linear.tangent, newton, sizes[-1], size, tol)
+    raise NotConverged(
+        f"large strain: residual {size:.1e} after {most} iterations, most of it of "
+        f"{max(left, key=lambda name: left[name])}",
+        tuple(lines),
+    )
+
+
+def settle(
+    step: StepProblem,
+    start: tuple[Array, Array, Array, Touch | None],
+    tol: float,
+    moves: int,
+    report: Callable[[Iteration], None] = lambda line: None,
+) -> tuple[Trial, Array]:
+    """As `solve_step`, by an overdamped motion from the start to its rest, where no equilibrium is
+    near: a body snaps, or a grip of friction parts. Steps of time are implicit and as long as they
+    can be; C. T. Kelley and D. E. Keyes, SIAM J. Numer. Anal. 35 (1998), 508-523."""
+    drag, damping = np.abs(on_host(step.tangent(start[0])).diagonal()), FIRST_DAMPING
+    failure: NotConverged | None = None
+
+    def damped(line: Iteration) -> None:
+        report(replace(line, phase="damped"))
+
+    for _ in range(moves):
+        slow = slowed(step, start[0], damping * drag)
+        try:
+            now, scale = solve_step(slow, start, max(tol, AT_REST), 10, damped)
+            start, damping = (now.u, now.mu, now.t, now.touch), 0.5 * damping
+            left = max(step.residuals(step.trial(*start), scale).values())
+            if left <= AT_REST and damping <= FIRST_DAMPING:
+                return solve_step(step, start, tol, report=report)
+        except NotConverged as error:
+            damping, failure = 5.0 * damping, error
+    raise NotConverged(f"large strain: an overdamped motion does not come to rest; {failure}")
+
+
+def of_points(scale: Array, now: Trial) -> Array:
+    """The scale of the points of an iterate, which are others than those before at times."""
+    return scale if scale.size == now.mu.size else np.full(now.mu.size, scale.mean())
+
+
+def slowed(step: StepProblem, u: Array, drag: Array) -> StepProblem:
+    """A step with drag forces (ndofs,) on the motion from u."""
+    return replace(
+        step,
+        internal=lambda x: step.internal(x) + drag * (x - u),
+        tangent=lambda x: added(step.tangent(x), Csr(sparse.diags_array(drag))),
+        chord=Chord(),
+    )
 
 
 def _shortened(
@@ -186,20 +234,25 @@ def _shortened(
 ) -> tuple[Trial, float]:
     """The next iterate with the longest of the steps 1, 1/2, ... that inverts no cell and whose
     residual does not exceed `bound`; or with the least residual. The first step moves supports."""
-    (du, mu, t), best = change, None
+    (du, mu, t), best, parted = change, None, None
     volume = step.least_volume(now.u)
     for halvings in range(8):
         a = 0.5**halvings
         u = now.u + a * du
         if not step.least_volume(u) > 0.1 * min(volume, 1.0):
             continue
-        trial = step.trial(u, now.mu + a * (mu - now.mu), now.t + a * (t - now.t), now.touch)
-        points = scale if scale.size == trial.mu.size else np.full(trial.mu.size, scale.mean())
-        size = max(step.residuals(trial, points).values())
+        try:
+            trial = step.trial(u, now.mu + a * (mu - now.mu), now.t + a * (t - now.t), now.touch)
+        except InputError as error:  # bodies that an iterate throws past each other
+            parted = error
+            continue
+        size = max(step.residuals(trial, of_points(scale, trial)).values())
         if np.isfinite(size) and (best is None or size < best[1]):
             best = trial, size
         if size <= bound or (first and np.isfinite(size)) or (halvings > 3 and best):
             break
+    if best is None and parted is not None:
+        raise NotConverged(f"large strain: in every step {parted}") from parted
     if best is None:
         raise NotConverged(
             "large strain: every step inverts a cell (det F <= 0); take smaller steps, or a mesh "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -23,7 +23,7 @@ from contact.histories.load_program import LoadProgram, checked_factor, value_at
 from contact.histories.step_history import as_path
 from contact.laws.iteration import Iteration
 from contact.nonlinear.arc_length import MOST_CURVED, EquilibriumPath, control_of, mean_square
-from contact.nonlinear.bulk_newton import StepProblem, Trial, solve_step
+from contact.nonlinear.bulk_newton import MOST_MOVES, StepProblem, Trial, settle, solve_step
 from contact.nonlinear.cell_forces import cofactor, det
 from contact.nonlinear.chord import Chord
 from contact.nonlinear.free_unknowns import FreeUnknowns, added, on_host, stacked
@@ -383,7 +383,8 @@ class NonlinearStepper(LoadProgram):
         InputError
             The time is not later than that of the last step.
         NotConverged
-            Not even steps halved `halvings` times converge; the history holds what was finished.
+            Not even steps halved `halvings` times converge, nor does an overdamped motion from the
+            last of them come to rest; the history holds what was finished.
         """
         finite_number("time", time)
         times = self.history.times
@@ -666,7 +667,7 @@ class NonlinearStepper(LoadProgram):
     def _advance(self, last: Start, end: float, halvings: int) -> NonlinearResult:
         failure: NotConverged | str = "the deformation changes too much for one step"
         try:
-            result = self._solved(last, end)
+            result = self._found(last, end, halvings)
             if halvings == 0 or self._largest_change(last.u, result.u) <= LARGEST_CHANGE:
                 return result
         except NotConverged as error:
@@ -677,6 +678,48 @@ class NonlinearStepper(LoadProgram):
         logger.info("t = %g: %s; halved, by way of t = %g", end, failure, middle)
         half = self._advance(last, middle, halvings - 1)
         return self._advance(half.end, end, halvings - 1)
+
+    def _found(self, last: Start, end: float, halvings: int) -> NonlinearResult:
+        """A step by Newton's method, or by an overdamped motion: by a few of its moves where half
+        of the halvings did not help, by many where none did."""
+        try:
+            return self._solved(last, end)
+        except NotConverged as error:
+            if halvings not in (0, self.halvings // 2):
+                raise
+            failure = error
+        moves = MOST_MOVES if halvings == 0 else MOST_MOVES // 10
+        try:
+            result = self._solved(last, end, partial(settle, moves=moves))
+        except NotConverged as error:
+            why = str(error).removeprefix("large strain: ")
+            raise NotConverged(
+                f"{failure}. From t = {last.time:g} not even a step to {end:g} was found: {why}. "
+                f"There the least det F is {self._least(last.u)}. Where cells fold take a finer "
+                "mesh, and name all sides that may touch; past a greatest load use follow(...); "
+                "otherwise try other times or less friction",
+                error.history,
+            ) from failure
+        if halvings == 0:
+            logger.warning(
+                "t = %g: Newton's method found no equilibrium near that of t = %g, an overdamped "
+                "motion from there came to rest at one: the body may have snapped, or friction "
+                "given way",
+                *(end, last.time),
+            )
+        return result
+
+    def _least(self, u: Array) -> str:
+        """Words for the least det F at the corners, and its undeformed place."""
+        found = []
+        for body, own in self._bodies():
+            if isinstance(body, NonlinearBody):
+                J = det(body.deformation_gradient(u[own], at_nodes=True))
+                cell, corner = np.unravel_index(np.argmin(J), J.shape)
+                place = body.mesh.p[:, body.mesh.t[corner, cell]]
+                found.append((float(J.min()), ", ".join(f"{x:.3g}" for x in place)))
+        least, place = min(found)
+        return f"{least:.2g} at ({place})"
 
     def _largest_change(self, before: Array, now: Array) -> float:
         """Largest norm of F_now F_before^-1 - I: other solutions of the same loads are far away."""
@@ -707,7 +750,7 @@ class NonlinearStepper(LoadProgram):
             chord=self._chord if self._lasting else Chord(),
         )
 
-    def _solved(self, last: Start, end: float) -> NonlinearResult:
+    def _solved(self, last: Start, end: float, solve: Any = solve_step) -> NonlinearResult:
         step, lines = self._step_problem(last, end), list[Iteration]()
 
         def report(line: Iteration) -> None:
@@ -715,7 +758,7 @@ class NonlinearStepper(LoadProgram):
             logger.info("t = %g: %s", end, line)
 
         start = last.u, last.mu, last.t, last.touch
-        now, scale = solve_step(step, start, self.tol, report=report)
+        now, scale = solve(step, start, self.tol, report=report)
         return self._certified(step, last, end, now, scale, tuple(lines))
 
     def _certified(
@@ -742,8 +785,8 @@ class NonlinearStepper(LoadProgram):
         found["det_F_max"] = max(float(J.max()) for J in ranges)
         if not found["det_F_min"] > 0.0:
             raise NotConverged(
-                f"large strain: det F is {found['det_F_min']:.2g} in a corner of a cell, which "
-                "folds; take smaller steps, or a finer mesh there",
+                f"large strain: a cell folds, det F is {self._least(u)}; take smaller steps, or a "
+                "finer mesh there, and name all sides that may touch as contact boundaries",
                 lines,
             )
         states = tuple(

@@ -3,7 +3,7 @@
 import numpy as np
 from families import box
 
-from contact import ContactProblem, NonlinearBody, NonlinearStepper, Plane
+from contact import ContactProblem, NonlinearBody, NonlinearStepper, Plane, Status
 
 FAR = {2: Plane((0.0, -50.0), (0.0, 1.0)), 3: Plane((0.0, 0.0, -50.0), (0.0, 0.0, 1.0))}
 FLOOR = {2: Plane((0.0, 0.0), (0.0, 1.0)), 3: Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))}
@@ -57,3 +57,19 @@ def orders(history):
     """Estimated orders of convergence from the last residuals above rounding."""
     sizes = np.log([line.residual for line in history if line.residual > 1e-12])
     return (sizes[2:] - sizes[1:-1]) / (sizes[1:-1] - sizes[:-2])
+
+
+def check_laws(result, friction, size=1.0):
+    """Signorini's and Coulomb's conditions of a body of some size, from what a user sees."""
+    mu, t, slip = result.mu, result.t, result.touch.slip
+    largest = mu.max()
+    assert largest > 0
+    assert mu.min() >= -1e-9 * largest
+    assert result.gap.min() >= -1e-9 * size
+    assert abs(mu @ result.gap) <= 1e-8 * largest * size
+    assert np.all(np.linalg.norm(t, axis=1) <= friction * mu + 1e-8 * largest)
+    assert np.all(np.sum(t * slip, axis=1) >= -1e-9 * largest * size)
+    moving = np.linalg.norm(slip, axis=1) > 1e-6 * size
+    bound = friction * mu[moving]
+    assert np.abs(np.linalg.norm(t[moving], axis=1) - bound).max(initial=0.0) <= 1e-6 * largest
+    assert np.array_equal(result.status == Status.OPEN, mu <= 0)

@@ -189,6 +189,20 @@ def test_arch_snaps_through_as_under_a_prescribed_displacement(control):
         assert np.abs(history.times - between)[inside].max() <= 0.03 * force.max()
 
 
+@pytest.mark.turns(2)
+def test_arch_under_more_than_its_greatest_load(caplog):
+    """It snaps to where the same force is needed for the depth that it has there."""
+    load = 0.075  # the greatest before it snaps is .058
+    stepper = NonlinearStepper(ContactProblem(arch(), "below", FAR[2]), halvings=1)
+    snapped = stepper.load("middle", (0.0, -1.0 / 0.06)).run([0.05, load])[-1]
+    assert "came to rest" in caplog.text
+    held = NonlinearStepper(ContactProblem(arch(tied=False), "below", FAR[2]))
+    held.move("middle", "y", -depth_of(snapped))
+    assert depth_of(snapped) > 0.4
+    force = -held.run(np.linspace(0.1, 1.0, 10)).curve("middle")[-1, 1]
+    assert abs(force - load) <= 1e-7 * load
+
+
 def test_arch_snaps_onto_a_bump():
     bump = Cylinder((0.5, -0.4), 0.45)
     stepper = NonlinearStepper(ContactProblem(arch(), "below", bump, 0.3))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rubber_blocks import cube, orders, pressed
+from rubber_blocks import check_laws, cube, orders, pressed
 from scipy.optimize import brentq
 from skfem import (
     ElementHex1,
@@ -55,22 +55,6 @@ def half_cylinder(element=ElementTriP2, fine=3):
     return NonlinearBody.from_mesh(mesh, element(), stress=RUBBER).fix("top")
 
 
-def check_laws(result, friction):
-    """Signorini's and Coulomb's conditions, and Newton's third law, from what a user sees."""
-    mu, t, slip = result.mu, result.t, result.touch.slip
-    largest = mu.max()
-    assert largest > 0
-    assert mu.min() >= -1e-9 * largest
-    assert result.gap.min() >= -1e-9
-    assert abs(mu @ result.gap) <= 1e-8 * largest
-    assert np.all(np.linalg.norm(t, axis=1) <= friction * mu + 1e-8 * largest)
-    assert np.all(np.sum(t * slip, axis=1) >= -1e-9 * largest)
-    moving = np.linalg.norm(slip, axis=1) > 1e-6
-    bound = friction * mu[moving]
-    assert np.abs(np.linalg.norm(t[moving], axis=1) - bound).max(initial=0.0) <= 1e-6 * largest
-    assert np.array_equal(result.status == Status.OPEN, mu <= 0)
-
-
 @pytest.mark.parametrize("law", LAWS, **NAMES)
 def test_newton_is_quadratic_for_every_law(law):
     depth = 0.03 if "Plas" in type(law).__name__ else 0.2
@@ -111,6 +95,19 @@ def test_averages_do_not_go_round_sharp_edges(element, dim):
     alone, both = results
     assert alone.mu.max() > 0.0
     assert np.allclose(both.u, alone.u, atol=1e-9)
+
+
+def test_points_that_supports_hold_do_not_hide_the_slip_of_others():
+    """A cube pressed askew, whose side belongs to the contact up to the support."""
+    problem = ContactProblem(
+        cube(ElementHex1, RUBBER).fix("top"),
+        ["bottom", "right"],
+        Plane((0.0, 0.0, 0.0), (0.2, 0.1, 1.0)),
+        friction=0.3,
+    )
+    result = NonlinearStepper(problem, halvings=0).move("top", "z", -0.3).run([1.0])[-1]
+    check_laws(result, 0.3)
+    assert all(line.phase == "newton" for line in result.history)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
