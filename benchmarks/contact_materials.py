@@ -24,7 +24,7 @@ from machine import describe
 from skfem import ElementQuad1, ElementTriP2, MeshQuad, MeshTri
 
 from contact import ContactProblem, NeoHooke, NonlinearBody, NonlinearStepper, Plane
-from contact.nonlinear import bulk_newton
+from contact.nonlinear import boundary_factor
 from contact.nonlinear.chord import Tangent
 from skfem_adini.ground.pardiso import has_pardiso
 
@@ -121,7 +121,7 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     options = parser.parse_args(argv)
     parts = {
         "assembly": Timed(NonlinearStepper, "_tangent"),
-        "factor": Timed(bulk_newton.BoundaryFactor, "__init__"),
+        "factor": Timed(boundary_factor.BoundaryFactor, "__init__"),
     }
     rows = []
     for fine in options.fine:

@@ -21,7 +21,7 @@ from machine import describe
 from skfem import ElementHex1, MeshHex
 
 from contact import ContactProblem, NeoHooke, NonlinearBody, NonlinearStepper, Plane
-from contact.nonlinear import bulk_newton
+from contact.nonlinear import boundary_factor
 from skfem_adini.ground.pardiso import has_pardiso
 
 DEPTH = 0.1
@@ -69,7 +69,7 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     options = parser.parse_args(argv)
     parts = {
         "tangent": Timed(NonlinearStepper, "_tangent", clock),
-        "factor": Timed(bulk_newton.BoundaryFactor, "__init__", clock),
+        "factor": Timed(boundary_factor.BoundaryFactor, "__init__", clock),
         "certificate": Timed(NonlinearStepper, "_certified", clock),
     }
     rows = []

@@ -24,7 +24,8 @@ from scipy import sparse
 from contact.body.boundary_names import select_components
 from contact.body.deferred_basis import dofs_on_facets
 from contact.errors import InputError
-from contact.nonlinear.bulk_newton import BoundaryFactor, StepProblem
+from contact.nonlinear.boundary_factor import BoundaryFactor
+from contact.nonlinear.bulk_newton import StepProblem
 from contact.nonlinear.chord import Chord
 from contact.nonlinear.free_unknowns import FreeUnknowns, on_host
 from contact.nonlinear.touching import Touch
