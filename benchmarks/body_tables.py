@@ -64,8 +64,9 @@ def contact_nonlinear_device(record: Record) -> str:
             for row in record["rows"]
         ),
     )
-    said = f"The host has {record['machine']['cores']} cores and {record['factoriser']}. "
-    return f"{table}\n\n{said}{source('contact_nonlinear_device', record, 'cupy')}"
+    said = f"The host takes {record['factoriser']} and all its cores. "
+    said += source("contact_nonlinear_device", record, device=record["device"])
+    return f"{table}\n\n{said}"
 
 
 def contact_derivatives(record: Record) -> str:

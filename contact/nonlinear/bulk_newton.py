@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
+from contact.arrays.blas_threads import one_blas_thread
 from contact.body.supports import norms
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import PointRows
@@ -147,6 +148,7 @@ def solve_step(
     Raises NotConverged, whose history holds the iterations."""
     with np.errstate(all="ignore"):
         now = step.trial(*start)
+    with np.errstate(all="ignore"), one_blas_thread(now.mu.size + now.t.size):
         lines, sizes = list[Iteration](), list[float]()
         tangent, k, factored = step.chord.first(now.u), 0, 0
         while factored < most:
