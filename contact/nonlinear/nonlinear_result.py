@@ -72,7 +72,8 @@ class NonlinearResult(ContactFields):
         and "det_F_max" at quadrature points and corners; "work", the defect of the work balance of
         the step over the largest work, by the trapezoidal rule, NaN if no energy is known.
     history : tuple of Iteration
-        Newton's iterations.
+        Of all parts of a step that was halved; phases are "newton", "chord" with the tangent of an
+        earlier iteration, and "damped" where no equilibrium was near, so that a body snapped.
     before : Start
         What the step, or its last part, started from.
 

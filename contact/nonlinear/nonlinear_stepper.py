@@ -548,7 +548,7 @@ class NonlinearStepper(LoadProgram):
         logger.info("after t = %g: %s; the step along the path is halved", last.time, failure)
         half = self._along(last, way, 0.5 * length, row, halvings - 1)
         way = half.u - half.before.u
-        return self._along(half.end, way, 0.5 * length, row, halvings - 1)
+        return after(half, self._along(half.end, way, 0.5 * length, row, halvings - 1))
 
     def _followed(
         self, last: Start, way: Array | None, length: float, row: Array | None
@@ -677,7 +677,7 @@ class NonlinearStepper(LoadProgram):
         middle = 0.5 * (last.time + end)
         logger.info("t = %g: %s; halved, by way of t = %g", end, failure, middle)
         half = self._advance(last, middle, halvings - 1)
-        return self._advance(half.end, end, halvings - 1)
+        return after(half, self._advance(half.end, end, halvings - 1))
 
     def _found(self, last: Start, end: float, halvings: int) -> NonlinearResult:
         """A step by Newton's method, or by an overdamped motion: by a few of its moves where half
@@ -827,3 +827,8 @@ class NonlinearStepper(LoadProgram):
                     stored += sign * 0.5 * float(v @ (body.stiffness @ v))
         size = 0.5 * float(np.abs(now.internal + last.internal) @ np.abs(change))
         return (work - stored) / (size or 1.0)
+
+
+def after(half: NonlinearResult, result: NonlinearResult) -> NonlinearResult:
+    """The second half of a step with the iterations of both."""
+    return replace(result, history=(*half.history, *result.history))
