@@ -14,19 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from contact.body.several_bodies import Bodies
-from contact.condensation import device_schur
 from contact.condensation.device_choice import chosen_device
-from contact.condensation.elimination_order import elimination_order
 from contact.errors import InputError, NotConverged
 from contact.histories.load_history import checked_times
-from contact.histories.load_program import LoadProgram, checked_factor, value_at
+from contact.histories.load_program import LoadProgram, checked_factor
 from contact.histories.step_history import as_path
 from contact.laws.iteration import Iteration
 from contact.nonlinear.arc_length import MOST_CURVED, EquilibriumPath, control_of, mean_square
+from contact.nonlinear.body_forces import BodyForces
 from contact.nonlinear.bulk_newton import MOST_MOVES, StepProblem, Trial, settle, solve_step
-from contact.nonlinear.cell_forces import cofactor, det
+from contact.nonlinear.cell_forces import det
 from contact.nonlinear.chord import Chord
-from contact.nonlinear.free_unknowns import FreeUnknowns, added, on_host, stacked
 from contact.nonlinear.nonlinear_body import NonlinearBody
 from contact.nonlinear.nonlinear_result import NonlinearHistory, NonlinearResult, Start
 from contact.nonlinear.stress_forces import FollowerPressure
@@ -133,10 +131,8 @@ class NonlinearStepper(LoadProgram):
         self.tol, self.halvings = tol, halvings
         self.history = NonlinearHistory(np.zeros(0), ())
         self._sides, self._elastic = self._read_sides()
-        self._cells = self._cells_on(chosen_device(device, problem.body, problem.solver))
-        self._checked = False
+        self._forces = BodyForces(problem.body, chosen_device(device, problem.body, problem.solver))
         self._analysis, self._chord = list[Any](), Chord()
-        self._pressures: list[tuple[int, FollowerPressure, Callable[[float], float]]] = []
 
     def pressure(
         self,
@@ -170,7 +166,7 @@ class NonlinearStepper(LoadProgram):
         """
         k = self._number(body)
         one = FollowerPressure(self.problem.body.bodies[k], boundary, pressure)
-        self._pressures.append((k, one, checked_factor(factor)))
+        self._forces.pressures.append((k, one, checked_factor(factor)))
         return self
 
     def _read_sides(self) -> tuple[list[tuple[int, RigidSide]], list[ElasticSides]]:
@@ -216,108 +212,6 @@ class NonlinearStepper(LoadProgram):
         each = [tuple(zip(*part, strict=True)) for part in (free, tied) if part]
         return rigid, [ElasticSides(Interfaces.of(together, p), list(k)) for k, p in each]
 
-    def _cells_on(self, device: Any) -> list[Any]:
-        """The forces of the bodies' cells where they are computed; None for linear bodies."""
-        cells = [getattr(body, "cells", None) for body in self.problem.body.bodies]
-        if device == "cpu":
-            return cells
-        if device != "cuda":
-            raise InputError(f"device={device!r}: large strain takes one device, 'cuda'")
-        xp = device_schur.device_arrays()
-        for k, own in enumerate(cells):
-            if own is not None:
-                cells[k] = own.on_device(xp)
-        return cells
-
-    def _bodies(self) -> list[tuple[Any, slice]]:
-        return list(zip(self.problem.body.bodies, self.problem.body.slices, strict=True))
-
-    def _internal(self, u: Array, last: Start, dt: float, recomputed: bool = False) -> Array:
-        found = []
-        for k, (body, own) in enumerate(self._bodies()):
-            if isinstance(body, NonlinearBody):
-                of = body.cells.recomputed if recomputed else self._cells[k].at
-                found.append(of(u[own], last.states[k], dt))
-            else:
-                found.append(np.asarray(body.stiffness @ u[own]))
-        return np.concatenate(found)
-
-    def _tangent(self, u: Array, last: Start, end: float) -> Csr:
-        """Derivative of the internal minus the applied forces."""
-        found = list[Any]()
-        for k, (body, own) in enumerate(self._bodies()):
-            if not isinstance(body, NonlinearBody):
-                found.append(body.stiffness)
-                continue
-            if not self._checked:
-                logger.info("%s", self._cells[k].check_tangent())
-            found.append(self._cells[k].tangent(u[own], last.states[k], end - last.time))
-        self._checked = True
-        for k, one, factor in self._pressures:
-            own = self.problem.body.slices[k]
-            found[k] = added(found[k], -value_at(factor, end) * one.tangent(u[own], {}, 0.0))
-        return stacked(found)
-
-    def _pressed(self, load: Array, end: float) -> Callable[[Array], Array]:
-        """Applied forces at a time as a function of the displacement."""
-        now = [(k, one, value_at(factor, end)) for k, one, factor in self._pressures]
-
-        def forces(u: Array) -> Array:
-            found = load.copy()
-            for k, one, size in now:
-                own = self.problem.body.slices[k]
-                found[own] += size * one.at(u[own], {}, 0.0)
-            return found
-
-        return forces
-
-    @cached_property
-    def _stiffness(self) -> tuple[float, float]:
-        """Largest diagonal entry of the tangent of the undeformed bodies, and of one times a cell's
-        size."""
-        found, of_cells = [], [0.0]
-        for (body, _), cells in zip(self._bodies(), self._cells, strict=True):
-            if isinstance(body, NonlinearBody):
-                rest = np.zeros(body.ndofs)
-                diagonal = on_host(cells.tangent(rest, cells.rest, 1.0)).diagonal()
-            else:
-                diagonal = body.stiffness.diagonal()
-            found.append(float((np.abs(diagonal) / body.lengths[0] ** 2).max()))
-            if isinstance(body, NonlinearBody):
-                volume = np.asarray(body.basis.dx).sum(axis=1).max()
-                of_cells.append(found[-1] * float(volume) ** (1 / body.dim))
-        return max(found), max(of_cells)
-
-    @cached_property
-    def _free(self) -> FreeUnknowns:
-        return FreeUnknowns(Csr(self.problem.body.constraint[0]))
-
-    @cached_property
-    def _order(self) -> NDArray[np.int64]:
-        """Free unknowns of all bodies, each by nested dissection."""
-        found, start = list[Any](), 0
-        for body, _ in self._bodies():
-            found.append(elimination_order(body) + start)
-            start += body.constraint[0].shape[1]
-        return np.concatenate(found)
-
-    def _gradients(self, u: Array, corners: bool = False) -> list[Array]:
-        """F of each nonlinear body."""
-        return [
-            body.deformation_gradient(u[own], corners)
-            for body, own in self._bodies()
-            if isinstance(body, NonlinearBody)
-        ]
-
-    def _least_volume(self, u: Array) -> float:
-        found = []
-        for (body, own), cells in zip(self._bodies(), self._cells, strict=True):
-            if cells is not None and cells.device:
-                found.append(cells.least_volume(u[own]))
-            elif cells is not None:
-                found.append(float(det(body.deformation_gradient(u[own])).min()))
-        return min(found)
-
     def _touch_at(self, last: Start, end: float) -> Callable[[Array, Array, Array], Touch]:
         """The rows of all sides as a function of u and the forces."""
         begin = last.time if last.touch is not None else np.nan
@@ -346,8 +240,8 @@ class NonlinearStepper(LoadProgram):
     @property
     def _lasting(self) -> bool:
         """Whether the tangent depends on the displacement alone, and not on the step."""
-        bodies = [body for body, _ in self._bodies() if isinstance(body, NonlinearBody)]
-        return not self._pressures and not any(body.cells.rest for body in bodies)
+        bodies = [body for body, _ in self._forces.bodies if isinstance(body, NonlinearBody)]
+        return not self._forces.pressures and not any(body.cells.rest for body in bodies)
 
     @property
     def _slips(self) -> int:
@@ -357,13 +251,13 @@ class NonlinearStepper(LoadProgram):
         """The end of the last step, or the undeformed bodies."""
         if len(self.history):
             return self.history.results[-1].end
-        bodies = self._bodies()
+        bodies = self._forces.bodies
         states = tuple(
             body.cells.rest if isinstance(body, NonlinearBody) else {} for body, _ in bodies
         )
         u, forces = np.zeros(bodies[-1][1].stop), (np.zeros(0), np.zeros((0, self._slips)))
         rest = Start(0.0, u, *forces, states, None, u)
-        return replace(rest, internal=self._internal(u, rest, 0.0))
+        return replace(rest, internal=self._forces.internal(u, states, 0.0))
 
     def step(self, time: float) -> NonlinearResult:
         """Solve one step, the next of the history, and keep it.
@@ -503,7 +397,7 @@ class NonlinearStepper(LoadProgram):
         if control is not None:
             if not isinstance(control, tuple) or len(control) != 2:
                 raise InputError(f"control={control!r}: expected (boundary, component)")
-            own = self._bodies()[self._number(body)]
+            own = self._forces.bodies[self._number(body)]
             row = control_of(*own, self.problem.body.slices[-1].stop, *control)
 
         def step() -> NonlinearResult:
@@ -520,7 +414,7 @@ class NonlinearStepper(LoadProgram):
         obstacle moves."""
         if self._obstacle:
             raise InputError("follow: obstacles stay where they are; use run(times) to move them")
-        for body, _ in self._bodies():
+        for body, _ in self._forces.bodies:
             if isinstance(body, NonlinearBody):
                 u = np.random.default_rng(0).uniform(-1.0, 1.0, body.ndofs)
                 u *= 1e-3 * body.extent / body.mesh.nelements
@@ -538,7 +432,7 @@ class NonlinearStepper(LoadProgram):
             change = np.sqrt(self._mean_square @ (result.u - last.u) ** 2)
             bends = row is None and change > MOST_CURVED * length
             if halvings == 0 or not (
-                bends or self._largest_change(last.u, result.u) > LARGEST_CHANGE
+                bends or self._forces.largest_change(last.u, result.u) > LARGEST_CHANGE
             ):
                 return result
         except NotConverged as error:
@@ -634,7 +528,7 @@ class NonlinearStepper(LoadProgram):
                     {n: known[f"{name}/{k}/{n}"] for n in body.cells.rest}
                     if isinstance(body, NonlinearBody)
                     else {}
-                    for k, (body, _) in enumerate(self._bodies())
+                    for k, (body, _) in enumerate(self._forces.bodies)
                 ),
                 None,
                 known[f"{name}/internal"],
@@ -649,7 +543,7 @@ class NonlinearStepper(LoadProgram):
         """Checksum of the problem, of its program's vectors, and of sample stresses."""
         arrays: dict[str, Array] = {"friction": self.problem.friction}
         rng = np.random.default_rng(1)
-        for k, (body, _) in enumerate(self._bodies()):
+        for k, (body, _) in enumerate(self._forces.bodies):
             arrays |= {f"{k}/p": body.mesh.p, f"{k}/t": body.mesh.t, f"{k}/f": body.f}
             u = 1e-3 * body.extent / body.mesh.nelements * rng.standard_normal(body.ndofs)
             if isinstance(body, NonlinearBody):
@@ -660,7 +554,7 @@ class NonlinearStepper(LoadProgram):
             arrays[f"{k}/stress"] = np.asarray(np.round(forces / size, 6) + 0.0, dtype=float)
             arrays[f"{k}/size"] = np.array(float(f"{size:.6g}"))
         vectors = [vector for vector, _ in (*self._loads, *self._motions)]
-        for k, one, _ in self._pressures:
+        for k, one, _ in self._forces.pressures:
             vectors.append(one.at(np.zeros(self.problem.body.bodies[k].ndofs), {}, 0.0))
         return checksum(arrays | {f"vector/{i}": v for i, v in enumerate(vectors)})
 
@@ -668,7 +562,7 @@ class NonlinearStepper(LoadProgram):
         failure: NotConverged | str = "the deformation changes too much for one step"
         try:
             result = self._found(last, end, halvings)
-            if halvings == 0 or self._largest_change(last.u, result.u) <= LARGEST_CHANGE:
+            if halvings == 0 or self._forces.largest_change(last.u, result.u) <= LARGEST_CHANGE:
                 return result
         except NotConverged as error:
             if halvings == 0:
@@ -695,9 +589,9 @@ class NonlinearStepper(LoadProgram):
             why = str(error).removeprefix("large strain: ")
             raise NotConverged(
                 f"{failure}. From t = {last.time:g} not even a step to {end:g} was found: {why}. "
-                f"There the least det F is {self._least(last.u)}. Where cells fold take a finer "
-                "mesh, and name all sides that may touch; past a greatest load use follow(...); "
-                "otherwise try other times or less friction",
+                f"There the least det F is {self._forces.place_of_least(last.u)}. Where cells fold "
+                "take a finer mesh, and name all sides that may touch; past a greatest load use "
+                "follow(...); otherwise try other times or less friction",
                 error.history,
             ) from failure
         if halvings == 0:
@@ -709,44 +603,24 @@ class NonlinearStepper(LoadProgram):
             )
         return result
 
-    def _least(self, u: Array) -> str:
-        """Words for the least det F at the corners, and its undeformed place."""
-        found = []
-        for body, own in self._bodies():
-            if isinstance(body, NonlinearBody):
-                J = det(body.deformation_gradient(u[own], at_nodes=True))
-                cell, corner = np.unravel_index(np.argmin(J), J.shape)
-                place = body.mesh.p[:, body.mesh.t[corner, cell]]
-                found.append((float(J.min()), ", ".join(f"{x:.3g}" for x in place)))
-        least, place = min(found)
-        return f"{least:.2g} at ({place})"
-
-    def _largest_change(self, before: Array, now: Array) -> float:
-        """Largest norm of F_now F_before^-1 - I: other solutions of the same loads are far away."""
-        largest = 0.0
-        for one, other in zip(self._gradients(before), self._gradients(now), strict=True):
-            step = np.einsum("ij...,kj...->ik...", other - one, cofactor(one) / det(one))
-            largest = max(largest, float(np.sqrt((step**2).sum(axis=(0, 1))).max()))
-        return largest
-
     def _step_problem(self, last: Start, end: float) -> StepProblem:
         body, dt = self._body_at(end), end - last.time
         return StepProblem(
-            load=self._pressed(body.loads, end),
-            free=self._free,
+            load=self._forces.pressed(body.loads, end),
+            free=self._forces.free,
             u0=body.constraint[1],
             picked=Csr(sparse.block_diag([one.picked for one in body.bodies], format="csr")),
             lengths=np.concatenate([one.lengths[1] for one in body.bodies]),
             extent=body.extent,
-            stiffness=self._stiffness[0],
-            of_cells=self._stiffness[1],
-            internal=lambda u: self._internal(u, last, dt),
-            tangent=lambda u: self._tangent(u, last, end),
+            stiffness=self._forces.stiffness[0],
+            of_cells=self._forces.stiffness[1],
+            internal=lambda u: self._forces.internal(u, last.states, dt),
+            tangent=lambda u: self._forces.tangent(u, last.states, dt, end),
             touch=self._touch_at(last, end),
-            order=self._order,
+            order=self._forces.order,
             kept=np.zeros(0, dtype=np.int64),
             analysis=self._analysis,
-            least_volume=self._least_volume,
+            least_volume=self._forces.least_volume,
             chord=self._chord if self._lasting else Chord(),
         )
 
@@ -773,27 +647,28 @@ class NonlinearStepper(LoadProgram):
         """The result with residuals recomputed from the forms.
         Raises NotConverged if one exceeds the tolerance, or a cell is inverted."""
         u, dt = now.u, end - last.time
-        now = now._replace(internal=self._internal(u, last, dt, recomputed=True))
+        now = now._replace(internal=self._forces.internal(u, last.states, dt, recomputed=True))
         found = step.residuals(now, scale)
         missed = {name: value for name, value in found.items() if not value <= self.tol}
         if missed:
             said = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
             raise NotConverged(f"large strain: the step fails its certificate: {said}", lines)
         self._refuse_large_rotations(u)
-        ranges = [det(F) for corners in (False, True) for F in self._gradients(u, corners)]
+        ranges = [det(F) for corners in (False, True) for F in self._forces.gradients(u, corners)]
         found["det_F_min"] = min(float(J.min()) for J in ranges)
         found["det_F_max"] = max(float(J.max()) for J in ranges)
         if not found["det_F_min"] > 0.0:
             raise NotConverged(
-                f"large strain: a cell folds, det F is {self._least(u)}; take smaller steps, or a "
-                "finer mesh there, and name all sides that may touch as contact boundaries",
+                f"large strain: a cell folds, det F is {self._forces.place_of_least(u)}; take "
+                "smaller steps, or a finer mesh there, and name all sides that may touch as "
+                "contact boundaries",
                 lines,
             )
         states = tuple(
             body.cells.updated(u[own], last.states[k], dt)
             if isinstance(body, NonlinearBody)
             else {}
-            for k, (body, own) in enumerate(self._bodies())
+            for k, (body, own) in enumerate(self._forces.bodies)
         )
         found["work"] = self._work_defect(u, now, last)
         values = (self.problem, end, u, now.mu, now.t, states, now.touch, now.internal, now.load)
@@ -801,7 +676,7 @@ class NonlinearStepper(LoadProgram):
 
     def _refuse_large_rotations(self, u: Array) -> None:
         """Raise InputError if a linear body strains or turns too much for its theory."""
-        for k, (body, own) in enumerate(self._bodies()):
+        for k, (body, own) in enumerate(self._forces.bodies):
             if isinstance(body, NonlinearBody):
                 continue
             H, dx = body.gradients(u[own]), body.measure
@@ -819,7 +694,7 @@ class NonlinearStepper(LoadProgram):
         change = u - last.u
         work = 0.5 * float((now.internal + last.internal) @ change)
         stored = 0.0
-        for body, own in self._bodies():
+        for body, own in self._forces.bodies:
             for sign, v in ((1.0, u[own]), (-1.0, last.u[own])):
                 if isinstance(body, NonlinearBody):
                     stored += sign * body.cells.energy(v)

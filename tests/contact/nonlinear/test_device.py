@@ -181,4 +181,4 @@ def test_without_a_device(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "cupy", None)
     with pytest.raises(MissingDependency, match=r"skfem-adini\[cudss\]"):
         NonlinearStepper(problem, device="cuda")
-    assert not NonlinearStepper(problem, device="auto")._cells[0].device
+    assert not NonlinearStepper(problem, device="auto")._forces.cells[0].device
