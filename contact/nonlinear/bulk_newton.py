@@ -236,7 +236,8 @@ def _shortened(
             continue
         try:
             trial = step.trial(u, now.mu + a * (mu - now.mu), now.t + a * (t - now.t), now.touch)
-        except InputError as error:  # bodies that an iterate throws past each other
+        # Bodies that an iterate throws past each other, or a stress that cannot be computed.
+        except (InputError, LinAlgError, ArithmeticError) as error:
             parted = error
             continue
         size = max(step.residuals(trial, of_points(scale, trial)).values())

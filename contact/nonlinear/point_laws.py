@@ -302,8 +302,10 @@ def _powers(C: Any, exponents: Sequence[float]) -> list[Any]:
     """Real powers of symmetric positive matrices (3, 3, ...), also for small imaginary parts.
     These follow the derivative by divided differences of the eigenvalues, which are as exact where
     eigenvalues are equal (Yu. L. Daleckii and S. G. Krein, AMS Transl. 47 (1965), 1-30)."""
-    values, Q = np.linalg.eigh(np.moveaxis(np.real(C), (0, 1), (-2, -1)))
-    values = np.maximum(values, 0.0) + np.where(values > 0.0, 0.0, np.nan)  # inverted beyond use
+    own = np.moveaxis(np.real(C), (0, 1), (-2, -1))
+    finite = np.isfinite(own).all(axis=(-2, -1), keepdims=True)
+    values, Q = np.linalg.eigh(np.where(finite, own, 0.0))
+    values = np.maximum(values, 0.0) + np.where(values > 0.0, 0.0, np.nan)  # beyond use
     log = np.log(values)
     apart = log[..., :, None] - log[..., None, :]
     same, found = np.abs(apart) < 1e-14, []

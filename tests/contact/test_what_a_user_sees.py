@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from families import PLANE_AND_BFS, SOLID
 from posed_pairs import Pose
-from skfem import ElementTetP1, MeshHex, MeshQuad
+from skfem import ElementHex1, ElementTetP1, MeshHex, MeshQuad
 from traction_of_the_body import mismatch
 
 from contact import (
@@ -141,7 +141,7 @@ def check(result, case):
     left = np.abs(balance["load"] + balance["support"] + balance["contact"]).max()
     # Where a body moves rigidly no force but rounding is left to compare with.
     assert left < 1e-9 * max(*(np.abs(balance[k]).max() for k in balance if k != "residual"), tiny)
-    length, top = np.abs(result.u).max(), max(result.pressure.max(), 1e-300)
+    length, top = np.abs(result.u).max(), max(result.pressure.max(), 1e-20 * unit)
     assert result.pressure.min() >= -1e-9 * top
     assert result.gap.min() >= -1e-9 * length  # nothing penetrates
     touching = result.pressure > 1e-6 * top
@@ -174,13 +174,15 @@ def stress_meets_pressure(make, result, case, place, refine):
     """
     normal = -place.Q[:, -1:]
     points = np.random.default_rng(0).uniform(0.02, 0.98, (case["dim"], 576))
-    points[-1] = 0.02
-    sigma = result.stress(place(points))
+    points[-1], finer = 0.02, result
+    if case["nu"] > 0.4 and case["element"] in (ElementHex1, ElementTetP1):  # these lock
+        points[-1], finer = 0.01, solve(make, case, place, 2)
+    sigma = finer.stress(place(points))
     pushed = -np.einsum("il,ijk,jl->k", normal, sigma, normal).mean()
-    mean = result.contact_force / result.system.rows.weights.sum()
+    mean = finer.contact_force / finer.system.rows.weights.sum()
     # One stress in cells of a third of the height says less.
     near = 0.3 if case["element"] is ElementTetP1 else 0.2
-    near *= max(result.pressure.max(), np.abs(sigma).max())
+    near *= max(finer.pressure.max(), np.abs(sigma).max())
     assert abs(pushed - mean) < near or case["wrap"] == "closest"
     coarse = mismatch(result, "bottom", normal)
     if max(coarse) > 0.1 and refine:

@@ -77,6 +77,15 @@ def test_ogden_of_two_and_four_is_mooney_rivlin(stretches, seed):
     assert np.abs(slopes[0] - slopes[1]).max() <= 1e-13 * np.abs(slopes[1]).max()
 
 
+def test_ogden_of_what_is_no_number_is_none():
+    F = np.stack([np.eye(3), np.full((3, 3), np.nan), np.diag([1.0, 1.0, np.inf])], axis=-1)
+    with np.errstate(invalid="ignore"):
+        P = Ogden(0.6, 2.0, 10.0)(F)
+    assert np.abs(P[..., 0]).max() <= 1e-15
+    assert np.isnan(P[..., 1]).all()
+    assert not np.isfinite(P[..., 2]).any()
+
+
 @pytest.mark.parametrize("law", [*METALS], **NAMES)
 def test_shear_yields_at_the_stress_over_root_three(law):
     state = {name: as_points(v) for name, v in law.state.items()}
