@@ -139,8 +139,11 @@ class BoundaryFactor:
         last = last if last.size else np.sort(order[-1:])
         parts: Any = DeviceParts if isinstance(A, Rows) else PardisoParts
         kept = isinstance(A, Rows) or has_pardiso()
-        if analysis and np.isin(last, analysis[0].last).all():
-            last = analysis[0].last
+        known = analysis[0] if analysis and isinstance(analysis[0], parts) else None
+        if known is not None and known.pattern[0].size != A.indptr.size:
+            known = None  # of a path, whose time is an unknown too, or of a step without it
+        if known is not None and np.isin(last, known.last).all():
+            last = known.last
         elif kept and spare is not None:
             last = np.union1d(last, spare)
         self.last = last
@@ -149,8 +152,8 @@ class BoundaryFactor:
         A.data[xp.asarray(at[keys % (A.shape[0] + 1) == 0])] += 1.0  # on the diagonal
         if kept and last.size < A.shape[0]:
             with _pivots():
-                if analysis and isinstance(analysis[0], parts) and analysis[0].fits(A, last):
-                    analysis[0].refactor(A)
+                if known is not None and known.fits(A, last):
+                    known.refactor(A)
                 else:
                     analysis[:] = [parts(A, last)]
             self._parts: Any = analysis[0]

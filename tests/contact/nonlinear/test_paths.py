@@ -204,6 +204,26 @@ def test_arch_under_more_than_its_greatest_load(caplog):
     assert abs(force - load) <= 1e-7 * load
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_steps_of_given_times_go_on_from_a_path(friction):
+    """Contact points are among the unknowns of both, beside the time of the path."""
+    mesh = MeshQuad.init_tensor(np.linspace(-1, 1, 5), np.linspace(0, 1, 3)).with_defaults()
+
+    def stepper():
+        body = NonlinearBody.from_mesh(mesh, ElementQuad2(), stress=RUBBER).fix("top")
+        floor = Plane((0.0, 0.0), (0.0, 1.0))
+        problem = ContactProblem(body, "bottom", floor, friction=friction)
+        return NonlinearStepper(problem).load("left", (-0.3, -0.1)).load("right", (0.0, -0.1))
+
+    both = stepper()
+    times = both.follow(0.02, 2).times
+    later = np.append(times, times[-1] + 0.1)
+    last = both.run(later[-1:]).results[-1]
+    assert np.allclose(last.u, stepper().run(later).results[-1].u, atol=1e-9)
+    again = both.follow(0.02, 1).results[-1]
+    assert again.certificate["balance"] <= 1e-9
+
+
 def test_arch_snaps_onto_a_bump():
     bump = Cylinder((0.5, -0.4), 0.45)
     stepper = NonlinearStepper(ContactProblem(arch(), "below", bump, 0.3))
